@@ -178,7 +178,7 @@ class MemoryBudgetError(ImageError):
 
 
 class BrokenValues(ImageError):
-    """NaN or Inf where there should be colour. `counts` says how many of either: (2,) int64."""
+    """NaN or Inf where there should be color. `counts` says how many of either: (2,) int64."""
 
     def __init__(self, name: str, counts: np.ndarray):
         super().__init__(f"has {counts[0]} NaN and {counts[1]} Inf values: {_REPAIR}", subject=name)
@@ -186,7 +186,7 @@ class BrokenValues(ImageError):
 
 
 class ColorError(Error):
-    """A colour space is unknown, or none is given where one is needed."""
+    """A color space is unknown, or none is given where one is needed."""
 
 
 class DeviceError(Error):

@@ -6,7 +6,7 @@
 
 from .color.config import as_float
 from .color.lab import Lens, in_type, lens_of, working_values
-from .core.access import AnyWindow, Gather, Neighbourhood, Pointwise, ScanThenMap, Whole
+from .core.access import AnyWindow, Gather, Neighborhood, Pointwise, ScanThenMap, Whole
 from .core.image import Image, Part, derived_spec, from_pixels, spec_beside
 from .core.op import Kind, Output, Space
 from .core.parameters import Numbers, Size, Words, argument, image, param
@@ -18,7 +18,7 @@ from .session.resources import Resources
 
 __all__ = [
     "AnyWindow", "ColorError", "DeviceError", "Error", "Gather", "Image", "ImageError", "Kind", "Lens",
-    "Neighbourhood", "Numbers", "Output", "ParameterError", "Part", "Pointwise", "Resources", "ScanThenMap", "Session",
+    "Neighborhood", "Numbers", "Output", "ParameterError", "Part", "Pointwise", "Resources", "ScanThenMap", "Session",
     "Size", "Space", "Whole", "Window", "Words", "argument", "as_float", "derived_spec", "from_pixels", "image",
     "in_type", "lens_of", "param", "scan", "spec_beside", "working_values",
 ]  # fmt: skip

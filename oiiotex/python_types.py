@@ -35,10 +35,10 @@ _NAMES = {
     Numbers: "float | Sequence[float]", Words: "Sequence[str]", SizeRule: "Literal['pow2']",
 }  # fmt: skip
 _COMMON: tuple[tuple[str, str, int | None, str], ...] = (  # name, type, default, help
-    ("colorspace", "str | None", None, "colour space of the images that come first; their own tag where it is None"),
+    ("colorspace", "str | None", None, "color space of the images that come first; their own tag where it is None"),
     ("roi", "ROI | None", None, "compute only this region of the result"),
     ("nthreads", "int", 0, "CPU threads, where no session says it; 0: as many as the process may use"),
-    ("session", "Session | None", None, "device, memory budget, colour config, progress"),
+    ("session", "Session | None", None, "device, memory budget, color config, progress"),
 )
 SINGLE, PARTS = "ImageBuf", "dict[str, ImageBuf]"
 
@@ -162,10 +162,10 @@ def docstring(op: type[Op]) -> str:
         lines += [f"{star}{i.name} : {shown[i.name].annotation}", f"    {spelled(i.help, PYTHON)}"]
     for p in _keywords(op):
         default = "" if p.required else f", default {p.default!r}"
-        bounds = f"; {spelled(p.expected, PYTHON)}" if p.ge is not None or p.le is not None or p.unit else ""
-        named = "; a text is the name of a part of the first image, else of a file" if p in op.optional_images() else ""
-        text = spelled(p.help, PYTHON)
-        lines += [f"{p.attribute} : {annotation(p)}{default}", f"    {text}{named}{bounds}"]
+        bounds = f" Expected: {spelled(p.expected, PYTHON)}." if p.ge is not None or p.le is not None or p.unit else ""
+        named = " A string is the name of a part of the first image, or a file name." if p.kind is None else ""
+        unset = f" Default: {spelled(p.unset, PYTHON)}." if p.unset else ""
+        lines += [f"{p.attribute} : {annotation(p)}{default}", f"    {spelled(p.help, PYTHON)}{named}{bounds}{unset}"]
     for name, text, value, meaning in _COMMON:
         lines += [f"{name} : {text}, default {value!r}", f"    {meaning}"]
     lines += ["", "Returns", "-------", f"{forms(op)[-1].returns}"]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One use of an op, from its checked values to parts, files and printed lines.
 
-What an output's kind means is said here, once for all ops: which type and colour tag its pixels have, whether they may
+What an output's kind means is said here, once for all ops: which type and color tag its pixels have, whether they may
 be converted, and whether it becomes a part of the image, a file beside it, or text. Files are checked before the work.
 """
 
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from . import __version__
-from .core.access import Neighbourhood, Pointwise
+from .core.access import Neighborhood, Pointwise
 from .core.attributes import SOURCE, TAG, mark_as_data, note
 from .core.demand import sha1
 from .core.image import Image, Part, from_pixels
@@ -248,7 +248,7 @@ class _Runner:
             file.write(value.encode()) if output.kind is Kind.MESH else np.savez_compressed(file, **value)
 
     def _part(self, output: Output, name: str, path: Path | None, value: Any, is_image: bool) -> Part:
-        """A part as its kind has it, of colours that were said to be none as data."""
+        """A part as its kind has it, of colors that were said to be none as data."""
         op = self.op
         if output.kind is Kind.PICTURE:
             return _picture(name, value)
@@ -361,7 +361,7 @@ def _photo(op: Op, name: str, part: Part | None) -> dict[str, str]:
     if part is None:
         return {SOURCE: os.path.basename(name)}
     source = part.spec.get_string_attribute(SOURCE) or os.path.basename(name)
-    if " SHA-1 " not in source and (op.copies or (part.ready and not isinstance(op, (Pointwise, Neighbourhood)))):
+    if " SHA-1 " not in source and (op.copies or (part.ready and not isinstance(op, (Pointwise, Neighborhood)))):
         with contextlib.suppress(ImageError):  # no hash of channels that are not alike; what is broken is said later
             source += f" SHA-1 {sha1(part)}"
     return {SOURCE: source}

@@ -25,7 +25,7 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     found |= {"corners": Numbers((3, 2, 66, 5, 70, 60, 1, 62))} if op.name == "rectify" else {}
     found |= {"fail": "none"} if op.name == "checkmaterial" else {}
     found |= {"mesh": pictures.cube_file()} if op.name == "atlas" else {}
-    return {**found, "labels": quarters()} if op.name in LABELLED else found
+    return {**found, "labels": quarters()} if op.name in LABELED else found
 
 
 def ids(values: np.ndarray, **attributes: float) -> oiio.ImageBuf:
@@ -97,12 +97,12 @@ def is_view(op: type[Op]) -> bool:
 
 # What is true of few and does not follow from the kinds of their outputs; a new filter is held to everything else.
 RESAMPLED = ("zoom",)  # their results are pixels of another size
-LABELLED = ("composite", "palette", "paint")  # take a picture with its label maps
+LABELED = ("composite", "palette", "paint")  # take a picture with its label maps
 PAINTINGS = ("paint",)  # and a painting of labels
 SUMS = ("preview",)  # what a pixel is worth is a difference of sums over all before it
 PICTURES = [op for op in filters.FILTERS if image_kind(op) is not Kind.PICTURE]  # take pictures and draw no sheets
-COLOUR = [op for op in PICTURES if op.space is Space.LAB]
+COLOR = [op for op in PICTURES if op.space is Space.LAB]
 every_filter = of(PICTURES)
-colour_filters = of(COLOUR)
+color_filters = of(COLOR)
 copying_filters = of([op for op in filters.FILTERS if op.copies])
 PHOTO = pictures.stained(pictures.bricks(64, 72, seed=2))

@@ -36,7 +36,7 @@ class Everything(Pointwise):
     stmap: bool | Path = param(False, help="whether, or where")
     mode: str = param("xy", help="how", choices=("xy", "x", "none"))
     patch: int = param(0, help="of what side", choices=(0, 1, 5, 7))
-    colour: Numbers | None = param(None, help="of what colour")
+    color: Numbers | None = param(None, help="of what color")
     words: Words | None = param(None, help="of what kinds")
 
 
@@ -56,7 +56,7 @@ def refusal(call: Callable, *arguments: object) -> str:
 def is_allowed(parameter: Parameter, value: Any) -> bool:
     """What the declarations above say, once more and without the code under test."""
     if value is None:
-        return parameter.name in ("sigma", "size", "colour", "words")
+        return parameter.name in ("sigma", "size", "color", "words")
     return {
         "count": lambda: type(value) is int and 0 <= value <= 10,
         "strength": lambda: type(value) is float and -1 <= value <= 2.5,
@@ -66,7 +66,7 @@ def is_allowed(parameter: Parameter, value: Any) -> bool:
         "flag": lambda: type(value) is bool,
         "stmap": lambda: type(value) is bool or isinstance(value, Path),
         "mode": lambda: type(value) is str and value in ("xy", "x", "none"),
-        "colour": lambda: (
+        "color": lambda: (
             type(value) is Numbers and len(value) > 0 and all(type(n) is float and abs(n) <= FLOAT for n in value)
         ),
         "words": lambda: type(value) is Words and len(value) > 0 and all(type(word) is str for word in value),

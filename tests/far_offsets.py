@@ -53,7 +53,7 @@ def patchmatch(far: Far) -> None:
     assert distance[Y, X] == 9
     exemplar[E, E] = 7, 0, 0
     field[Y, X], distance[Y, X], penalty[E, E] = 0, 1000, 5
-    field[Y, X + 1] = AT_E + 1  # the neighbour's match, shifted back, fits but for its penalty
+    field[Y, X + 1] = AT_E + 1  # the neighbor's match, shifted back, fits but for its penalty
     both = target, exemplar, penalty
     numbers, rows = (*field_size, WIDTH + 4, *e_size, *all_rows), (0, HEIGHT, 0, HEIGHT)  # made, at the start, in all
     run("propagate", (X, Y), *both, field, distance, following, nearer, *numbers, 1, 1, 1, *rows)
@@ -313,7 +313,7 @@ def quilting(far: Far) -> None:
     assert histogram[n, 15, 9] == 64
 
     offset[i, j], offset[i, j - 1] = AT_E, 0
-    exemplar[E : E + patch, E : E + 5] = 50  # the cut keeps away from what is unlike its left neighbour
+    exemplar[E : E + patch, E : E + 5] = 50  # the cut keeps away from what is unlike its left neighbor
     table = far.zeros(np.int32, n + 1, 2, patch, overlap)
     run("cut", (0, n), facts(), *plan, order, 0, n + 1, exemplar, table, 0)
     assert set(vertical[i, j].tolist()) == {5}
@@ -346,7 +346,7 @@ def multiscale(far: Far) -> None:
         far.run("multiscale", name, at, *arguments, RUN=1 if far.lanes == 1 else 16)
 
     parent, texel = (far.zeros(np.uint32, HEIGHT, WIDTH) for _ in range(2))
-    parent_r, r, colour = (far.zeros(np.int16, HEIGHT, WIDTH, 4) for _ in range(3))
+    parent_r, r, color = (far.zeros(np.int16, HEIGHT, WIDTH, 4) for _ in range(3))
     stack, finer, spacing = np.zeros((1 << 10, 4), np.int16), np.zeros(1, np.int32), np.ones(1, np.int32)
     stack[5] = 10, 20, 30, 0
     py, px = 24000 + Y // 2, 29000 + X // 2
@@ -362,7 +362,7 @@ def multiscale(far: Far) -> None:
         parent_r,
         texel,
         r,
-        colour,
+        color,
         stack,
         finer,
         spacing,
@@ -374,7 +374,7 @@ def multiscale(far: Far) -> None:
     )
     assert texel[Y, X] == 5
     assert r[Y, X].tolist() == [16] * 4
-    assert colour[Y, X].tolist() == [26, 36, 46, 16]
+    assert color[Y, X].tolist() == [26, 36, 46, 16]
 
     i, j = X // 32 * 16, Y // 2
     at = (i if far.lanes == 1 else i // 16, j)
@@ -382,11 +382,11 @@ def multiscale(far: Far) -> None:
     links, records = np.full(2048, 77, np.uint32), np.zeros((1024, 32), np.int16)
     offsets, basis = np.zeros((2048, 4), np.int16), np.zeros((26, 2, 16, 2), np.int16)
     r[Y, x] = 1
-    run("correct", at, texel, r, colour, links, records, offsets, basis, spacing, 5, WIDTH, 0, 0, i + 1, j + 1, 8)
+    run("correct", at, texel, r, color, links, records, offsets, basis, spacing, 5, WIDTH, 0, 0, i + 1, j + 1, 8)
     assert texel[Y, x] == 77
     texel[Y, x] = 5
-    run("colour", (i, j), texel, r, stack, colour, WIDTH, 0, 0, i + 1, j + 1)
-    assert colour[Y, x].tolist() == [11, 21, 31, 1]
+    run("color", (i, j), texel, r, stack, color, WIDTH, 0, 0, i + 1, j + 1)
+    assert color[Y, x].tolist() == [11, 21, 31, 1]
 
 
 CASES = (patchmatch, histograms, moments, steerable, superpixels, quilting, multiscale)

@@ -50,7 +50,7 @@ VALUES = (
     "48x40", "32x24+5000-300", "50%", "+1+1", "1,1,2,2", "R,G,B", "A=1,R", "R=G", "float", "half", "uint8", "box",
     "gaussian", "black", "zip:99", "none", "ACEScg", "sRGB", "{TOP.width}", "{1+}", "{TOP.nonsense}", "{1/0}", "{", "}",
     "a b", "\u00e9\u65e5", "\udce9", "x" * 300, "a\nb", "\x1b[31m", "%d", "%", "#", "@", "*", "(", "[", "\\", "'", '"',
-    "1-3", "1-3,7x2", "9" * 30, "seam>1.3", "seam>1.3,repeat>4", "seam>", "nonsense>1", "seed", "sigma", "colour,data",
+    "1-3", "1-3,7x2", "9" * 30, "seam>1.3", "seam>1.3,repeat>4", "seam>", "nonsense>1", "seed", "sigma", "color,data",
 )  # fmt: skip
 _SECONDS = 60  # that one case may take
 _CHUNK = 400  # cases of one process

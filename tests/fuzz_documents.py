@@ -36,7 +36,7 @@ from oiiotex.io.checkpoint import Checkpoint
 from oiiotex.io.disk_cache import cached_arrays
 from oiiotex.labels.legend import LabelNames
 from oiiotex.library.asset import SCHEMA, SIDECAR, faults, read_sidecar
-from oiiotex.library.catalogue import FILE, Catalogue
+from oiiotex.library.catalog import FILE, Catalog
 from oiiotex.live.document import Document, default_state
 from oiiotex.multiscale.graph import read_graph
 from oiiotex.recipes.found import extract, materials
@@ -69,9 +69,9 @@ class Kind(NamedTuple):
 
 
 def _names() -> dict[str, Any]:
-    labels = [{"id": n, "number": n, "name": f"moss {n}", "colour": f"{40 * n},0,0", "swatch": [0, 0, 8, 8],
+    labels = [{"id": n, "number": n, "name": f"moss {n}", "color": f"{40 * n},0,0", "swatch": [0, 0, 8, 8],
                "share": 0.5} for n in (1, 2)]  # fmt: skip
-    finer = [entry | {"id": 1, "number": 3, "colour": "0,9,0", "parent": 1} for entry in labels[:1]]
+    finer = [entry | {"id": 1, "number": 3, "color": "0,9,0", "parent": 1} for entry in labels[:1]]
     return {"level": 2, "labels": labels, "finer": finer, "photo": "photo.png"}
 
 
@@ -93,8 +93,8 @@ def _graph() -> dict[str, Any]:
     }
 
 
-def _catalogue(folder: Path) -> bytes:
-    with Catalogue(folder, create=True):
+def _catalog(folder: Path) -> bytes:
+    with Catalog(folder, create=True):
         pass
     with contextlib.closing(sqlite3.connect(folder / FILE)) as data:
         data.execute("PRAGMA wal_checkpoint(TRUNCATE)")
@@ -120,7 +120,7 @@ def _mesh(suffix: str, folder: Path) -> bytes:
     return (folder / f"whole.{suffix}").read_bytes()
 
 
-def _labelled(folder: Path) -> bytes:
+def _labeled(folder: Path) -> bytes:
     """A label map whose header holds the names of its labels, as JSON."""
     spec = oiio.ImageSpec(16, 12, 1, oiio.UINT32)
     spec.attribute("oiio:subimagename", "label.1")
@@ -166,15 +166,15 @@ def _read_sidecar(path: Path) -> None:
     faults(path.parent, sidecar["files"])
 
 
-def _read_catalogue(path: Path) -> None:
+def _read_catalog(path: Path) -> None:
     library = path.parent / "library"
     shutil.rmtree(library, ignore_errors=True)
     library.mkdir()
     path.rename(library / FILE)
-    with Catalogue(library) as catalogue:
-        for name in catalogue.assets():
-            catalogue.asset(name), catalogue.files(name)
-        catalogue.measures(), catalogue.tags(), catalogue.labels(), catalogue.sources(), catalogue.faults()
+    with Catalog(library) as catalog:
+        for name in catalog.assets():
+            catalog.asset(name), catalog.files(name)
+        catalog.measures(), catalog.tags(), catalog.labels(), catalog.sources(), catalog.faults()
 
 
 def _read_archive(path: Path) -> None:
@@ -222,7 +222,7 @@ colorspaces:
   - !<ColorSpace> {name: raw, isdata: true}
   - !<ColorSpace> {name: lin, from_scene_reference: !<MatrixTransform> {matrix: [2,0,0,0, 0,2,0,0, 0,0,2,0, 0,0,0,1]}}
 """
-FACTS = 'licence = "CC0"\nauthor = "me"\ntags = ["green"]\nsize_m = [2, 2]\n'
+FACTS = 'license = "CC0"\nauthor = "me"\ntags = ["green"]\nsize_m = [2, 2]\n'
 WALL = {"oiiotex": 1, "photo": "photo.png", "size": "1000x700", "seed": 3}
 KINDS = (
     Kind("recipe.toml", lambda _: commented_recipe().encode(), _read_recipe),
@@ -232,13 +232,13 @@ KINDS = (
     Kind("names.json", lambda _: _names(), LabelNames),
     Kind("graph.json", lambda _: _graph(), read_graph),
     Kind("asset.json", lambda _: _sidecar(), _read_sidecar),
-    Kind("library.sqlite", _catalogue, _read_catalogue),
+    Kind("library.sqlite", _catalog, _read_catalog),
     Kind("rock.zip", _archive, _read_archive),
     *(
         Kind(f"mesh.{suffix}", functools.partial(_mesh, suffix), lambda path: read_mesh(path, 32, 32))
         for suffix in ("obj", "ply", "glb", "stl", "off")
     ),
-    Kind("labels.exr", _labelled, functools.partial(_read_line, "IN --texlabelview -o o.png")),
+    Kind("labels.exr", _labeled, functools.partial(_read_line, "IN --texlabelview -o o.png")),
     Kind("colors.ocio", lambda _: COLORS.encode(),
          functools.partial(_read_line, "--colorconfig IN photo.png --colorconvert raw lin -o o.exr")),
     Kind("x.piece", _piece, _read_piece),

@@ -55,7 +55,7 @@ def _two_textures() -> np.ndarray:
     return np.concatenate([pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)], 1)
 
 
-_LABELLED = "--texlabel:keep=1"
+_LABELED = "--texlabel:keep=1"
 CASES = {
     "stationarize_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texstationarize:seed=1",)),
     "stationarize_pebbles_larger": Case(
@@ -127,11 +127,11 @@ CASES = {
         lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texsuperpixel:finest=6:sigma=12",)
     ),
     "label_two_textures": Case(_two_textures, ("--texlabel",)),
-    "composite_two_textures": Case(_two_textures, (_LABELLED, "--texcomposite:size=200x160:patch=16:seed=2")),
-    "palette_two_textures": Case(_two_textures, (_LABELLED, "--texpalette:side=40")),
+    "composite_two_textures": Case(_two_textures, (_LABELED, "--texcomposite:size=200x160:patch=16:seed=2")),
+    "palette_two_textures": Case(_two_textures, (_LABELED, "--texpalette:side=40")),
     "paint_two_textures": Case(
         _two_textures,
-        (_LABELLED, "second.exr", "--texpaint:patch=16"),
+        (_LABELED, "second.exr", "--texpaint:patch=16"),
         second=lambda: 1.0 + (np.indices((120, 144)).sum(0) // 60 % 2)[..., None],
     ),
     "cut_pebbles": Case(lambda: pictures.pebbles(96, 128, 2), ("--texcut:seed=1:patch=40:size=128x112",)),

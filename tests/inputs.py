@@ -18,14 +18,14 @@ def write_inputs(folder: Path) -> Path:
     rgb.exr (half), rgb8.png, rgba8.png, rgba.exr (float, window within a larger display window), b.exr (like it, but
     elsewhere), gray.exr (half), two.exr, five.exr (RGBA and Z), far.exr (the same, other depths), nan.exr, parts.exr.
     """
-    colour = bricks(24, 40, 1)
+    color = bricks(24, 40, 1)
     alpha = np.clip(1.6 * smooth_noise(24, 40, 6, 2) - 0.3, 0, 1)
     depth = 1 + 5 * smooth_noise(24, 40, 5, 3)
     depth[:4] = 0
-    wide = colour * 3 - 0.4
+    wide = color * 3 - 0.4
     save(wide, folder / "rgb.exr", "half")
-    save(colour, folder / "rgb8.png")
-    save(np.dstack([colour, alpha]), folder / "rgba8.png")
+    save(color, folder / "rgb8.png")
+    save(np.dstack([color, alpha]), folder / "rgba8.png")
     rgba = np.dstack([wide * alpha[..., None], alpha])
     save(rgba, folder / "rgba.exr", "float", x=5, y=-3, full_x=0, full_y=0, full_width=48, full_height=32)
     save(
@@ -40,7 +40,7 @@ def write_inputs(folder: Path) -> Path:
     broken[10, 0, 0], broken[12, 20, 2] = np.inf, -np.inf
     save(broken, folder / "nan.exr", "float", x=3, y=2)
     save(broken, folder / "nanhalf.exr", "half")
-    _save_parts([wide, colour[::-1]], folder / "parts.exr")
+    _save_parts([wide, color[::-1]], folder / "parts.exr")
     return folder
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
 
-from oiiotex.core.access import Neighbourhood, Pointwise
+from oiiotex.core.access import Neighborhood, Pointwise
 from oiiotex.core.image import Image, Part
 from oiiotex.core.op import Kind, Op, Output, Space
 from oiiotex.core.parameters import image, param
@@ -34,7 +34,7 @@ class Doubled(Pointwise):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BoxMean(Neighbourhood):
+class BoxMean(Neighborhood):
     """The mean of a square; beyond the image its nearest pixels count."""
 
     name: ClassVar[str] = "boxmean"
@@ -79,7 +79,7 @@ def picture(asked: list[Window]) -> Image:
 
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("radius", [0, 1, 4])
-def test_a_neighbourhood_is_the_same_in_any_window(radius, threads, monkeypatch):
+def test_a_neighborhood_is_the_same_in_any_window(radius, threads, monkeypatch):
     monkeypatch.setattr("oiiotex.core.access.PIECE_PIXELS", 29 * 3)
     asked: list[Window] = []
     part = BoxMean(source=picture(asked), radius=radius).compute(Session(threads=threads))["out"]
@@ -100,7 +100,7 @@ def test_what_is_pointwise_reads_its_window_alone():
     np.testing.assert_array_equal(pixels, 2.0 * WHOLE.pixels()[window.inside(WHOLE.window)])
 
 
-def test_a_neighbourhood_reads_its_halo_and_not_more(monkeypatch):
+def test_a_neighborhood_reads_its_halo_and_not_more(monkeypatch):
     """In pieces of full rows that are kept: a halo is computed once."""
     monkeypatch.setattr("oiiotex.core.demand.BAND_BYTES", 2 * 29 * 3 * 4)  # a row at a time
     asked: list[Window] = []

@@ -18,7 +18,7 @@ import trimesh
 from oiiotex import errors, filters
 from oiiotex.atlas.charts import Frames, walk
 from oiiotex.atlas.mesh import read_mesh
-from oiiotex.atlas.surface import ONE, Neighbours, Surface
+from oiiotex.atlas.surface import ONE, Neighbors, Surface
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
@@ -75,7 +75,7 @@ def parsed(text: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 
 def differences(text: str, image: np.ndarray) -> tuple[float, float]:
-    """How much colours differ across borders of charts, and beside them at the same distance on the surface.
+    """How much colors differ across borders of charts, and beside them at the same distance on the surface.
 
     Pairs of places 0.75 px to both sides of points of seam edges, and pairs 2.5 and 4 px beside these: nearer ones
     would often be one pixel inside of a chart, and never across its border.
@@ -94,7 +94,7 @@ def differences(text: str, image: np.ndarray) -> tuple[float, float]:
             ends = faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
             sharing[tuple(sorted(ends))].append((face, corner))
 
-    def colour(face: int, corner: int, at: np.ndarray, depth: float) -> np.ndarray:
+    def color(face: int, corner: int, at: np.ndarray, depth: float) -> np.ndarray:
         """At a place of an edge, so many texels inwards."""
         a, b, c = points[faces[face]]
         apex, low = points[faces[face, corner]], points[faces[face, (corner + 1) % 3]]
@@ -114,8 +114,8 @@ def differences(text: str, image: np.ndarray) -> tuple[float, float]:
         steps = max(1, int(np.linalg.norm(points[high] - points[low]) / texel))
         for share in (np.arange(steps) + 0.5) / steps:
             at = points[low] + share * (points[high] - points[low])
-            across.append(colour(*two[0], at, 0.75) - colour(*two[1], at, 0.75))
-            beside += [colour(*one, at, 2.5) - colour(*one, at, 4) for one in two]
+            across.append(color(*two[0], at, 0.75) - color(*two[1], at, 0.75))
+            beside += [color(*one, at, 2.5) - color(*one, at, 4) for one in two]
     return float(np.linalg.norm(across, axis=-1).mean()), float(np.linalg.norm(beside, axis=-1).mean())
 
 
@@ -150,13 +150,13 @@ def test_a_way_over_a_flat_surface_is_straight(tmp_path):
     plane.export(tmp_path / "plane.ply")
     mesh = read_mesh(tmp_path / "plane.ply", 128, 128)
     frames = Frames.of(mesh, 0.01)
-    centre = mesh.corners.mean(1)
-    start = np.flatnonzero((np.abs(centre[:, :2]).max(1) < 0.5) & (np.ptp(mesh.corners[..., 2], axis=1) == 0))
+    center = mesh.corners.mean(1)
+    start = np.flatnonzero((np.abs(center[:, :2]).max(1) < 0.5) & (np.ptp(mesh.corners[..., 2], axis=1) == 0))
     assert len(start) > 50
     step = np.zeros((len(start), 3))
     step[:, :2] = np.random.default_rng(2).uniform(-0.4, 0.4, (len(start), 2))
     end, weights = walk(mesh, frames, start, np.full((len(start), 3), 1 / 3), step)
-    np.testing.assert_allclose(np.einsum("nc,nck->nk", weights, mesh.corners[end]), centre[start] + step, atol=1e-9)
+    np.testing.assert_allclose(np.einsum("nc,nck->nk", weights, mesh.corners[end]), center[start] + step, atol=1e-9)
 
 
 TWO_CHARTS = """v 0 0 0\nv 1 0 0\nv 2 0 0\nv 0 1 0\nv 1 1 0\nv 2 1 0
@@ -166,7 +166,7 @@ f 1/1 2/2 5/3\nf 1/1 5/3 4/4\nf 2/5 3/6 6/7\nf 2/5 6/7 5/8
 """
 
 
-def test_neighbours_lie_where_steps_on_the_surface_lead(tmp_path):
+def test_neighbors_lie_where_steps_on_the_surface_lead(tmp_path):
     """Two squares side by side, the other one turned by a quarter and half as large in the atlas."""
     (tmp_path / "two.obj").write_text(TWO_CHARTS)
     mesh = read_mesh(tmp_path / "two.obj", 100, 100)
@@ -175,10 +175,10 @@ def test_neighbours_lie_where_steps_on_the_surface_lead(tmp_path):
     surface = Surface.of(mesh, frames, 100, 100, 0, "two.obj")
     offsets = np.array([[2, 0], [0, 2], [-2, 1], [0, 0]])
     every = np.arange(len(surface.place))
-    x, y = surface.centres(every).T / 100
+    x, y = surface.centers(every).T / 100
     first = x < 0.5
     solid = np.where(first, [(x - 0.05) / 0.4, (0.95 - y) / 0.4], [1 + (0.4 - y) / 0.2, (0.9 - x) / 0.2]).T
-    there, rest = Neighbours(surface, offsets).of(every)
+    there, rest = Neighbors(surface, offsets).of(every)
     steps = np.einsum("nij,kj->nki", frames.step[surface.face], offsets)[..., :2]
     wanted = solid[:, None] + steps
     inside = ((wanted > 0) & (wanted < (2, 1))).all(-1)
@@ -305,8 +305,8 @@ def test_normals_turn_with_the_texture(convention, tmp_path):
         a, b, c, d = (f"{point}/{uv}" for point, uv in zip((1, 2, 3, 4), at, strict=True))
         path = tmp_path / "plane.obj"
         path.write_text(flat + f"f {a} {b} {c}\nf {a} {c} {d}\n")
-        colour, made = filters.atlas(
-            buffer(PHOTO[:64, :64]), maps=[buffer(normals)], n=2, mesh=path, size=(48, 48), kinds=("colour", "normal"),
+        color, made = filters.atlas(
+            buffer(PHOTO[:64, :64]), maps=[buffer(normals)], n=2, mesh=path, size=(48, 48), kinds=("color", "normal"),
             match=(1, 0), convention=convention,
         )  # fmt: skip
         mesh = read_mesh(path, 48, 48)
@@ -321,7 +321,7 @@ def test_normals_turn_with_the_texture(convention, tmp_path):
             shown[0] * along_u + sign * shown[1] * along_v, slope[0] * right + sign * slope[1] * up, atol=1e-5
         )
         assert np.ptp(pixels(made), axis=(0, 1)).max() < 1e-5
-        assert pixels(colour).shape == (48, 48, 3)
+        assert pixels(color).shape == (48, 48, 3)
 
 
 def test_udim_tiles_are_one_atlas_that_is_cut(tmp_path):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The extension in Blender itself: its tile is the program's, in the image's colour space, with the line that makes it.
+"""The extension in Blender itself: its tile is the program's, in the image's color space, with the line that makes it.
 
 Requires bpy as test_cryptomatte_blender does. Blender hangs where it ends, so it is left by os._exit.
 """
@@ -50,9 +50,9 @@ material.use_nodes = True
 cube.data.materials.append(material)
 nodes, links = material.node_tree.nodes, material.node_tree.links
 surface = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
-colour, bumps, between = (nodes.new("ShaderNode" + kind) for kind in ("TexImage", "TexImage", "NormalMap"))
-colour.image, bumps.image = image, normal
-links.new(colour.outputs["Color"], surface.inputs["Base Color"])
+color, bumps, between = (nodes.new("ShaderNode" + kind) for kind in ("TexImage", "TexImage", "NormalMap"))
+color.image, bumps.image = image, normal
+links.new(color.outputs["Color"], surface.inputs["Base Color"])
 links.new(bumps.outputs["Color"], between.inputs["Color"])
 links.new(between.outputs["Normal"], surface.inputs["Normal"])
 with bpy.context.temp_override(edit_image=image):
@@ -60,7 +60,7 @@ with bpy.context.temp_override(edit_image=image):
         print(make())
     print(bpy.ops.oiiotex.cryptomatte(filepath=folder + "/labels.exr"))
     print(bpy.ops.oiiotex.make_material(width=40, height=40, seed=2))
-    print(colour.image.name, bumps.image.name, bumps.image.colorspace_settings.name, bumps.image["oiiotex"], sep="|")
+    print(color.image.name, bumps.image.name, bumps.image.colorspace_settings.name, bumps.image["oiiotex"], sep="|")
     print(bpy.ops.oiiotex.texture_mesh(width=64, height=64, seed=1))
     print(cube.active_material.name)
     cube.data.uv_layers.remove(cube.data.uv_layers[0])
@@ -140,7 +140,7 @@ def test_what_speaks_to_the_process_needs_neither_blender_nor_our_package(folder
     same = filters.stationarize(photo, size=(48, 32), data=True).get_pixels(oiio.FLOAT)
     np.testing.assert_array_equal(np.load(folder / "tile.npy"), same)
     assert done.stdout.splitlines()[0].startswith("size=0x32: expected pow2 or WIDTHxHEIGHT")
-    assert done.stdout.splitlines()[1] == "cancelled"
+    assert done.stdout.splitlines()[1] == "canceled"
 
 
 @needs_blender
@@ -151,7 +151,7 @@ def test_a_tile_is_the_programs(folder):
     assert done.returncode == 0, done.stdout + done.stderr
     photo, normal = (oiio.ImageBuf(str(folder / name)) for name in ("photo.png", "normal.png"))
     space = {"colorspace": "srgb_rec709_scene"}
-    tiles = filters.stationarize(photo, maps=[normal], kinds=["colour", "normal"], size=(40, 40), seed=2, **space)
+    tiles = filters.stationarize(photo, maps=[normal], kinds=["color", "normal"], size=(40, 40), seed=2, **space)
     for name, same in {
         "photo.png tile": filters.stationarize(photo, size=(48, 32), seed=5, **space),
         "photo.png flat": filters.flatten(photo, **space),
@@ -167,7 +167,7 @@ def test_a_tile_is_the_programs(folder):
     line = "oiiotex photo.png --iscolorspace srgb_rec709_scene"
     assert f"sRGB|{line} --texstationarize:size=48x32:seed=5" in said
     assert any(
-        one.endswith(f"|{line} normal.png --texstationarize:size=40x40:seed=2:n=2:kinds=colour,normal") for one in said
+        one.endswith(f"|{line} normal.png --texstationarize:size=40x40:seed=2:n=2:kinds=color,normal") for one in said
     )
     masks = [np.load(path)[..., 0] for path in sorted(folder.glob("photo.png label*.npy"))]
     assert len(masks) >= 2 and (sum(masks) == 1).all()
@@ -179,6 +179,6 @@ def test_a_tile_is_the_programs(folder):
         "missing has no pixels that can be read: its file may be missing",
         "/bin/false cannot start oiiotex",
         "has no UV map: Smart UV Project makes one",
-        "photo.png: colour space Linear Rec.2020: expected sRGB, Linear Rec.709, Non-Color",
+        "photo.png: color space Linear Rec.2020: expected sRGB, Linear Rec.709, Non-Color",
     ):
         assert any(text in one for one in said), done.stdout

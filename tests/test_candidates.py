@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 from oiiotex.color.lab_grid import FINE_STEPS
 from oiiotex.core.window import Window
 from oiiotex.multiscale import candidate_sets
-from oiiotex.multiscale.candidate_sets import NONE, analyse, neighbourhoods, project
+from oiiotex.multiscale.candidate_sets import NONE, analyze, neighborhoods, project
 from oiiotex.multiscale.graph import Graph, parse_graph
 from oiiotex.multiscale.stacks import Exemplar, blurred, nearest_opaque, sigma_of, tiles
 from oiiotex.multiscale.superexemplar import unrolled
@@ -108,16 +108,16 @@ def test_transparent_pixels_have_no_say_in_a_stack():
 
 
 def around_all(stacks):
-    """Neighbourhoods of all levels: (levels, side^2, 75)."""
+    """Neighborhoods of all levels: (levels, side^2, 75)."""
     levels = enumerate(zip(stacks.planes, stacks.periodic, strict=True))
-    return np.array([neighbourhoods(p, stacks.levels.spacing(n), around) for n, (p, around) in levels])
+    return np.array([neighborhoods(p, stacks.levels.spacing(n), around) for n, (p, around) in levels])
 
 
 @pytest.mark.parametrize("periodic, wrap", [(True, "wrap"), (False, "symmetric")])
 @pytest.mark.parametrize("spacing", [1, 2, 16])
-def test_neighbourhoods_go_around_or_are_mirrored(periodic, wrap, spacing):
+def test_neighborhoods_go_around_or_are_mirrored(periodic, wrap, spacing):
     plane = np.random.default_rng(0).integers(-99, 99, (16, 16, 4))
-    found = neighbourhoods(plane, spacing, periodic)
+    found = neighborhoods(plane, spacing, periodic)
     padded = np.pad(plane[..., :3], ((2 * spacing,) * 2,) * 2 + ((0, 0),), mode=wrap)
     rows = np.array([0, 17, 255, 100])
     for row in rows:
@@ -234,12 +234,12 @@ def test_candidates_come_near_the_exact_ones(device, picture):
         assert found_cost <= 1.06 * exact_cost
 
 
-def test_transfer_functions_bring_the_means_of_neighbourhoods_together(device):
+def test_transfer_functions_bring_the_means_of_neighborhoods_together(device):
     """HRRG08 eq. 4: a darker copy of an exemplar is matched with the difference as offset."""
     bright = pictures.pebbles(32, 32, 1) * 0.5 + 0.4
     graph = graph_of("ab", ("a", "b", 1))
     stacks = stacks_of(graph, [exemplar_of(bright), exemplar_of(bright - 0.2)])
-    made = analyse(device, stacks, 16, True, BUDGET, lambda done, total: None, None)
+    made = analyze(device, stacks, 16, True, BUDGET, lambda done, total: None, None)
     number = stacks.levels.stacks.index((0, 5))  # its finest level: only the other exemplar is admissible
     links = made.links[number].astype(np.int64)
     assert (links >> 10 == stacks.levels.stacks.index((1, 4))).all()
@@ -249,16 +249,16 @@ def test_transfer_functions_bring_the_means_of_neighbourhoods_together(device):
     np.testing.assert_allclose(made.offsets[number, ..., :3], away, atol=0.5001)
     # matched as they are (section 8), so bright places of the dark one are taken: less than 20 Lab are left
     assert 2 * FINE_STEPS < away[..., 0].mean() < 20 * FINE_STEPS
-    # what is stored is the candidate's neighbourhood with the offset on it
+    # what is stored is the candidate's neighborhood with the offset on it
     shifted = around.reshape(-1, 75)[links[:, 0]] + np.tile(made.offsets[number, :, 0, :3], 25)
     np.testing.assert_allclose(made.records[number, :, 0], project(shifted, made.basis), atol=1)
-    plain = analyse(device, stacks, 16, False, BUDGET, lambda done, total: None, None)
+    plain = analyze(device, stacks, 16, False, BUDGET, lambda done, total: None, None)
     assert not plain.offsets.any()
     np.testing.assert_array_equal(plain.links, made.links)
 
 
 def test_an_exemplar_agrees_with_itself(device):
-    made = analyse(
+    made = analyze(
         device, stacks_of(Graph.single("a"), [exemplar_of(pictures.moss(32, 32, 1))]), 16, True, BUDGET,
         lambda done, total: None, None,
     )  # fmt: skip
@@ -277,13 +277,13 @@ def test_a_second_run_takes_all_from_the_cache(device, tmp_path, monkeypatch):
         told.clear()
         given = {"stacks": stacks, "dims": 16, "correct": True, **other}
         cache, tell = tmp_path / "c", lambda done, total: told.append((done, total))
-        return analyse(device, budget=BUDGET, advance=tell, cache=cache, **given)
+        return analyze(device, budget=BUDGET, advance=tell, cache=cache, **given)
 
     first = run()
     steps = told[-1][1]
     assert told == [(done, steps) for done in range(1, steps + 1)]
     with monkeypatch.context() as patched:
-        for name in ("basis_of", "neighbourhoods", "search", "_transfers"):
+        for name in ("basis_of", "neighborhoods", "search", "_transfers"):
             patched.setattr(candidate_sets, name, None)
         again = run()
     assert told == [(done, steps) for done in range(1, steps + 1)]  # progress goes through all of it as well
@@ -310,16 +310,16 @@ def test_in_a_loop_only_texels_with_detail_to_come_are_jumped_to(device):
     plain = stacks_of(graph_of("a", ("a", "a", 2)), [exemplar_of(flat)])
     assert lively_texels(plain.levels, plain.planes, plain.periodic, []).all() and not plain.targets.all()
     (end,) = filter(plain.levels.turns, range(len(plain.planes)))
-    made = analyse(device, plain, 16, True, BUDGET, lambda d, t: None, None)
+    made = analyze(device, plain, 16, True, BUDGET, lambda d, t: None, None)
     y, x = np.divmod(made.links[end] & 4095, 64)
     assert ((y >= 12) & (y < 52) & (x >= 12) & (x < 52)).all()
     without = replace(plain, targets=plain.usable)
-    without = analyse(device, without, 16, True, BUDGET, lambda d, t: None, None)
+    without = analyze(device, without, 16, True, BUDGET, lambda d, t: None, None)
     y, x = np.divmod(without.links[end] & 4095, 64)
     assert ((y < 12) | (y >= 52)).any()
 
 
-def test_a_turn_is_found_by_shape_not_by_colour(device):
+def test_a_turn_is_found_by_shape_not_by_color(device):
     """One half of a picture is 40 Lab darker: texels come to the other half as if it were not."""
     picture = 0.5 + blurred(np.random.default_rng(0).random((64, 64, 1)) - 0.5, 1.0) * np.ones(3)
     picture[:, 32:] += 0.4
@@ -327,9 +327,9 @@ def test_a_turn_is_found_by_shape_not_by_colour(device):
     (end,) = filter(stacks.levels.turns, range(len(stacks.planes)))
     across = {}
     for correct in (True, False):
-        links = analyse(device, stacks, 16, correct, BUDGET, lambda d, t: None, None).links[end]
+        links = analyze(device, stacks, 16, correct, BUDGET, lambda d, t: None, None).links[end]
         across[correct] = ((links.reshape(64, 64, 2)[:, 2:24] & 63) >= 32).mean()
-    assert across[True] > 0.2 > 0.02 > across[False]  # without transfer functions colours have to be alike
+    assert across[True] > 0.2 > 0.02 > across[False]  # without transfer functions colors have to be alike
 
 
 def test_a_blurred_exemplar_turns_early():
@@ -351,7 +351,7 @@ def test_by_the_letter_a_loop_turns_anywhere_and_an_exemplar_agrees_with_itself(
     assert levels.admissible[number[0, 3]] == ((number[0, 3], 0), (number[0, 2], 1))
     assert levels.admissible[number[0, 5]] == ((number[0, 4], 1),)
     assert stacks.targets.all()
-    assert not analyse(device, stacks, 6, True, BUDGET, lambda d, t: None, None).offsets.any()
-    assert analyse(
+    assert not analyze(device, stacks, 6, True, BUDGET, lambda d, t: None, None).offsets.any()
+    assert analyze(
         device, stacks_of(graph, [exemplar_of(picture)]), 6, True, BUDGET, lambda d, t: None, None
     ).offsets.any()

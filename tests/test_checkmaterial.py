@@ -21,7 +21,7 @@ from tests.reference import reliefs
 
 SIDE = 128
 HEIGHT = reliefs.hills(SIDE, 5)
-KINDS = ["colour", "normal", "height", "data"]
+KINDS = ["color", "normal", "height", "data"]
 
 
 def albedo(seed: int = 3) -> np.ndarray:
@@ -33,12 +33,12 @@ def albedo(seed: int = 3) -> np.ndarray:
 def material(**changed: np.ndarray) -> list[oiio.ImageBuf]:
     """Albedo, normals, heights and roughness; arrays that are given replace them."""
     maps = {
-        "colour": albedo(),
+        "color": albedo(),
         "normal": 0.5 + 0.5 * reliefs.normals(HEIGHT),
         "height": (HEIGHT[..., None] - HEIGHT.min()) / np.ptp(HEIGHT),
         "data": 0.5 * np.ones((SIDE, SIDE, 1)),
     } | changed
-    spaces = {"colour": "lin_rec709_scene"}
+    spaces = {"color": "lin_rec709_scene"}
     return [buffer(maps[kind], space=spaces.get(kind, "data"), names=None) for kind in KINDS]
 
 
@@ -55,7 +55,7 @@ def test_a_good_material_has_nothing_wrong():
     assert found(material()) == set()
 
 
-@pytest.mark.parametrize("kind", ["colour", "normal", "height", "data"])
+@pytest.mark.parametrize("kind", ["color", "normal", "height", "data"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_broken_values(kind, value):
     maps = material()
@@ -70,11 +70,11 @@ def test_words_of_findings():
         (np.ones((32, 32, 3)), None),
     )]  # fmt: skip
     named = tuple(type(one)(one.parts, f"{n}.exr") for n, one in enumerate(images))
-    _, findings = material_checks.check_material(named, ["colour"] * 3, "opengl", Session().resources, Progress())
+    _, findings = material_checks.check_material(named, ["color"] * 3, "opengl", Session().resources, Progress())
     said = [str(one) for one in findings]
-    assert "error: 0.exr: has 2 channels beside alpha: colours have one or three" in said
+    assert "error: 0.exr: has 2 channels beside alpha: colors have one or three" in said
     assert "error: 1.exr: 100 % of its pixels reflect more light than they get, or less than none" in said
-    assert any(one.startswith("error: 2.exr: does not say its colour space: ") for one in said)
+    assert any(one.startswith("error: 2.exr: does not say its color space: ") for one in said)
 
 
 def test_sizes_and_densities_that_differ():
@@ -84,13 +84,13 @@ def test_sizes_and_densities_that_differ():
     assert found(maps) >= {("error", "height", "size"), ("warning", "data", "density")}
 
 
-def test_colour_spaces_that_are_wrong():
+def test_color_spaces_that_are_wrong():
     maps = material()
     maps[0].specmod().attribute("oiio:ColorSpace", "data")
     maps[1].specmod().attribute("oiio:ColorSpace", "srgb_rec709_scene")
-    assert found(maps) == {("error", "colour", "colourspace"), ("warning", "normal", "colourspace")}
+    assert found(maps) == {("error", "color", "colorspace"), ("warning", "normal", "colorspace")}
     maps[0].specmod().erase_attribute("oiio:ColorSpace")
-    assert ("error", "colour", "colourspace") in found(maps)
+    assert ("error", "color", "colorspace") in found(maps)
 
 
 @pytest.mark.parametrize(
@@ -99,19 +99,19 @@ def test_colour_spaces_that_are_wrong():
 def test_albedo_that_nothing_has(light, level):
     spots = albedo()
     spots[:20, :20] = light
-    assert (level, "colour", "range") in found(material(colour=spots))
+    assert (level, "color", "range") in found(material(color=spots))
 
 
 def test_slow_light_is_baked_in():
     slow = 1 + 0.7 * np.sin(2 * np.pi * np.arange(SIDE) / SIDE)[:, None, None]
-    assert ("warning", "colour", "drift") in found(material(colour=albedo() * slow))
+    assert ("warning", "color", "drift") in found(material(color=albedo() * slow))
 
 
 @pytest.mark.parametrize("azimuth", [20, 90, 230])
 @pytest.mark.parametrize("convention", ["opengl", "directx"])
 def test_light_from_one_side_is_baked_in(azimuth, convention):
     normal = reliefs.normals(HEIGHT) * ([1, -1, 1] if convention == "directx" else [1, 1, 1])
-    maps = material(colour=0.5 * reliefs.lit(HEIGHT, azimuth)[..., None] * np.ones(3), normal=0.5 + 0.5 * normal)
+    maps = material(color=0.5 * reliefs.lit(HEIGHT, azimuth)[..., None] * np.ones(3), normal=0.5 + 0.5 * normal)
     images = tuple(map(from_buffer, maps))
     _, findings = material_checks.check_material(images, KINDS, convention, Session().resources, Progress())
     (lit,) = (finding for finding in findings if finding.check == "lit")
@@ -124,9 +124,9 @@ def test_occlusion_is_baked_in():
     heights = reliefs.stones(SIDE, 1)
     normal = 0.5 + 0.5 * reliefs.normals(heights)
     seen = found(
-        material(colour=0.4 * sky[..., None] * np.ones(3), normal=normal, height=heights[..., None] / heights.max())
+        material(color=0.4 * sky[..., None] * np.ones(3), normal=normal, height=heights[..., None] / heights.max())
     )
-    assert ("warning", "colour", "occluded") in seen
+    assert ("warning", "color", "occluded") in seen
 
 
 def test_normals_that_are_no_unit_vectors_or_point_down():
@@ -148,7 +148,7 @@ def test_normals_of_a_surface_that_was_not_level():
 def test_which_way_green_points(given, asked, with_height):
     normal = 0.5 + 0.5 * reliefs.normals(HEIGHT) * ([1, -1, 1] if given == "directx" else [1, 1, 1])
     maps = material(normal=normal)
-    kinds = KINDS if with_height else ["colour", "normal"]
+    kinds = KINDS if with_height else ["color", "normal"]
     wrong = ("error", "normal", "handedness") in found(maps[: len(kinds)], kinds, asked)
     assert wrong == (given != asked)
 
@@ -171,7 +171,7 @@ def test_heights_and_data_that_say_little():
 
 
 def test_bands_do_not_show(monkeypatch):
-    maps = tuple(map(from_buffer, material(colour=0.5 * reliefs.lit(HEIGHT, 90)[..., None] * np.ones(3))))
+    maps = tuple(map(from_buffer, material(color=0.5 * reliefs.lit(HEIGHT, 90)[..., None] * np.ones(3))))
     once = material_checks.check_material(maps, KINDS, "opengl", Session().resources, Progress())
     for band in ("oiiotex.core.demand.BAND_BYTES", "oiiotex.scan.BAND_BYTES"):
         monkeypatch.setattr(band, 12 * SIDE * 7)
@@ -181,7 +181,7 @@ def test_bands_do_not_show(monkeypatch):
 def test_the_run_goes_to_its_end_and_exits_3(tmp_path):
     save(albedo(), tmp_path / "a.exr", "half", "lin_rec709_scene")
     save(0.5 + 0.5 * reliefs.normals(HEIGHT) * [1, -1, 1], tmp_path / "n.exr", "half", "data")
-    words = ["a.exr", "n.exr", "--texcheckmaterial:n=2:kinds=colour,normal:json=found.json", "-o", "n2.exr"]
+    words = ["a.exr", "n.exr", "--texcheckmaterial:n=2:kinds=color,normal:json=found.json", "-o", "n2.exr"]
     done = oiiotex(*words, cwd=tmp_path)
     assert done.returncode == 3
     assert (

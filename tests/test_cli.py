@@ -85,8 +85,8 @@ page.txt --texstationarize | not an image that can be read
 photo.png --texstationarize:size=0x10 | size=0x10: expected pow2 or WIDTHxHEIGHT
 photo.png --texstationarize:size=big | size=big: expected
 photo.png --texstationarize:patch=10 | patch=10: expected 5 | 7
-photo.exr --texstationarize | photo.exr does not say its colour space: add --iscolorspace
-photo.exr --iscolorspace ACESgc | colour space 'ACESgc' is not in
+photo.exr --texstationarize | photo.exr does not say its color space: add --iscolorspace
+photo.exr --iscolorspace ACESgc | color space 'ACESgc' is not in
 photo.png --texstationarize --device abacus | no device 'abacus'; there is 0 =
 photo.png --texstationarize:size=4096x4096 --cache 48 | the budget is 48 MB
 small.png --texstationarize:size=512x512 | 12x12 px is smaller than a patch of 13x13
@@ -105,7 +105,7 @@ photo.png -d uint31 | no pixel type 'uint31'
 photo.png --threads two | --threads two: expected an integer from 0
 photo.png --threads 40000 | --threads 40000: expected an integer from 0 to 4096
 photo.png --attrib:type=int[1000000000] foo 1 | expected at most 65536 values
-photo.png --colorconfig photo.png --texstationarize | not a colour config
+photo.png --colorconfig photo.png --texstationarize | not a color config
 half.exr --iscolorspace ACEScg --texstationarize | cannot be read
 clear.exr --iscolorspace ACEScg --texstationarize | free of transparent pixels
 """  # mistyped ops and modifiers: test_parse.py; operands that lack: test_rehearsal.py
@@ -155,7 +155,7 @@ def test_a_report_says_what_was_done_and_where_the_time_went(tmp_path, photo):
     assert done.returncode == 0
     for words in ("stationarity cost", "texture cost", "seam ratio x", "seam ratio y"):
         assert words in done.stderr
-    for name in ("read", "colour", "upload", "download", "write", "patchmatch_search", "histograms_match"):
+    for name in ("read", "color", "upload", "download", "write", "patchmatch_search", "histograms_match"):
         assert name in done.stdout
     assert "\r" not in done.stderr  # no progress bar in a pipe
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colour is taken into CIE Lab as colour-science computes it; data is left alone."""
+"""Color is taken into CIE Lab as colour-science computes it; data is left alone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from oiiotex.color.config import DEFAULT_CONFIG, ColorConfig
 from oiiotex.core.demand import bands
 from oiiotex.errors import ImageError
-from tests.coloured import LINEAR, SRGB, image_of, lab, seen
+from tests.colored import LINEAR, SRGB, image_of, lab, seen
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # it misses matplotlib
@@ -56,7 +56,7 @@ def assert_is_lab_of(values: np.ndarray, linear: np.ndarray) -> None:
 # --- Lab ---
 
 
-def test_lab_of_linear_colour_is_that_of_colour_science_from_small_negatives_to_64(config):
+def test_lab_of_linear_color_is_that_of_colour_science_from_small_negatives_to_64(config):
     random = np.random.default_rng(1)
     display = random.random((40, 50, 3))
     bright = 64 * random.random((40, 50, 3)) ** 4
@@ -120,7 +120,7 @@ def test_floats_of_any_width_are_taken_as_they_are(config, dtype):
     np.testing.assert_array_equal(values, lab(pixels.astype(np.float32), config))
 
 
-def test_colour_is_rgb_by_name_and_other_channels_are_left_aside(config):
+def test_color_is_rgb_by_name_and_other_channels_are_left_aside(config):
     pixels = np.random.default_rng(7).random((9, 7, 6)).astype(np.float32)
     expected = lab(pixels[..., [4, 2, 1]], config)
     np.testing.assert_array_equal(lab(pixels, config, ("Z", "B", "G", "mask", "R", "id")), expected)
@@ -146,14 +146,14 @@ def test_the_pixels_themselves_stay_as_they_are(config):
 
 
 @pytest.mark.parametrize("names", ["RGBA", "ARGB", "BGRA"])
-def test_lab_is_taken_of_unpremultiplied_colour(config, names):
+def test_lab_is_taken_of_unpremultiplied_color(config, names):
     random = np.random.default_rng(10)
-    colours = random.random((9, 7, 3)).astype(np.float32)
+    colors = random.random((9, 7, 3)).astype(np.float32)
     alpha = random.choice([0.25, 0.5, 1, 2], (9, 7)).astype(np.float32)  # powers of two: exact
-    planes = {name: colours[..., i] * alpha for i, name in enumerate("RGB")} | {"A": alpha}
+    planes = {name: colors[..., i] * alpha for i, name in enumerate("RGB")} | {"A": alpha}
     pixels = np.stack([planes[name] for name in names], -1)
     values, opaque = seen(image_of(pixels, names, LINEAR), config)
-    np.testing.assert_array_equal(values, lab(colours, config))
+    np.testing.assert_array_equal(values, lab(colors, config))
     assert opaque is None
 
 
@@ -194,7 +194,7 @@ def test_an_alpha_next_to_nothing_leaves_finite_values(config):
 # --- NaN and Inf ---
 
 
-@pytest.mark.parametrize("as_data", [False, True], ids=["colour", "data"])
+@pytest.mark.parametrize("as_data", [False, True], ids=["color", "data"])
 def test_nan_and_inf_are_counted_over_the_whole_image_in_the_refusal(config, as_data):
     pixels = np.zeros((1800, 400, 4), np.float32)  # two bands
     pixels[0, 0, 0] = pixels[0, 0, 1] = pixels[1799, 399, 3] = np.nan
@@ -263,12 +263,12 @@ def test_the_range_of_data_is_that_of_its_opaque_pixels():
 
 
 @pytest.mark.parametrize("names", ["UV", "UVA", "A"])
-def test_two_or_no_channels_are_no_colour_but_may_be_data(config, names):
+def test_two_or_no_channels_are_no_color_but_may_be_data(config, names):
     image = image_of(np.ones((2, 2, len(names)), np.float32), names, LINEAR)
     count = len(names.replace("A", ""))
     with pytest.raises(ImageError) as caught:
         seen(image, config)
-    assert str(caught.value) == f"photo.exr has {count} channels beside alpha: no colour; say --iscolorspace data"
+    assert str(caught.value) == f"photo.exr has {count} channels beside alpha: no color; say --iscolorspace data"
     assert seen(image, None)[0].shape == (2, 2, 3)
     tagged_as_data = image_of(np.ones((2, 2, len(names)), np.float32), names, "Raw")
     assert seen(tagged_as_data, config)[0].shape == (2, 2, 3)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colour is taken from where the user said it, and never guessed; configs are the user's own."""
+"""Color is taken from where the user said it, and never guessed; configs are the user's own."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from oiiotex.color.config import DEFAULT_CONFIG, TAG, ColorConfig, space_of
 from oiiotex.core.image import tagged
 from oiiotex.errors import ColorError
 from oiiotex.io.reading import read
-from tests.coloured import SRGB, image_of, lab, seen
+from tests.colored import SRGB, image_of, lab, seen
 
 CONFIG = """\
 ocio_profile_version: 2
@@ -72,7 +72,7 @@ def test_an_untagged_image_is_refused_with_what_to_add(config):
     with pytest.raises(ColorError) as caught:
         seen(image_of(np.zeros((2, 2, 3), np.float32)), config)
     text = str(caught.value)
-    assert text.startswith("photo.exr does not say its colour space")
+    assert text.startswith("photo.exr does not say its color space")
     assert "--iscolorspace NAME" in text
     assert "--iscolorspace data" in text and "data=1" not in text  # not all ops have that
     assert f"'{TAG}'" in text
@@ -83,7 +83,7 @@ def test_an_untagged_image_is_refused_with_what_to_add(config):
 def test_an_unknown_space_is_refused_with_the_configs_name(config, name):
     with pytest.raises(ColorError) as caught:
         config.resolve(name)
-    assert str(caught.value).startswith(f"colour space '{name}' is not in {DEFAULT_CONFIG}")
+    assert str(caught.value).startswith(f"color space '{name}' is not in {DEFAULT_CONFIG}")
     if name:
         with pytest.raises(ColorError, match=name):
             seen(image_of(np.zeros((2, 2, 3), np.float32), space=name), config)
@@ -147,7 +147,7 @@ def test_a_users_config_meets_lab_at_its_own_reference(studio, config):
 
 
 def test_a_users_config_has_its_own_spaces_alone(studio):
-    said = rf"^colour space 'ACEScg' is not in {studio}; oiiotex --colorconfiginfo lists them$"
+    said = rf"^color space 'ACEScg' is not in {studio}; oiiotex --colorconfiginfo lists them$"
     with pytest.raises(ColorError, match=said):
         ColorConfig(str(studio)).resolve("ACEScg")
 
@@ -162,7 +162,7 @@ def test_file_rules_name_the_space_where_autocc_asks_for_them(studio, source, sp
     assert own.resolve(space_of(untagged, own, autocc=True)) == space
     expected = seen(image_of(pixels, space=space), own)[0]
     np.testing.assert_array_equal(seen(untagged, own, autocc=True)[0], expected)
-    with pytest.raises(ColorError, match="does not say its colour space"):
+    with pytest.raises(ColorError, match="does not say its color space"):
         seen(untagged, own)
 
 
@@ -199,7 +199,7 @@ def test_an_unknown_built_in_config_is_refused():
         ColorConfig("ocio://nothing")
 
 
-def test_a_config_without_a_way_to_lab_is_refused_when_colour_is_asked_for(studio):
+def test_a_config_without_a_way_to_lab_is_refused_when_color_is_asked_for(studio):
     studio.write_text(CONFIG.replace("  aces_interchange: ACES2065-1\n", ""))
     own = ColorConfig(str(studio))
     with pytest.raises(ColorError, match=r"^no way from 'plain' to CIE Lab: "):

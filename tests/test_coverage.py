@@ -10,7 +10,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.core.op import Space
-from oiiotex.multiscale.candidate_sets import analyse
+from oiiotex.multiscale.candidate_sets import analyze
 from oiiotex.multiscale.coverage import FAR, shares, unmatched
 from oiiotex.multiscale.infinite_plane import graph_images
 from oiiotex.multiscale.stacks import load_exemplars
@@ -23,16 +23,16 @@ from tests.test_candidates import BUDGET, exemplar_of, graph_of
 SRGB = "srgb_rec709_scene"
 
 
-def analysed(device, graph, *made):
+def analyzed(device, graph, *made):
     stacks = stacks_of(graph, [exemplar_of(picture, periodic=False) for picture in made])
-    return analyse(device, stacks, 16, True, BUDGET, lambda done, total: None, None)
+    return analyze(device, stacks, 16, True, BUDGET, lambda done, total: None, None)
 
 
 def test_shares_say_who_is_taken(device):
     """Of two exemplars that could follow, the one that is like the root is taken, the other nowhere."""
     moss = pictures.moss(32, 32, 1) * 0.5 + 0.2
     graph = graph_of("abc", ("a", "b", 1), ("a", "c", 1))
-    found = dict(shares(graph, analysed(device, graph, moss, moss, 1 - 0.2 * moss)))
+    found = dict(shares(graph, analyzed(device, graph, moss, moss, 1 - 0.2 * moss)))
     assert set(found) == {1, 2}
     assert found[1] > 0.2 and found[2] == 0
 
@@ -43,12 +43,12 @@ def test_what_nothing_finer_is_like_is_found(device):
     root[:, 32:] -= 0.5
     graph = graph_of("ab", ("a", "b", 1))
     bright = 0.6 + 0.1 * np.random.default_rng(2).random((64, 64, 1)) * np.ones(3)
-    (found,) = unmatched(analysed(device, graph, root, bright))
+    (found,) = unmatched(analyzed(device, graph, root, bright))
     assert found.exemplar == 0 and found.share == pytest.approx(0.5, abs=0.05)
     assert found.x >= 32 and found.away == pytest.approx(50 * 3**0.5, abs=6)
-    (found,) = unmatched(analysed(device, graph, bright, root))
+    (found,) = unmatched(analyzed(device, graph, bright, root))
     assert found.share == 0 and found.away < FAR
-    assert unmatched(analysed(device, graph_of("a", ("a", "a", 1)), root)) == ()  # it goes on to itself
+    assert unmatched(analyzed(device, graph_of("a", ("a", "a", 1)), root)) == ()  # it goes on to itself
 
 
 def drawn(folder, edges, **more):
@@ -116,7 +116,7 @@ def test_exemplars_of_other_spaces_are_brought_to_the_roots(tmp_path):
 
 
 @pytest.mark.slow
-def test_bytes_and_halfs_may_be_mixed_and_gray_and_colour_may_not(tmp_path):
+def test_bytes_and_halfs_may_be_mixed_and_gray_and_color_may_not(tmp_path):
     save(pictures.moss(32, 32, 1), tmp_path / "bytes.png", space=SRGB)
     half = oiio.ImageBuf(oiio.ImageSpec(32, 32, 3, oiio.HALF))
     half.set_pixels(half.roi, pictures.moss(32, 32, 2).astype(np.float32))

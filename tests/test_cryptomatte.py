@@ -69,19 +69,19 @@ def test_the_manifest_has_every_label_and_no_other(folder):
 
 
 @pytest.mark.parametrize("file", ["all.exr", "sub/apart.exr"])
-def test_oiiotool_colours_every_layer_by_its_labels(folder, file):
+def test_oiiotool_colors_every_layer_by_its_labels(folder, file):
     parts = parts_of(folder / file)
     number = str(list(parts).index("cryptomatte"))
     for name in (n for n in parts if n.startswith("label.")):
         layer = f"label{name.removeprefix('label.')}_"
-        words = [OIIOTOOL, file, "--subimage", number, "--cryptomatte-colors", layer, "-o", "colours.exr"]
+        words = [OIIOTOOL, file, "--subimage", number, "--cryptomatte-colors", layer, "-o", "colors.exr"]
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
-        ids, colours = ids_of(parts[name]), load(folder / "colours.exr")[..., :3]
-        assert (ids == 0).any() and not colours[ids == 0].any()  # the hole has no coverage
+        ids, colors = ids_of(parts[name]), load(folder / "colors.exr")[..., :3]
+        assert (ids == 0).any() and not colors[ids == 0].any()  # the hole has no coverage
         inside = maximum_filter(ids, 3) == minimum_filter(ids, 3)  # borders are soft
-        ids, colours = ids[inside], colours[inside]
-        pairs = np.unique(np.concatenate([colours.reshape(-1, 3), ids.reshape(-1, 1)], 1), axis=0)
+        ids, colors = ids[inside], colors[inside]
+        pairs = np.unique(np.concatenate([colors.reshape(-1, 3), ids.reshape(-1, 1)], 1), axis=0)
         assert len(pairs) == len(np.unique(ids)) == len(np.unique(pairs[:, :3], axis=0)) > 2
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Graph-cut textures: seams against every labelling there is, search against the plain sum, the whole on pictures."""
+"""Graph-cut textures: seams against every labeling there is, search against the plain sum, the whole on pictures."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def plain_cost(lab: np.ndarray, a: tuple, b: tuple, step: tuple) -> int:
 def test_costs_are_equation_2():
     source, random = random_source(), np.random.default_rng(1)
     a, b = (np.stack([random.integers(-2, 22, 200), random.integers(-2, 26, 200)]) for _ in range(2))
-    for step in seams.NEIGHBOURS:
+    for step in seams.NEIGHBORS:
         b[:, :20] = a[:, :20] + np.array(step)[:, None]  # the same patch
         found = source.costs(a, b, step)
         expected = [plain_cost(source.lab, a[:, n], b[:, n], tuple(step)) for n in range(200)]
@@ -60,7 +60,7 @@ def test_costs_are_equation_2():
 
 
 def with_seam_nodes(lab, places, filled, patch, covers, taken) -> float:
-    """What a labelling costs in the graph of KSE03 figure 5, seam nodes where old seams are."""
+    """What a labeling costs in the graph of KSE03 figure 5, seam nodes where old seams are."""
     total = 0
     height, width = filled.shape
     there = filled | taken
@@ -220,16 +220,16 @@ def test_one_label_of_a_photo(tmp_path):
     """End to end: labels found, one taken, source coordinates beside it; each pixel has that label."""
     left, right = pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)
     save(np.concatenate([left, right], 1), tmp_path / "photo.png")
-    words = ("photo.png", "--iscolorspace", "sRGB", "--texlabel:keep=1", "-o", "labelled.exr")
+    words = ("photo.png", "--iscolorspace", "sRGB", "--texlabel:keep=1", "-o", "labeled.exr")
     assert oiiotex(*words, cwd=tmp_path).returncode == 0
-    done = oiiotex("labelled.exr", "--texcut:label=2:size=100x80:stmap=1:patch=32", "-o", "cut.exr", cwd=tmp_path)
+    done = oiiotex("labeled.exr", "--texcut:label=2:size=100x80:stmap=1:patch=32", "-o", "cut.exr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    last = oiio.ImageBuf(str(tmp_path / "labelled.exr")).nsubimages - 1
-    labels = load(tmp_path / "labelled.exr", last)[..., 0]
+    last = oiio.ImageBuf(str(tmp_path / "labeled.exr")).nsubimages - 1
+    labels = load(tmp_path / "labeled.exr", last)[..., 0]
     st = load(tmp_path / "cut.exr", 1)
     at = (st * (128, 96)).astype(int)
     assert st.shape == (80, 100, 2) and (labels[at[..., 1], at[..., 0]] == 2).all()
-    np.testing.assert_array_equal(load(tmp_path / "cut.exr"), load(tmp_path / "labelled.exr")[at[..., 1], at[..., 0]])
+    np.testing.assert_array_equal(load(tmp_path / "cut.exr"), load(tmp_path / "labeled.exr")[at[..., 1], at[..., 0]])
 
 
 def test_exemplars_that_are_searched_reduced(tmp_path):
@@ -298,7 +298,7 @@ def test_stand_ins_are_the_nearest_usable_pixels():
         usable, lab = blobs(40, 47, share, seed), random_source(40, 47, seed).lab
         y, x = distance_transform_edt(~usable, return_distances=False, return_indices=True)
         near = distance_transform_edt(~usable) <= 1
-        np.testing.assert_array_equal(photo_in_tiles._with_neighbours(lab, usable)[near], lab[y, x][near])
+        np.testing.assert_array_equal(photo_in_tiles._with_neighbors(lab, usable)[near], lab[y, x][near])
 
 
 def test_energy_is_that_of_all_seams_whatever_the_pieces(monkeypatch):

@@ -27,7 +27,7 @@ from tests.conftest import load, oiiotex, save
 from tests.reference import textons as reference
 from tests.test_labels import buffer, quarters
 
-PAPER = {"features": "haar", "assign": "neighbours", "refine": False}
+PAPER = {"features": "haar", "assign": "neighbors", "refine": False}
 
 
 def ids_of(pixels: np.ndarray, names: tuple[str, ...] = (), **values: object) -> np.ndarray:
@@ -241,7 +241,7 @@ def test_paper_is_czf02_by_the_letter():
     op = Decompose(source=None, paper=True)
     found = op._settings(512 * 512)
     assert (found.features, found.bins, found.group, found.search) == ("haar", 8, "cliques", "meanshift")
-    assert found.scales > 1 and not found.refine and found.assign == "neighbours" and found.count is None
+    assert found.scales > 1 and not found.refine and found.assign == "neighbors" and found.count is None
     with pytest.raises(errors.ParameterError, match="scales=2: paper=1 says scales=3"):
         Decompose(source=None, paper=True, scales=2)
     picture, truth = quarters(64)
@@ -279,10 +279,10 @@ def test_a_threshold_of_one_leaves_all_apart_and_of_zero_none():
     picture, _ = quarters(128)
     assert ids_of(picture, threshold=0).max() == 1
     assert ids_of(picture, threshold=1).max() > 4 == ids_of(picture).max()
-    assert ids_of(picture, group="cliques", threshold=1, assign="neighbours").max() > 20
+    assert ids_of(picture, group="cliques", threshold=1, assign="neighbors").max() > 20
 
 
-def test_larger_images_are_labelled_at_their_own_size(monkeypatch):
+def test_larger_images_are_labeled_at_their_own_size(monkeypatch):
     monkeypatch.setattr(texdecompose, "WORKING_PIXELS", 96 * 96)
     picture, truth = quarters(192)
     alpha = np.ones((192, 192, 1))

@@ -21,12 +21,12 @@ from tests.any_filter import buffer
 from tests.conftest import save
 
 ALBEDO, ROUGH = pictures.bricks(64, 80, 2), pictures.smooth_noise(64, 80, 5, 2)[..., None]
-MATERIAL = "--texstationarize:n=3:kinds=colour,normal,data:iterations=2:size=48x40:patch=7"
+MATERIAL = "--texstationarize:n=3:kinds=color,normal,data:iterations=2:size=48x40:patch=7"
 
 
 @pytest.fixture
 def folder(tmp_path):
-    """A photo in formats that say colour spaces, and maps that are tagged as OpenImageIO's readers tag them."""
+    """A photo in formats that say color spaces, and maps that are tagged as OpenImageIO's readers tag them."""
     save(ALBEDO, tmp_path / "albedo.png")
     save(ALBEDO, tmp_path / "albedo.exr", "half", "ACEScg")
     save(0.5 + 0 * ALBEDO + np.array([0, 0, 0.5]), tmp_path / "normal.png")
@@ -42,17 +42,17 @@ def spec_of(path, part: int = 0) -> oiio.ImageSpec:
 
 
 @pytest.mark.parametrize("suffix", ["exr", "png", "tif", "jpg"])
-def test_maps_that_are_no_colours_are_tagged_as_data(folder, suffix):
+def test_maps_that_are_no_colors_are_tagged_as_data(folder, suffix):
     assert spec_of(folder / "normal.png")[TAG] == "srgb_rec709_scene"  # as any PNG
     assert run(["albedo.png", "normal.png", "rough.png", MATERIAL, "-o:all=1", f"m%d.{suffix}"], folder) == 0
     tags = [spec_of(folder / f"m{n}.{suffix}").get_string_attribute(TAG) for n in (1, 2, 3)]
     assert tags == ["srgb_rec709_scene", "data", "data"]
 
 
-def test_maps_that_are_no_colours_are_tagged_in_all_variants_and_without_kinds():
+def test_maps_that_are_no_colors_are_tagged_in_all_variants_and_without_kinds():
     given = [buffer(ALBEDO), buffer(ALBEDO), buffer(ROUGH)]
     quick = {"iterations": 2, "patch": 7, "size": (48, 40)}
-    sets = filters.stationarize(given[0], maps=given[1:], variants=2, kinds=("colour", "normal", "colour"), **quick)
+    sets = filters.stationarize(given[0], maps=given[1:], variants=2, kinds=("color", "normal", "color"), **quick)
     assert [one.spec()[TAG] for one in sets] == ["srgb_rec709_scene", "data", "srgb_rec709_scene"] * 2
     left_out = filters.stationarize(given[0], maps=given[1:], **quick)
     assert [one.spec()[TAG] for one in left_out] == ["srgb_rec709_scene", "data", "data"]
@@ -80,7 +80,7 @@ def test_a_file_tagged_as_data_is_taken_as_data(folder):
     ("t.tif", "uint8"), ("t.tif", "uint16"), ("t.tif", "float"), ("t.jpg", "uint8"), ("t.png", "uint8"),
     ("t.png", "uint16"), ("t.tx", "uint16"), ("t.tx", "float"), ("t.exr", "half"),
 ])  # fmt: skip
-def test_colour_space_and_provenance_arrive(folder, caplog, file, depth):
+def test_color_space_and_provenance_arrive(folder, caplog, file, depth):
     option = "-otex" if file == "t.tx" else "-o"
     with caplog.at_level(logging.WARNING):
         assert run(["albedo.exr", "--sattrib", "ImageDescription", "a wall\nby me", "--texquilt:seed=7:size=48x40",
@@ -113,7 +113,7 @@ def test_seeds_beyond_31_bits_are_noted(folder, op):
         assert spec_of(folder / name)["oiiotex:seed"] == str(seed)
 
 
-def test_without_software_attributes_the_colour_space_is_said_alone(folder):
+def test_without_software_attributes_the_color_space_is_said_alone(folder):
     assert (
         run(["albedo.exr", "--nosoftwareattrib", "--texquilt:size=48x40", "-d", "uint16", "-o", "t.tif"], folder) == 0
     )
@@ -132,8 +132,8 @@ def test_tiff_holds_labels_with_their_names(folder):
 
 
 @pytest.mark.parametrize(("file", "lost"), [
-    ("t.hdr", "the colour space ACEScg (read, it is lin_rec709_scene)"), ("t.tga", "the colour space ACEScg"),
-    ("t.tga", "how it was made (oiiotex:"), ("t.bmp", "the colour space ACEScg (read, it is srgb_rec709_scene)"),
+    ("t.hdr", "the color space ACEScg (read, it is lin_rec709_scene)"), ("t.tga", "the color space ACEScg"),
+    ("t.tga", "how it was made (oiiotex:"), ("t.bmp", "the color space ACEScg (read, it is srgb_rec709_scene)"),
 ])  # fmt: skip
 def test_what_a_format_cannot_say_is_warned_of(folder, caplog, file, lost):
     with caplog.at_level(logging.WARNING):
@@ -145,13 +145,13 @@ def test_what_a_format_cannot_say_is_warned_of(folder, caplog, file, lost):
 def test_chains_without_our_filters_are_written_as_oiiotool_writes_them(folder, caplog):
     assert run(["albedo.exr", "-d", "uint16", "-o", "plain.tif"], folder) == 0
     assert spec_of(folder / "plain.tif").getattribute("ImageDescription") is None
-    assert "plain.tif: tiff cannot say the colour space lin_ap1_scene" in caplog.text
+    assert "plain.tif: tiff cannot say the color space lin_ap1_scene" in caplog.text
 
 
 # --- foreign hands ---
 
 
-def test_a_colour_space_that_the_file_was_given_since_wins(folder):
+def test_a_color_space_that_the_file_was_given_since_wins(folder):
     assert run(["albedo.exr", "--texquilt:size=48x40", "-d", "uint8", "-o:all=1", "t%d.tif"], folder) == 0
     for name in ("t1.tif", "t1.jpg", "t1.png"):
         other = oiio.ImageBuf(str(folder / "t1.tif"))  # another program: it knows nothing of ours

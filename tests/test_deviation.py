@@ -30,11 +30,11 @@ def cost_of(made: oiio.ImageBuf) -> float:
 
 
 def dense_deviation(lab: np.ndarray, sigma: float, side: int, seen: np.ndarray) -> tuple[np.ndarray, float]:
-    """Eq. 1 at the cells' centres: every pixel weighs in every local histogram; (down, across), and the mean."""
+    """Eq. 1 at the cells' centers: every pixel weighs in every local histogram; (down, across), and the mean."""
     weights = []
     for size in lab.shape[:2]:
-        centres = np.minimum(np.arange(-(-size // side)) * side + (side - 1) / 2, size - 0.5)
-        weights.append(np.exp(-0.5 * ((np.arange(size)[None, :] - centres[:, None]) / sigma) ** 2))
+        centers = np.minimum(np.arange(-(-size // side)) * side + (side - 1) / 2, size - 0.5)
+        weights.append(np.exp(-0.5 * ((np.arange(size)[None, :] - centers[:, None]) / sigma) ** 2))
     down, right = weights
     share = (down @ seen @ right.T)[None]
     pixels_in = np.add.reduceat(

@@ -260,7 +260,7 @@ def test_whatever_says_that_memory_is_missing_is_known(scarce, code):
 def test_more_texels_than_can_be_named_are_refused(device):
     many = np.broadcast_to(np.True_, (2049, 1024, 1024))
     with pytest.raises(DeviceError, match=r"2148532224 texels in all levels are beyond 2\^31"):
-        candidate_sets.analyse(device, candidate_sets.Stacks(None, many, many, many, ()), 16, True, 1, None, None)
+        candidate_sets.analyze(device, candidate_sets.Stacks(None, many, many, many, ()), 16, True, 1, None, None)
 
 
 def test_smaller_pieces_end_at_the_least():

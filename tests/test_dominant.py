@@ -15,7 +15,7 @@ from oiiotex import errors, filters
 from oiiotex.charts import dominant_chart
 from oiiotex.dominant import diffusion
 from oiiotex.dominant.diffusion import dominant_texture
-from oiiotex.dominant.refinement import pixel_colours, refined_mask
+from oiiotex.dominant.refinement import pixel_colors, refined_mask
 from oiiotex.session import Session
 from oiiotex.session.progress import Progress
 from tests import pictures
@@ -89,7 +89,7 @@ def test_the_chart_draws_the_curve_the_types_and_the_thresholds(tmp_path):
     assert len(kinds) > 1 and diffusion.DOMINANT in kinds
     for kind in kinds:
         assert (
-            panel.pixels[rows[found.types == kind], columns[found.types == kind]] == dominant_chart.COLOURS[kind]
+            panel.pixels[rows[found.types == kind], columns[found.types == kind]] == dominant_chart.COLORS[kind]
         ).all(-1).mean() > 0.3
     warmest = columns[found.types == diffusion.DOMINANT]
     _, line = panel.place(np.array(found.rounds[-1].heat), np.array(0.0))
@@ -134,8 +134,8 @@ def test_the_mode_of_the_papers_comparison_makes_masks():
     assert set(np.unique(mask_of(composite(3)[1], mode="euclidean", step=3))) <= {0, 1}
 
 
-def test_a_normalised_cut_parts_two_textures():
-    """One that fills 70 % of the picture and one of other colours: the larger half is the first, but for a border."""
+def test_a_normalized_cut_parts_two_textures():
+    """One that fills 70 % of the picture and one of other colors: the larger half is the first, but for a border."""
     picture = pictures.moss(60, 80, 3)
     picture[:, 56:] = [0.8, 0.3, 0.1] * (0.5 + 0.5 * picture[:, 56:, 1:2])
     mask = mask_of(picture, mode="spectral", step=2, patch=5)
@@ -192,7 +192,7 @@ def test_pictures_seen_directly_are_those_of_the_filter():
     _, picture, _ = composite(0)
     pixels = seen_as(picture, Session())
     found = diffusion.dominant_texture(pixels, Session().resources, Progress())
-    np.testing.assert_array_equal(refined_mask(found, pixels, pixel_colours(pixels)), composite_mask(0) > 0)
+    np.testing.assert_array_equal(refined_mask(found, pixels, pixel_colors(pixels)), composite_mask(0) > 0)
 
 
 @pytest.mark.parametrize("n", DRAWN)
@@ -200,7 +200,7 @@ def test_a_mask_follows_pixels_better_than_dilated_patches(n):
     _, picture, truth = composite(n, 1)
     pixels = seen_as(picture, Session())
     found = diffusion.dominant_texture(pixels, Session().resources, Progress())
-    masks = diffusion.dominant_mask(found, pixels.seen), refined_mask(found, pixels, pixel_colours(pixels))
+    masks = diffusion.dominant_mask(found, pixels.seen), refined_mask(found, pixels, pixel_colors(pixels))
     dilated, refined = ((mask & truth).sum() / (mask | truth).sum() for mask in masks)
     assert refined > dilated
 

@@ -8,7 +8,7 @@ import pytest
 
 from oiiotex.color.lab_reduced import LabPixels
 from oiiotex.dominant import diffusion, patch_manifold
-from oiiotex.dominant.refinement import pixel_colours, refined_mask
+from oiiotex.dominant.refinement import pixel_colors, refined_mask
 from oiiotex.session import Session
 from tests.reference import diffusion as reference
 
@@ -64,8 +64,8 @@ def test_densities_and_heat_are_eq_4_and_eq_3():
     np.testing.assert_allclose(
         patch_manifold.densities(found, chosen, size, False, Session().resources), kernel[:, chosen].sum(1), rtol=1e-3
     )
-    near = patch_manifold.neighbour_weights(patch_manifold.neighbour_squares(found, Session().resources), size, False)
-    k = patch_manifold.neighbour_count(found.count)
+    near = patch_manifold.neighbor_weights(patch_manifold.neighbor_squares(found, Session().resources), size, False)
+    k = patch_manifold.neighbor_count(found.count)
     order = np.argsort(-kernel, axis=1)[:, :k]
     sparse = np.zeros_like(kernel)
     np.put_along_axis(sparse, order, np.take_along_axis(kernel, order, 1), 1)
@@ -117,7 +117,7 @@ def test_a_dense_small_group_is_found_small():
     assert diffusion._literal(density, heat, 1000)[1] is None
 
 
-def test_the_mask_is_the_centres_dilated_by_a_patch():
+def test_the_mask_is_the_centers_dilated_by_a_patch():
     types = np.full(130, diffusion.SCATTERED, np.int8)
     types[[0, 57]] = diffusion.DOMINANT
     found = patch_manifold.texels_of(pixels_of(some_lab()), 5, 1, Session().resources)
@@ -139,7 +139,7 @@ def test_a_mask_is_nothing_where_nothing_is_dominant_seen_or_covered():
         refined_mask(
             diffusion.Dominance(texels, np.full(texels.count, kind, np.int8), zeros, zeros),
             pixels,
-            pixel_colours(pixels),
+            pixel_colors(pixels),
         )
         for kind in (diffusion.DOMINANT, diffusion.SMALL)
     )

@@ -115,7 +115,7 @@ def is_either(node: ast.AST) -> bool:
 
 # what is wrong: words of a line behind the photo, values of a call, what the line says, what Python says
 WRONG: dict[str, tuple[str, dict[str, object], str, str]] = {
-    "range": ("stationarize:sigma=0", {"sigma": 0}, "sigma=0: expected a number >= 0.5 and <= 1000000 px", ""),
+    "range": ("stationarize:sigma=0", {"sigma": 0}, "sigma=0: expected a number from 0.5 to 1000000 px", ""),
     "word": (
         "stationarize:tile=z", {"tile": "z"}, "tile=z: expected xy | x | y | none",
         "tile='z': expected 'xy' | 'x' | 'y' | 'none'",

@@ -13,7 +13,7 @@ from oiiotex.color.lab import working_values
 from oiiotex.core.image import Image, Part, from_buffer
 from oiiotex.core.op import Space
 from oiiotex.errors import ImageError, ParameterError
-from oiiotex.exemplar.exemplar_op import ExemplarOp, LabelledExemplar
+from oiiotex.exemplar.exemplar_op import ExemplarOp, LabeledExemplar
 from oiiotex.filters.texcut import Cut
 from oiiotex.filters.texquilt import Quilting
 from oiiotex.session import Session
@@ -86,7 +86,7 @@ def test_what_leaves_nothing_is_refused():
 
 
 def test_every_op_that_copies_from_a_photo_declares_it_there():
-    names = {op.name for op in filters.FILTERS if issubclass(op, LabelledExemplar)}
+    names = {op.name for op in filters.FILTERS if issubclass(op, LabeledExemplar)}
     assert names == {"stationarize", "patchmatch", "quilt", "cut", "composite", "palette", "paint", "atlas"}
     assert {op.name for op in filters.FILTERS if issubclass(op, ExemplarOp)} == {
         "stationarize",

@@ -35,10 +35,10 @@ DECLARED = [f"--set{':type=string' if isinstance(v, str) else ''}" for v in VARI
 
 
 def chain_of(*files: str) -> Chain:
-    """The images of FILES, the bottom one labelled L, at frame 7 of a sequence padded to four digits."""
+    """The images of FILES, the bottom one labeled L, at frame 7 of a sequence padded to four digits."""
     chain = Chain(Session(), read_input, Frame(7, (), 4) if files else None)
     chain.stack = [read(name) for name in files]
-    chain.labelled = {"L": chain.stack[0]} if files else {}
+    chain.labeled = {"L": chain.stack[0]} if files else {}
     chain.user = dict(VARIABLES)
     return chain
 
@@ -233,7 +233,7 @@ REFUSED = {
     "{TOP[]}": "no name behind '\\['",
     "{TOP[width}": "missing '\\]' behind 'width'",
     "{TOP.widht}": "ramp.exr has no 'widht', did you mean 'width'",
-    "{TOP.MINCOLOUR}": "did you mean 'MINCOLOR'",
+    "{TOP.MINCOLOR}": "did you mean 'MINCOLOR'",
     "{IMG[2].My:float}": "names with ':' need quotes",
     "{IMG[3].x}": "no image at IMG\\[3\\], there are 3",
     "{IMG[-1].x}": "no image at IMG\\[-1\\]",

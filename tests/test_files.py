@@ -49,7 +49,7 @@ def test_any_window_of_a_file_is_that_of_the_whole_in_its_own_type(tmp_path, nam
 @pytest.mark.parametrize("tile", [0, 16], ids=["scanlines", "tiles"])
 @pytest.mark.parametrize("top", [0, 5])
 def test_rows_of_a_tiff_of_doubles_are_right_or_refused(tmp_path, top, tile):
-    # OpenImageIO 3.2 hands out uninitialised memory, without an error, for rows of doubles that are not whole strips
+    # OpenImageIO 3.2 hands out uninitialized memory, without an error, for rows of doubles that are not whole strips
     pixels = noise("double", 37, 29, 3)
     facts = {"tile_width": tile, "tile_height": tile} if tile else {}
     path = put(tmp_path / "a.tif", pixels, spec_of("double", 37, 29, 3, y=top, **facts))

@@ -158,7 +158,7 @@ def test_contrast_is_evened_out_and_bounded():
     assert kept[:, :90].std() == pytest.approx(gray[:, :90].std(), rel=0.02)
 
 
-def test_keep_none_forgets_the_photos_own_colour():
+def test_keep_none_forgets_the_photos_own_color():
     a, b = (linear(pictures.stained(pictures.moss(96, 96, 1)) * tint) for tint in ([0.5, 1, 1], [1, 0.6, 0.3]))
     means = [lab_of(pixels(filters.flatten(x, keep="none"))).mean((0, 1)) for x in (a, b)]
     for mean in means:
@@ -199,7 +199,7 @@ def test_data_are_flattened_on_their_own_scale():
 
 
 def test_values_beyond_all_light_do_not_break_it():
-    """Colour over next to no alpha, in a space that takes powers of it; halves stay finite."""
+    """Color over next to no alpha, in a space that takes powers of it; halves stay finite."""
     many = np.concatenate([pictures.bricks(40, 40, 1), np.ones((40, 40, 1))], -1)
     many[3, 4] = [0.9, 0.8, 0.7, 1e-4]
     made = filters.flatten(buffer(many, oiio.HALF, "ACEScct", ("R", "G", "B", "A")))

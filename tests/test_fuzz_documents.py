@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Broken recipes, meshes, catalogues, archives, configs, caches: read or refused in one line, in bounded memory."""
+"""Broken recipes, meshes, catalogs, archives, configs, caches: read or refused in one line, in bounded memory."""
 
 from __future__ import annotations
 

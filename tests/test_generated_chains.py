@@ -12,7 +12,7 @@ from tests.peer import OIIOTOOL
 
 DIFFERENCES = (Path(__file__).parents[1] / "docs" / "reference" / "differences.md").read_text()
 LISTED = {  # numbers of chains that differ, by the words that list why
-    "An untagged image where a colour space is needed": (34, 39, 42, 46, 50, 58, 68),
+    "An untagged image where a color space is needed": (34, 39, 42, 46, 50, 58, 68),
     "options that want more images than there are": (15, 75),
     "`--rotate90` and `--rotate270` misplace pixels of display windows off the": (5, 82),
     "`--fit` forgets the origin of `WxH+X+Y` and of display windows": (25, 55),
@@ -45,6 +45,6 @@ def test_generated_chains_agree(folder, first):
     assert unlike == {}
 
 
-def test_colour_is_gray_only_where_there_is_no_other(folder):
+def test_color_is_gray_only_where_there_is_no_other(folder):
     words = "a.png --minchan a.png --add --iscolorspace sRGB --tocolorspace lin_rec709_scene -d float -o OUT.exr"
     assert difference(words.split(), folder) == ""

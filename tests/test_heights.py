@@ -11,15 +11,15 @@ import pytest
 
 from oiiotex import errors, filters
 from oiiotex.core.source_map import SourceMap
-from oiiotex.exemplar.heights import large_steps, levels, neighbours
+from oiiotex.exemplar.heights import large_steps, levels, neighbors
 from tests import pictures
 from tests.any_filter import buffer, pixels
 
 ALBEDO = pictures.pebbles(96, 96, seed=4)
 BUMPS = 0.04 * pictures.smooth_noise(96, 96, 5, 2)
-RELIEF = BUMPS + 0.5 * pictures.smooth_noise(96, 96, 40, 7)  # which colours do not show
+RELIEF = BUMPS + 0.5 * pictures.smooth_noise(96, 96, 40, 7)  # which colors do not show
 LEAST = 0.1 * np.ptp(RELIEF)
-QUICK = {"iterations": 4, "patch": 7, "size": (64, 64), "kinds": ("colour", "height"), "seed": 3}
+QUICK = {"iterations": 4, "patch": 7, "size": (64, 64), "kinds": ("color", "height"), "seed": 3}
 BLIND = {"match": (1, 0)}
 
 
@@ -56,7 +56,7 @@ def test_constants_are_those_of_least_squares(wrap):
     y, x = np.mgrid[:48, :36]
     cell = ((y // 12) * 3 + x // 12).ravel()
     rows, right = [], []
-    for pairs in neighbours(places, wrap, photo):
+    for pairs in neighbors(places, wrap, photo):
         for p, q, step in zip(pairs.first, pairs.second, pairs.step, strict=True):
             if cell[p] != cell[q] or abs(p - q) not in (1, 36):  # or one piece that meets itself beyond the side
                 row = np.zeros(12)
@@ -140,7 +140,7 @@ def test_levelled_pieces_are_copies_plus_constants_and_nothing_else_changes():
     photo = pixels(heights())[..., 0]
     np.testing.assert_array_equal(plain, places.gather(photo))  # off by default
     raised = levelled - plain
-    for pairs in neighbours(places, (True, True), photo):
+    for pairs in neighbors(places, (True, True), photo):
         first, second = (raised.ravel()[n[pairs.together]] for n in (pairs.first, pairs.second))
         np.testing.assert_allclose(first, second, atol=1e-6)
     assert np.ptp(raised) > 0.2
@@ -173,7 +173,7 @@ def test_within_raises_nothing_outside():
 
 
 @pytest.mark.parametrize(("given", "said"), [
-    ({"kinds": ("colour", "data"), "relevel": True}, "relevel=True: none of the maps is a height"),
+    ({"kinds": ("color", "data"), "relevel": True}, "relevel=True: none of the maps is a height"),
     ({"variants": 2, "relevel": True}, "variants=2 does not go with relevel"),
 ])  # fmt: skip
 def test_what_does_not_go_with_levelling_is_said(given, said):

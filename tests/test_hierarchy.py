@@ -31,7 +31,7 @@ def test_merges_are_those_of_the_algorithm(device, seed):
 
 
 def test_equal_costs_are_merged_in_the_order_of_their_ids():
-    n = 36  # equal squares of equal colour
+    n = 36  # equal squares of equal color
     y, x = np.divmod(np.arange(n), 6)
     beside = [(i, i + 1) for i in range(n) if i % 6 < 5]
     edges = np.array(sorted(beside + [(i, i + 6) for i in range(n - 6)]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colour conversions: as oiiotool does them, and where it spoils channels or guesses, as they should be."""
+"""Color conversions: as oiiotool does them, and where it spoils channels or guesses, as they should be."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ CC = """<ColorCorrection id="c"><SOPNode><Slope>{}</Slope><Offset>0.1 0 0</Offse
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = write_inputs(tmp_path_factory.mktemp("colour"))
+    folder = write_inputs(tmp_path_factory.mktemp("color"))
     (folder / "own.ocio").write_text(CONFIG)
     (folder / "normal.cc").write_text(CC.format("1 1 1"))
     (folder / "night.cc").write_text(CC.format("0.5 0.6 0.9"))
@@ -55,7 +55,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _write_cryptomatte(path: Path) -> None:
-    """Two ranks of ids with coverage, beside colour."""
+    """Two ranks of ids with coverage, beside color."""
     random = np.random.default_rng(1)
     codes = random.integers(1 << 24, 1 << 30, (2, 6), np.uint32).view(np.float32)
     place = random.integers(0, 6, (16, 20))
@@ -119,14 +119,14 @@ def test_inverse_matrix(folder, matrix):
 
 REFUSED = (
     ("rgb.exr --iscolorspace nonesuch", "'nonesuch' is not in"),
-    ("rgb.exr --tocolorspace ACEScg", "does not say its colour space: put --iscolorspace"),
-    ("rgb.exr --colorconvert current ACEScg", "does not say its colour space"),
+    ("rgb.exr --tocolorspace ACEScg", "does not say its color space: put --iscolorspace"),
+    ("rgb.exr --colorconvert current ACEScg", "does not say its color space"),
     ("rgb.exr --colorconvert nonesuch ACEScg", "nonesuch"),
     ("rgb8.png --tocolorspace nonesuch", "nonesuch"),
-    ("rgb.exr --ociodisplay default default", "does not say its colour space"),
+    ("rgb.exr --ociodisplay default default", "does not say its color space"),
     ("rgb8.png --ociodisplay nonesuch default", "has sRGB - Display,"),
     ("rgb8.png --ociodisplay default nonesuch", "Un-tone-mapped"),
-    ("rgb.exr --ociolook none", "does not say its colour space"),
+    ("rgb.exr --ociolook none", "does not say its color space"),
     ("rgb8.png --ociolook nonesuch", "nonesuch"),
     ("rgb.exr --ociofiletransform none.cube", "none.cube"),
     ("rgb.exr --ocionamedtransform nonesuch", "sRGB - Curve"),
@@ -152,7 +152,7 @@ def test_further_channels_are_copied(folder):
     assert "acescct" in spec["oiio:ColorSpace"] and spec["Artist"] == "who"
 
 
-def test_colour_is_found_by_name(folder):
+def test_color_is_found_by_name(folder):
     """oiiotool takes the first three."""
     convert = "--colorconvert lin_rec709_scene ACEScct"
     run(shlex.split(f"five.exr --ch X=Z,B,A,G,R {convert} --ch R,G,B,A,X -o named.exr"), folder)

@@ -151,8 +151,8 @@ REFUSED = (
     ("rgb.exr gray.exr --chappend:n=3", "takes 3"),
     ("rgb.exr --chsum:weight=a", "weight=a"),
     ("rgb.exr --colormap rainbow", "inferno"),
-    ("rgb.exr --colormap 0,0,0,1,1", "two colours"),
-    ("rgb.exr --colormap 0,0,0", "two colours"),
+    ("rgb.exr --colormap 0,0,0,1,1", "two colors"),
+    ("rgb.exr --colormap 0,0,0", "two colors"),
     ("rgb.exr --attrib:type=quux a 1", "no type 'quux'"),
     ("rgb.exr --attrib:type=int a one", "is no int"),
     ("rgb.exr --eraseattrib:fromfile=1 none.txt", "none.txt"),
@@ -201,7 +201,7 @@ def test_fixnan_none_leaves_all(folder):
     np.testing.assert_array_equal(load(folder / "kept.exr"), load(folder / "nan.exr"))
 
 
-def test_fixnan_of_neighbours(tmp_path):
+def test_fixnan_of_neighbors(tmp_path):
     """Each is the mean of what was finite, not of what happened to be repaired before it."""
     pixels = np.arange(36, dtype=np.float32).reshape(6, 6, 1)
     pixels[2, 2:4] = np.nan

@@ -163,7 +163,7 @@ def test_a_crop_to_the_same_window_is_the_part_itself():
 
 
 @pytest.mark.parametrize(
-    ("names", "alpha", "colour"),
+    ("names", "alpha", "color"),
     [
         (("R", "G", "B"), -1, (0, 1, 2)),
         (("R", "G", "B", "A"), 3, (0, 1, 2)),
@@ -182,10 +182,10 @@ def test_a_crop_to_the_same_window_is_the_part_itself():
         (("A",), 0, ()),
     ],
 )
-def test_colour_is_rgb_by_name_else_the_first_three_that_are_not_alpha(names, alpha, colour):
+def test_color_is_rgb_by_name_else_the_first_three_that_are_not_alpha(names, alpha, color):
     spec = spec_of("half", 2, 2, names)
     spec.alpha_channel = alpha
-    assert channels_of(spec) == Channels(colour, None if alpha < 0 else alpha)
+    assert channels_of(spec) == Channels(color, None if alpha < 0 else alpha)
 
 
 @pytest.mark.parametrize(("names", "alpha"), [(("R", "G", "B", "A"), 3), (("a", "y"), 0), (("R", "G", "B"), None)])
@@ -329,10 +329,10 @@ def test_a_deep_buffer_is_refused(tmp_path):
 
 
 def triangle(pixels: np.ndarray, size: int, axis: int) -> np.ndarray:
-    """The equation: weights fall linearly to 0 one target pixel (at least one source pixel) from its centre."""
+    """The equation: weights fall linearly to 0 one target pixel (at least one source pixel) from its center."""
     scale = pixels.shape[axis] / size
-    centres, sources = (np.arange(size) + 0.5) * scale, np.arange(pixels.shape[axis]) + 0.5
-    weights = np.maximum(0, 1 - np.abs(centres[:, None] - sources) / max(1, scale))
+    centers, sources = (np.arange(size) + 0.5) * scale, np.arange(pixels.shape[axis]) + 0.5
+    weights = np.maximum(0, 1 - np.abs(centers[:, None] - sources) / max(1, scale))
     return np.moveaxis(np.tensordot(weights / weights.sum(1, keepdims=True), pixels.astype(float), (1, axis)), 0, axis)
 
 

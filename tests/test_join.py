@@ -80,7 +80,10 @@ def test_gaps_are_found():
 OTHER = WHOLE.copy()
 OTHER[25, 7, 1] += 1e-6
 WRONG = [
-    (lambda: (share(0, 0, 70, 20), share(0, 30, 70, 50)), r"^join: 70x10\+0\+20 of 70x50\+0\+0 is in none of the 2 images"),
+    (
+        lambda: (share(0, 0, 70, 20), share(0, 30, 70, 50)),
+        r"^join: 70x10\+0\+20 of 70x50\+0\+0 is in none of the 2 images",
+    ),
     (
         lambda: (
             share(0, 0, 70, 20, oiiotex_parameters="a=1:tiles=1/3"),

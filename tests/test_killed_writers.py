@@ -24,7 +24,7 @@ import pytest
 
 from oiiotex.io.reading import read
 from oiiotex.library import runs
-from oiiotex.library.catalogue import Catalogue
+from oiiotex.library.catalog import Catalog
 from oiiotex.library.upkeep import check
 from tests import pictures
 from tests.conftest import save
@@ -139,8 +139,8 @@ def whole(one: Case, inputs: Path, folder: Path) -> Whole:
 
 def checked_library(folder: Path) -> None:
     if (folder / "library" / runs.FILE).exists():
-        with Catalogue(folder / "library") as catalogue:
-            assert list(check(catalogue)) == []
+        with Catalog(folder / "library") as catalog:
+            assert list(check(catalog)) == []
 
 
 def kill(one: Case, known: Whole, inputs: Path, folder: Path, number: int, moment: float) -> tuple[str, int]:

@@ -46,7 +46,7 @@ def test_there_and_back(space, alpha):
 
 @pytest.mark.parametrize("kind", [oiio.UINT8, oiio.UINT16, oiio.HALF], ids=str)
 def test_values_of_a_type_come_back(kind):
-    """Bytes to the bit; dark 16-bit ones of a steep curve may come back as their neighbour."""
+    """Bytes to the bit; dark 16-bit ones of a steep curve may come back as their neighbor."""
     most = {oiio.UINT8: 255, oiio.UINT16: 4095, oiio.HALF: 4095}[kind]
     ramp = np.stack([np.arange(most + 1), np.arange(most, -1, -1), np.full(most + 1, most // 3)], -1) / most
     given = buffer(ramp[None], kind)
@@ -55,7 +55,7 @@ def test_values_of_a_type_come_back(kind):
     assert away.max() <= {oiio.UINT8: 0, oiio.UINT16: 1, oiio.HALF: 2e-5}[kind]
 
 
-def test_channels_keep_names_order_and_what_is_no_colour():
+def test_channels_keep_names_order_and_what_is_no_color():
     many = RNG.random((20, 30, 6))
     many[3, 4, 0] = np.inf  # a depth
     given = buffer(many, oiio.HALF, "lin_rec709_scene", ("Z", "B", "G", "R", "A", "id"))
@@ -105,7 +105,7 @@ def test_what_makes_no_sense_is_refused():
         filters.lab(buffer(RNG.random((4, 4, 3)), space=""), inverse=True)
     with pytest.raises(errors.ColorError, match="nonsense"):
         filters.lab(lab, inverse=True, to="nonsense")
-    with pytest.raises(errors.ColorError, match="no colours"):
+    with pytest.raises(errors.ColorError, match="no colors"):
         filters.lab(lab, inverse=True, to="Raw")
     with pytest.raises(errors.ImageError, match="three"):
         filters.lab(buffer(RNG.random((4, 4, 1)), space="data"), inverse=True, to="ACEScg")

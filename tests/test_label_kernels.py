@@ -13,7 +13,7 @@ from oiiotex.labels import affinity_graph, features, potts, products, random_wal
 from tests.reference import labels as reference
 from tests.test_superpixels import resources_of
 
-LOCAL = 6  # which neighbour's distance is the local scale: LSA16 eq. 4
+LOCAL = 6  # which neighbor's distance is the local scale: LSA16 eq. 4
 
 
 def blobs(counts: tuple[int, ...], seed: int = 0, apart: float = 20.0) -> tuple[np.ndarray, np.ndarray]:
@@ -47,7 +47,7 @@ def test_their_bits_are_those_of_every_processor():
     assert digest.startswith("151bf77b01e79e50")
 
 
-# --- neighbours ---
+# --- neighbors ---
 
 
 @pytest.mark.parametrize(("n", "d", "spread"), [(201, 3, 6), (77, 7, 9000), (40, 1, 2)])
@@ -193,7 +193,7 @@ def test_a_potts_field_is_its_equation(any_lanes, monkeypatch):
     random = np.random.default_rng(0)
     likely = random.random((5, 31)) ** 4
     likely /= likely.sum(0)
-    edges = random.integers(0, 30, (50, 2))  # one place has no neighbours
+    edges = random.integers(0, 30, (50, 2))  # one place has no neighbors
     edges = np.unique(np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1), axis=0)
     expected = reference.settled(likely, edges, 4.0, 6, 1e-3)
     np.testing.assert_array_equal(potts.settled(likely, edges, resources_of(any_lanes)), expected.argmax(0))

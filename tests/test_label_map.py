@@ -8,7 +8,7 @@ import OpenImageIO as oiio
 
 from oiiotex.core.image import Image, Part, from_pixels
 from oiiotex.core.label_map import LabelMap, label_maps
-from oiiotex.labels.legend import Legend, code_of, codes_of, colour_of
+from oiiotex.labels.legend import Legend, code_of, codes_of, color_of
 
 
 def part(name: str, ids: np.ndarray) -> Part:
@@ -37,5 +37,5 @@ def test_a_legend_counts_what_is_opaque_the_largest_first():
     legend = Legend.of(LabelMap.of(part("label.1", ids), 1, [1, 1, 2, 2]), np.array([[1, 1, 1, 1], [0, 1, 1, 1]], bool))
     entries = legend.entries()
     assert [(e["id"], e["area"], e["parent"]) for e in entries] == [(2, 3, 1), (4, 2, 2), (1, 1, 1)]
-    assert [code_of(e["colour"]) for e in entries] == codes_of(np.array([2, 4, 1])).tolist()
-    assert colour_of(code_of("1,22,255")) == "1,22,255"
+    assert [code_of(e["color"]) for e in entries] == codes_of(np.array([2, 4, 1])).tolist()
+    assert color_of(code_of("1,22,255")) == "1,22,255"

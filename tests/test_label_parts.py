@@ -111,12 +111,12 @@ def test_oiiotool_reads_the_cryptomatte(written):
     np.testing.assert_array_equal(pixels[..., 1][inside], 1)
     np.testing.assert_allclose(pixels[..., 1] + pixels[..., 3], 1, atol=1e-6)
     number = list(parts_of(written / "a.exr")).index("cryptomatte")
-    words = ["a.exr", "--subimage", str(number), "--cryptomatte-colors", "label1_", "-o", "colours.exr"]
+    words = ["a.exr", "--subimage", str(number), "--cryptomatte-colors", "label1_", "-o", "colors.exr"]
     done = subprocess.run([OIIOTOOL, *words], cwd=written, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    colours = oiio.ImageBuf(str(written / "colours.exr")).get_pixels(oiio.FLOAT)[..., :3][inside]
-    pairs = np.unique(np.concatenate([colours, ids[inside].reshape(-1, 1)], 1), axis=0)
-    assert len(pairs) == len(np.unique(ids[inside])) == len(np.unique(colours, axis=0)) > 2
+    colors = oiio.ImageBuf(str(written / "colors.exr")).get_pixels(oiio.FLOAT)[..., :3][inside]
+    pairs = np.unique(np.concatenate([colors, ids[inside].reshape(-1, 1)], 1), axis=0)
+    assert len(pairs) == len(np.unique(ids[inside])) == len(np.unique(colors, axis=0)) > 2
 
 
 def test_a_cryptomatte_says_its_manifest():
@@ -138,10 +138,10 @@ def test_in_python_parts_go_by_their_names():
 
 
 def test_memory_that_is_not_there_is_named():
-    with pytest.raises(errors.ImageError, match=r"labelling needs \d+ MB"):
+    with pytest.raises(errors.ImageError, match=r"labeling needs \d+ MB"):
         image, session = from_buffer(buffer(quarters(256)[0])), Session()
         lens = lens_of(image, session.resources)
-        label_maps(image, lens, session.resources, session.progress, settings=LabelSettings(neighbours=10**9))
+        label_maps(image, lens, session.resources, session.progress, settings=LabelSettings(neighbors=10**9))
 
 
 def test_a_run_can_be_stopped_and_says_how_far_it_is():
@@ -161,10 +161,10 @@ def test_the_view_shows_photo_levels_and_tree(written):
     assert len(np.unique(view.get_pixels(oiio.UINT8).reshape(-1, 3), axis=0)) > 100
 
 
-def test_colours_stay_apart_for_every_eye():
-    from oiiotex.labels.legend import _BLIND, _oklab, distinct_colours
+def test_colors_stay_apart_for_every_eye():
+    from oiiotex.labels.legend import _BLIND, _oklab, distinct_colors
 
-    srgb = distinct_colours()[:12]
+    srgb = distinct_colors()[:12]
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     for eye in (np.eye(3), *np.array(_BLIND)):
         seen = _oklab(np.clip(linear @ eye.T, 0, 1))

@@ -42,7 +42,7 @@ def test_a_cell_holds_its_most_frequent_label():
 
 
 @pytest.mark.parametrize("count", [1, 2, 8, 9, 100])
-def test_labels_become_colours_that_lie_apart(count):
+def test_labels_become_colors_that_lie_apart(count):
     found = lg.apart(count)
     assert found.shape == (count, 3) and found.min() >= 0 and found.max() <= 100
     distance = np.linalg.norm(found[:, None] - found[None], axis=-1) + 1e9 * np.eye(count)
@@ -50,13 +50,13 @@ def test_labels_become_colours_that_lie_apart(count):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_shares_and_neighbourhoods_are_kept(device, seed):
+def test_shares_and_neighborhoods_are_kept(device, seed):
     ids = blobs(seed=seed)
     made = grow(device, ids, seed=seed)
     assert made.ids.shape == (100, 125) and set(np.unique(made.ids)) <= {1, 2, 3}
     found, grown = ([np.mean(m == k) for k in (1, 2, 3)] for m in (ids, made.ids))
     assert np.abs(np.subtract(found, grown)).sum() / 2 < 0.15
-    assert made.shares < 0.15 and made.neighbours < 0.15
+    assert made.shares < 0.15 and made.neighbors < 0.15
     right = np.stack([made.ids[:, :-1].ravel(), made.ids[:, 1:].ravel()])
     below = np.stack([made.ids[:-1].ravel(), made.ids[1:].ravel()])
     pairs = np.sort(np.concatenate([right, below], 1), 0)
@@ -76,7 +76,7 @@ def test_the_figures_are_the_distances_of_the_statistics():
 
 def test_of_several_starts_the_best_is_taken(device):
     ids = blobs(seed=5)
-    sums = [made.shares + made.neighbours for made in (grow(device, ids, tries=n) for n in (1, 2, 4))]
+    sums = [made.shares + made.neighbors for made in (grow(device, ids, tries=n) for n in (1, 2, 4))]
     assert sums == sorted(sums, reverse=True)
 
 
@@ -163,8 +163,8 @@ def test_one_command_from_a_photo(tmp_path):
 )
 def test_what_is_wrong_is_said(fails, tmp_path, words, said):
     save(PHOTO, tmp_path / "wrong.png")
-    labelling = words[:1]
-    line = fails("wrong.png", "--iscolorspace", "sRGB", *labelling, "--texcomposite" + "".join(words[1:]))
+    labeling = words[:1]
+    line = fails("wrong.png", "--iscolorspace", "sRGB", *labeling, "--texcomposite" + "".join(words[1:]))
     assert said in line
 
 

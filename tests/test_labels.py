@@ -15,7 +15,7 @@ from oiiotex.color.lab import lens_of
 from oiiotex.core.image import from_buffer
 from oiiotex.labels import random_walk, scales
 from oiiotex.labels.features import KINDS, moments
-from oiiotex.labels.filter_bank import PLANES, blurred_layers, codebook, gabor_responses, nearest_centres
+from oiiotex.labels.filter_bank import PLANES, blurred_layers, codebook, gabor_responses, nearest_centers
 from oiiotex.labels.potts import settled
 from oiiotex.labels.scales import LabelMaps, LabelSettings, label_maps
 from oiiotex.session import Session
@@ -104,14 +104,14 @@ def test_layers_are_blurred_by_a_gaussian_and_mirrored_at_borders(any_lanes, sha
         np.testing.assert_allclose(found, gaussian_filter(layer, 2.8, radius=7), atol=1e-4)
 
 
-def test_textons_are_the_nearest_centres_and_ties_go_to_the_first(any_lanes):
+def test_textons_are_the_nearest_centers_and_ties_go_to_the_first(any_lanes):
     random = np.random.default_rng(2)
     planes = random.integers(-2047, 2048, (PLANES, 501), dtype=np.int16)
-    centres = random.integers(-2047, 2048, (60, PLANES), dtype=np.int32)
-    centres[40], planes[:, 7] = centres[3], centres[3]
-    planes[:, 8], centres[59] = -2047, 2047  # as far apart as there is
-    apart = ((planes.T[:, None].astype(np.int64) - centres) ** 2).sum(-1)
-    textons = nearest_centres(planes, centres, resources_of(any_lanes))
+    centers = random.integers(-2047, 2048, (60, PLANES), dtype=np.int32)
+    centers[40], planes[:, 7] = centers[3], centers[3]
+    planes[:, 8], centers[59] = -2047, 2047  # as far apart as there is
+    apart = ((planes.T[:, None].astype(np.int64) - centers) ** 2).sum(-1)
+    textons = nearest_centers(planes, centers, resources_of(any_lanes))
     np.testing.assert_array_equal(textons, apart.argmin(1))
     assert textons[7] == 3
 
@@ -120,10 +120,10 @@ def test_the_codebook_is_k_means_of_whole_numbers_however_they_are_added():
     random = np.random.default_rng(3)
     blobs = random.integers(-1500, 1500, (5, 24))
     sample = (blobs[random.integers(0, 5, 4000)] + random.integers(-90, 91, (4000, 24))).astype(np.int16)
-    centres = codebook(sample, 5)
-    apart = np.sqrt(((centres[:, None] - blobs) ** 2).sum(-1))
+    centers = codebook(sample, 5)
+    apart = np.sqrt(((centers[:, None] - blobs) ** 2).sum(-1))
     assert sorted(apart.argmin(1)) == [0, 1, 2, 3, 4] and apart.min(1).max() < 30
-    tied = codebook(np.repeat(sample[:40] * 2, 100, axis=0), 20)  # few points, many of them halfway between centres
+    tied = codebook(np.repeat(sample[:40] * 2, 100, axis=0), 20)  # few points, many of them halfway between centers
     order = random.permutation(24)  # numbers are added in another order
     np.testing.assert_array_equal(codebook(np.repeat(sample[:40, order] * 2, 100, axis=0), 20), tied[:, order])
     np.testing.assert_array_equal(codebook(sample[:3], 5), np.unique(sample[:3], axis=0))
@@ -133,7 +133,7 @@ def test_the_codebook_is_k_means_of_whole_numbers_however_they_are_added():
 @pytest.mark.parametrize("counts", [(300, 200), (300, 200, 150, 100)])
 def test_the_number_of_labels_is_found(counts, tries):
     points, truth = blobs(counts, apart=5.0)
-    found = scales.labelled(points, LabelSettings(tries=tries), 0, Session().resources)
+    found = scales.labeled(points, LabelSettings(tries=tries), 0, Session().resources)
     pairs = np.unique(np.stack([truth, found.G.argmax(0)]), axis=1)
     assert pairs.shape[1] == len(counts)
     assert found.error < 0.05
@@ -143,20 +143,20 @@ def test_the_number_of_labels_is_found(counts, tries):
 def test_scikit_learn_clusters_as_many(cluster):
     pytest.importorskip("sklearn")
     points, truth = blobs((300, 200, 150), apart=5.0)
-    found = scales.labelled(points, LabelSettings(cluster=cluster), 0, Session().resources)
+    found = scales.labeled(points, LabelSettings(cluster=cluster), 0, Session().resources)
     assert np.unique(np.stack([truth, found.G.argmax(0)]), axis=1).shape[1] <= 6
 
 
 def test_without_scikit_learn_there_is_a_clear_error(monkeypatch):
     monkeypatch.setitem(sys.modules, "sklearn.cluster", None)
     with pytest.raises(errors.ImageError, match=r"oiiotex\[cluster\]"):
-        scales.labelled(blobs((50, 60))[0], LabelSettings(cluster="kmeans"), 0, Session().resources)
+        scales.labeled(blobs((50, 60))[0], LabelSettings(cluster="kmeans"), 0, Session().resources)
 
 
 def test_above_a_number_of_superpixels_a_sample_is_factored(monkeypatch):
     points, truth = blobs((300, 200, 100), apart=5.0)
     monkeypatch.setattr(scales, "MOST", 400)
-    found = scales.labelled(points, LabelSettings(), 0, Session().resources)
+    found = scales.labeled(points, LabelSettings(), 0, Session().resources)
     assert found.G.shape[1] == found.F.shape[0] == 600
     joint = np.histogram2d(truth, found.G.argmax(0), [3, found.G.shape[0]])[0]
     assert joint.max(0).sum() > 0.98 * 600
@@ -164,7 +164,7 @@ def test_above_a_number_of_superpixels_a_sample_is_factored(monkeypatch):
 
 def test_equal_points_are_one_node_and_share_what_it_has():
     points = np.repeat([[0.0, 0], [50, 0], [50, 50]], [400, 300, 2], axis=0)
-    found = scales.labelled(points, LabelSettings(), 0, Session().resources)
+    found = scales.labeled(points, LabelSettings(), 0, Session().resources)
     labels = found.G.argmax(0)
     assert labels[0] != labels[500]
     assert len(set(labels[:400])) == len(set(labels[400:700])) == 1
@@ -266,7 +266,7 @@ NOISE = np.random.default_rng(0).random((80, 80, 3))
 BAD = {
     "constant": FLAT,
     "black": FLAT * 0,
-    "two colours": TWO,
+    "two colors": TWO,
     "noise": NOISE,
     "16x16": NOISE[:16, :16],
     "1xN": NOISE[:1],
@@ -284,10 +284,10 @@ def test_bad_input_has_defined_results(kind, features):
     assert (pixel_labels(maps, 0) > 0).all()
     if kind in ("constant", "black", "one pixel"):
         assert [level.count for level in maps.levels] == [1] * len(maps.levels)
-    if kind == "two colours" and features != "gabor":  # it sees no colours, only waves
+    if kind == "two colors" and features != "gabor":  # it sees no colors, only waves
         labels = pixel_labels(maps, len(maps.levels) - 1)
         assert labels[0, 0] != labels[-1, -1]
-    if kind == "two colours" and features == "moments":
+    if kind == "two colors" and features == "moments":
         assert not set(labels[:40].ravel()) & set(labels[56:].ravel())
 
 

@@ -200,7 +200,7 @@ def test_the_cache_folder_is_shown_and_emptied(tmp_path):
     (folder / "sigmas").symlink_to(tmp_path)
     there = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
     said = oiiotex("--cache-info", env=there).stdout
-    assert str(folder) in said and "2.0 MB  analysed exemplars" in said
+    assert str(folder) in said and "2.0 MB  analyzed exemplars" in said
     assert oiiotex("--cache-clear", env=there).stdout == f"2 files, 2.0 MB removed from {folder}\n"
     assert sorted(path.name for path in folder.iterdir()) == ["mine.txt"]
     assert (tmp_path / "kept.arrays").exists()

@@ -19,7 +19,7 @@ import pytest
 from oiiotex import errors
 from oiiotex.library import asset as making
 from oiiotex.library import digests, ingest, runs
-from oiiotex.library.catalogue import Catalogue
+from oiiotex.library.catalog import Catalog
 from oiiotex.library.commands import run
 from oiiotex.library.report import write_report
 from oiiotex.library.upkeep import check, orphans
@@ -36,9 +36,9 @@ def test_an_asset_holds_what_is_delivered(photos, tmp_path, here):
     tally, said = brought_in(photos, library, recipe(LINE + "[deliver]\nusd = true\n"))
     assert (tally.made, tally.counts, tally.status) == (2, {"ok": 2}, 0)
     assert any(re.match(r"wall: ok, \d+ files, \d+\.\d s", line) for line in said)
-    with Catalogue(library) as catalogue:
-        wall = catalogue.assets()["wall"]
-        assert list(check(catalogue)) == []
+    with Catalog(library) as catalog:
+        wall = catalog.assets()["wall"]
+        assert list(check(catalog)) == []
     folder = library / wall.folder
     assert wall.folder.startswith("assets/wall/")
     given = load(photos / "scans/wall_nor_gl_1k.png") / 255
@@ -57,7 +57,7 @@ def test_an_asset_holds_what_is_delivered(photos, tmp_path, here):
         assert load(folder / f"{name}.jpg").std() > 2
 
 
-def test_an_asset_says_its_lattice_its_metres_and_its_labels(tmp_path, here, capsys):
+def test_an_asset_says_its_lattice_its_meters_and_its_labels(tmp_path, here, capsys):
     (tmp_path / "photos").mkdir()
     cell = np.dstack([drawn.noise(16, 16, seed) for seed in range(3)])
     save(np.tile(cell, (4, 6, 1)), tmp_path / "photos/checks.png")
@@ -87,7 +87,7 @@ size_m = [3.0, 2.0]
 
 
 def test_tiff_and_spaces_of_their_own(photos, tmp_path, here):
-    told = recipe(LINE + '[deliver]\nformat = "tiff"\ncolour = ""\ntx = false\nmaterialx = false\n')
+    told = recipe(LINE + '[deliver]\nformat = "tiff"\ncolor = ""\ntx = false\nmaterialx = false\n')
     brought_in(photos, tmp_path / "library", told)
     (path,) = (tmp_path / "library").glob("assets/wall/*/tile/color.tif")
     assert oiio.ImageBuf(str(path)).spec().format == oiio.UINT16
@@ -129,18 +129,18 @@ def test_a_second_run_makes_only_what_has_changed(photos, tmp_path, here, monkey
     save(drawn.pebbles(24, 24, 9), photos / "gravel.png")
     tally, said = brought_in(photos, library, recipe())
     assert (tally.made, tally.unchanged) == (1, 1) and said[0].startswith("gravel: ok")
-    with Catalogue(library) as catalogue:
-        assert len(orphans(catalogue)) == 1
+    with Catalog(library) as catalog:
+        assert len(orphans(catalog)) == 1
     lines = []
     work = making.work
     monkeypatch.setattr(making, "work", lambda job: (lines.append(job), work(job))[1])
     tally, _ = brought_in(photos, library, recipe(LINE + "[judge]\nlimits = ['normal_length>0.5']\n"))
     assert (tally.made, lines) == (2, [])  # judged anew, by the same pixels
-    with Catalogue(library) as catalogue:
-        assert list(check(catalogue)) == []
+    with Catalog(library) as catalog:
+        assert list(check(catalog)) == []
     assert run(["gc", str(library)]) == 0
-    with Catalogue(library) as catalogue:
-        assert (orphans(catalogue), list(check(catalogue))) == ([], [])
+    with Catalog(library) as catalog:
+        assert (orphans(catalog), list(check(catalog))) == ([], [])
     assert len(list(library.glob("assets/*/*"))) == 2
 
 
@@ -151,11 +151,11 @@ def test_an_asset_whose_folder_has_gone_is_made_again(photos, tmp_path, here):
     shutil.rmtree(folder)
     tally, _ = brought_in(photos, library, recipe())
     assert (tally.made, tally.unchanged) == (1, 1) and folder.is_dir()
-    with Catalogue(library) as catalogue:
-        assert list(check(catalogue)) == []
+    with Catalog(library) as catalog:
+        assert list(check(catalog)) == []
 
 
-def test_a_broken_catalogue_is_written_anew_from_the_folders(photos, tmp_path, here, monkeypatch):
+def test_a_broken_catalog_is_written_anew_from_the_folders(photos, tmp_path, here, monkeypatch):
     library = tmp_path / "library"
     brought_in(photos, library, recipe())
     (library / runs.FILE).write_bytes(b"no database" * 1000)
@@ -166,12 +166,12 @@ def test_a_broken_catalogue_is_written_anew_from_the_folders(photos, tmp_path, h
     (library / runs.FILE).unlink()
     monkeypatch.setattr(ingest, "_in_processes", lambda jobs, workers: [pytest.fail(f"{job}") for job in jobs])
     brought_in(photos, library, recipe())
-    with Catalogue(library) as catalogue:
-        assert list(catalogue.assets()) == ["gravel", "wall"] and list(check(catalogue)) == []
+    with Catalog(library) as catalog:
+        assert list(catalog.assets()) == ["gravel", "wall"] and list(check(catalog)) == []
 
 
 @pytest.mark.parametrize("damage", ["emptied", "no rows", "no table"])
-def test_an_emptied_catalogue_is_no_library_without_assets(photos, tmp_path, here, damage):
+def test_an_emptied_catalog_is_no_library_without_assets(photos, tmp_path, here, damage):
     library = tmp_path / "library"
     brought_in(photos, library, recipe())
     path = library / runs.FILE
@@ -200,8 +200,8 @@ def test_an_asset_whose_row_is_lost_is_no_garbage(photos, tmp_path, here):
     assert run(["gc", str(library)]) == 0
     assert list(library.glob("assets/wall/*/asset.json"))
     brought_in(photos, library, recipe())
-    with Catalogue(library) as catalogue:
-        assert list(catalogue.assets()) == ["gravel", "wall"] and list(check(catalogue)) == []
+    with Catalog(library) as catalog:
+        assert list(catalog.assets()) == ["gravel", "wall"] and list(check(catalog)) == []
 
 
 @pytest.mark.parametrize(
@@ -209,7 +209,7 @@ def test_an_asset_whose_row_is_lost_is_no_garbage(photos, tmp_path, here):
     [
         {"name": "../../gone"},
         {"labels": "x"},
-        {"labels": [{"name": 5, "share": "nan?", "colour_lab": [1, 2, 3]}]},
+        {"labels": [{"name": 5, "share": "nan?", "color_lab": [1, 2, 3]}]},
         {"measures": {"seam": "low"}},
         {"tags": 3},
         {"files": [{"path": "../../../../photos/gravel.png", "role": "tile", "bytes": 0, "sha256": ""}]},
@@ -227,8 +227,8 @@ def test_a_folder_that_says_what_is_no_asset_is_made_again(photos, tmp_path, her
     (library / runs.FILE).unlink()
     tally, _ = brought_in(photos, library, recipe())
     assert tally.counts == {"ok": 2}
-    with Catalogue(library) as catalogue:
-        assert list(catalogue.assets()) == ["gravel", "wall"] and list(check(catalogue)) == []
+    with Catalog(library) as catalog:
+        assert list(catalog.assets()) == ["gravel", "wall"] and list(check(catalog)) == []
 
 
 def test_what_is_beyond_a_limit_waits_for_review(photos, tmp_path, here):
@@ -250,8 +250,8 @@ def test_a_photo_that_is_not_there_fails_alone(photos, tmp_path, here, monkeypat
     assert (tally.status, tally.counts) == (1, {"failed": 2, "ok": 2})
     for name in ("gone", "linked"):
         assert f"{name}: failed: {name}_diff.png: cannot be read: No such file or directory" in said
-    with Catalogue(tmp_path / "library") as catalogue:
-        assert catalogue.assets()["linked"].status == "failed" and list(check(catalogue)) == []
+    with Catalog(tmp_path / "library") as catalog:
+        assert catalog.assets()["linked"].status == "failed" and list(check(catalog)) == []
 
 
 def test_a_photo_whose_name_is_no_text_fails_alone(photos, tmp_path, here, capsys):
@@ -265,8 +265,8 @@ def test_a_photo_whose_name_is_no_text_fails_alone(photos, tmp_path, here, capsy
     tally, said = brought_in(photos, library, recipe())
     assert (tally.status, tally.counts) == (1, {"failed": 1, "asked": 1, "ok": 2})
     assert r"caf: failed: caf\udce9_diff.png: its name is not UTF-8: rename it" in said
-    with Catalogue(library) as catalogue:
-        write_report(catalogue, "library")
+    with Catalog(library) as catalog:
+        write_report(catalog, "library")
     assert run(["list", str(library), "--status", "asked"]) == 0 and r"caf\udce9_x_col" in capsys.readouterr().out
 
 
@@ -327,8 +327,8 @@ def test_a_folder_that_is_there_is_taken_if_it_is_whole(photos, tmp_path, here):
     spoiled.write_bytes(spoiled.read_bytes()[:-5])
     tally, _ = brought_in(photos, library, recipe())
     assert tally.counts == {"ok": 2} and whole.stat().st_mtime_ns == before
-    with Catalogue(library) as catalogue:
-        assert list(check(catalogue)) == []
+    with Catalog(library) as catalog:
+        assert list(check(catalog)) == []
 
 
 def test_check_finds_every_kind_of_damage(photos, tmp_path, here, capsys):

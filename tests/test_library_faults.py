@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from oiiotex.library import runs
-from oiiotex.library.catalogue import Catalogue
+from oiiotex.library.catalog import Catalog
 from oiiotex.library.upkeep import check
 from tests import pictures
 from tests.conftest import load, save
@@ -69,14 +69,14 @@ def killed_again_and_again(folder: Path, rounds: int, seed: int) -> int:
             process.wait()
             count += 1
         if (folder / "library" / runs.FILE).exists():
-            with Catalogue(folder / "library") as catalogue:
-                assert list(check(catalogue)) == [], f"round {n}"
+            with Catalog(folder / "library") as catalog:
+                assert list(check(catalog)) == [], f"round {n}"
     done = subprocess.run(line(), cwd=folder, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
-    with Catalogue(folder / "library") as catalogue:
-        assert list(check(catalogue)) == []
-        assert {asset.status for asset in catalogue.assets().values()} == {"ok"}
-        assert len(catalogue.assets()) == MATERIALS
+    with Catalog(folder / "library") as catalog:
+        assert list(check(catalog)) == []
+        assert {asset.status for asset in catalog.assets().values()} == {"ok"}
+        assert len(catalog.assets()) == MATERIALS
     assert not list((folder / "library" / runs.WORK).glob("run-*"))
     return count
 
@@ -100,14 +100,14 @@ def test_an_interrupted_run_ends_at_once_and_leaves_nothing_half(folder):
     _, said = process.communicate(timeout=60)
     assert (process.returncode, said) == (130, "")
     assert not list((folder / "library" / runs.WORK).glob("run-*"))
-    with Catalogue(folder / "library") as catalogue:
-        assert list(check(catalogue)) == [] and 1 <= len(catalogue.assets()) < MATERIALS
-    assert (folder / "library/ingest.log").read_text().count(": ok,") == len(catalogue_names(folder))
+    with Catalog(folder / "library") as catalog:
+        assert list(check(catalog)) == [] and 1 <= len(catalog.assets()) < MATERIALS
+    assert (folder / "library/ingest.log").read_text().count(": ok,") == len(catalog_names(folder))
 
 
-def catalogue_names(folder: Path) -> list[str]:
-    with Catalogue(folder / "library") as catalogue:
-        return list(catalogue.assets())
+def catalog_names(folder: Path) -> list[str]:
+    with Catalog(folder / "library") as catalog:
+        return list(catalog.assets())
 
 
 def test_two_runs_at_once_share_the_work(folder):
@@ -119,8 +119,8 @@ def test_two_runs_at_once_share_the_work(folder):
     assert [process.returncode for process in both] == [0, 0], printed
     made = [re.match(r"(m\d): ok", text)[1] for out, _ in printed for text in out.splitlines()[:-1]]
     assert sorted(made) == [f"m{n}" for n in range(MATERIALS)]  # nothing twice, nothing left out
-    with Catalogue(folder / "library") as catalogue:
-        assert list(check(catalogue)) == []
+    with Catalog(folder / "library") as catalog:
+        assert list(check(catalog)) == []
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_dask_makes_what_processes_here_make(folder):
     assert done.returncode == 0, done.stderr
     shutil.move(folder / "library", folder / "farmed")
     assert subprocess.run(line("-q"), cwd=folder, timeout=300).returncode == 0
-    with Catalogue(folder / "library") as one, Catalogue(folder / "farmed") as other:
+    with Catalog(folder / "library") as one, Catalog(folder / "farmed") as other:
         assert list(check(other)) == []
         assert [a[:4] for a in one.assets().values()] == [a[:4] for a in other.assets().values()]
 
@@ -208,7 +208,7 @@ def test_the_commands_of_the_studio_page_do_what_it_says(tmp_path):
     assert (tmp_path / "shared/meadow/meadow.mtlx").is_file()
     assert load(tmp_path / "ground.exr").shape == (200, 300, 3)
     assert {"steps"} <= set(json.loads((tmp_path / "ground.json").read_text()))
-    with Catalogue(tmp_path / "library") as one, Catalogue(tmp_path / "farmed") as other:
+    with Catalog(tmp_path / "library") as one, Catalog(tmp_path / "farmed") as other:
         assert sorted(one.assets()) == ["Wall", "meadow"]
         assert [a[:4] for a in one.assets().values()] == [a[:4] for a in other.assets().values()]
         assert list(check(other)) == []

@@ -8,9 +8,9 @@ import os
 from pathlib import Path
 
 from oiiotex.library import asset as making
-from oiiotex.library import catalogue as catalogues
+from oiiotex.library import catalog as catalogs
 from oiiotex.library import ingest, runs
-from oiiotex.library.catalogue import Catalogue
+from oiiotex.library.catalog import Catalog
 from oiiotex.library.commands import run
 from oiiotex.library.upkeep import check
 from tests import pictures as drawn
@@ -29,8 +29,8 @@ def test_shares_are_made_apart_and_recorded_by_the_run_that_joins(photos, tmp_pa
     monkeypatch.setattr(making, "make", None)  # nothing is made any more
     tally, _ = brought_in(photos, library, recipe())
     assert tally.counts == {"ok": 2}
-    with Catalogue(library) as catalogue:
-        assert list(check(catalogue)) == []
+    with Catalog(library) as catalog:
+        assert list(check(catalog)) == []
 
 
 def test_a_job_template_has_shares_and_a_join(photos, tmp_path, monkeypatch):
@@ -44,7 +44,7 @@ def test_a_job_template_has_shares_and_a_join(photos, tmp_path, monkeypatch):
 
 
 def test_claims_of_a_dead_run_are_free_and_those_of_a_live_one_are_not(tmp_path):
-    with Catalogue(tmp_path, create=True) as one, Catalogue(tmp_path) as two:
+    with Catalog(tmp_path, create=True) as one, Catalog(tmp_path) as two:
         with one.run() as run_one, two.run() as run_two:
             assert one.claim("moss", run_one) and not two.claim("moss", run_two)
             two.sweep()
@@ -56,7 +56,7 @@ def test_claims_of_a_dead_run_are_free_and_those_of_a_live_one_are_not(tmp_path)
         dead = tmp_path / runs.WORK / "run-0123456789abcdef"
         dead.mkdir()
         (dead / "half").touch()
-        one.put(catalogues.Asset("moss", "k", "ok"))
+        one.put(catalogs.Asset("moss", "k", "ok"))
         with one._transaction():
             one._data.execute("INSERT INTO claims VALUES ('moss', ?)", (dead.name,))
         with two.run() as run_two:

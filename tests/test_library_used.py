@@ -12,8 +12,8 @@ import pytest
 
 from oiiotex import errors
 from oiiotex.errors import ParameterError
-from oiiotex.library import catalogue as catalogues
-from oiiotex.library.catalogue import Catalogue
+from oiiotex.library import catalog as catalogs
+from oiiotex.library.catalog import Catalog
 from oiiotex.library.commands import run
 from oiiotex.library.report import write_report
 from oiiotex.library.search import AssetSearch
@@ -30,8 +30,8 @@ def test_nothing_is_exported_into_the_library(photos, tmp_path, here):
     for target in (library, library / "assets", tmp_path / "photos/../library/new"):
         with pytest.raises(errors.Error, match="lies in the library: export to a folder outside of it"):
             run(["export", str(library), str(target)])
-    with Catalogue(library) as catalogue:
-        assert list(check(catalogue)) == [] and orphans(catalogue) == []
+    with Catalog(library) as catalog:
+        assert list(check(catalog)) == [] and orphans(catalog) == []
 
 
 def test_an_export_replaces_assets_alone(photos, tmp_path, here):
@@ -69,20 +69,20 @@ def test_ingest_says_before_work_that_it_would_replace_a_file(photos, tmp_path):
     (tmp_path / "recipe.toml").write_text("schema = 1\n" + LINE)
     (tmp_path / "library").mkdir()
     (tmp_path / "library/blender_assets.cats.txt").write_text("mine")
-    with pytest.raises(errors.Error, match="is no list of Blender's catalogues"):
+    with pytest.raises(errors.Error, match="is no list of Blender's catalogs"):
         run(["ingest", str(photos), str(tmp_path / "library"), "--recipe", str(tmp_path / "recipe.toml")])
     assert len(list((tmp_path / "library").iterdir())) == 1
 
 
 def test_search_show_and_export(photos, tmp_path, here, capsys):
     library = tmp_path / "library"
-    told = recipe('[assets.wall]\ntags = ["brick"]\nlicence = "CC0-1.0"\n' + LINE)
+    told = recipe('[assets.wall]\ntags = ["brick"]\nlicense = "CC0-1.0"\n' + LINE)
     brought_in(photos, library, told)
-    with Catalogue(library) as catalogue:
-        lab = catalogue.assets()["wall"].lab
+    with Catalog(library) as catalog:
+        lab = catalog.assets()["wall"].lab
 
         def names(**terms: object) -> list[str]:
-            return [asset.name for asset, _ in AssetSearch(**terms).assets(catalogue)]
+            return [asset.name for asset, _ in AssetSearch(**terms).assets(catalog)]
 
         assert names() == ["gravel", "wall"]
         assert names(tag="brick") == names(name="w*") == names(measures=("normal_length<0.5",)) == ["wall"]
@@ -90,21 +90,21 @@ def test_search_show_and_export(photos, tmp_path, here, capsys):
         assert names(size="24x24") == names(size="<24x24") == ["gravel", "wall"]
         with pytest.raises(ParameterError, match=r"--measure nope: the library has .*normal_length"):
             names(measures=("nope<6",))
-        code = load(library / catalogue.assets()["wall"].folder / "thumbnail.jpg").mean((0, 1)).round().astype(int)
+        code = load(library / catalog.assets()["wall"].folder / "thumbnail.jpg").mean((0, 1)).round().astype(int)
         near = names(color="#" + "".join(f"{v:02x}" for v in code), distance=200.0)
         assert near == ["wall", "gravel"] and 0 < lab[0] < 100
         with pytest.raises(errors.Error, match="--color red"):
             names(color="red")
     assert run(["show", str(library), "wall"]) == 0
-    assert json.loads(capsys.readouterr().out)["licence"] == "CC0-1.0"
+    assert json.loads(capsys.readouterr().out)["license"] == "CC0-1.0"
     out = tmp_path / "out"
     assert run(["export", str(library), str(out), "--tag", "brick"]) == 0
     assert sorted(p.name for p in out.iterdir()) == ["blender_assets.cats.txt", "index.json", "wall"]
     assert "Materials/brick" in (out / "blender_assets.cats.txt").read_text()
     assert run(["export", str(library), str(out), "--tag", "brick"]) == 0
     assert "0 copied, 1 as they were" in capsys.readouterr().out
-    with Catalogue(library) as catalogue:
-        catalogue.put(catalogues.Asset("unmade", "k", "failed"))
+    with Catalog(library) as catalog:
+        catalog.put(catalogs.Asset("unmade", "k", "failed"))
     with pytest.raises(errors.Error, match="no asset fits: nothing to export"):  # it has no folder
         run(["export", str(library), str(out), "--status", "failed"])
     (tmp_path / "file").touch()
@@ -114,24 +114,24 @@ def test_search_show_and_export(photos, tmp_path, here, capsys):
     assert capsys.readouterr().out.startswith("wall ok 24x24")
 
 
-def labelled(n: int, name: str, share: float, lab: tuple[float, ...], size_m: tuple[float, ...] = ()) -> tuple:
-    asset = catalogues.Asset(f"m{n}", "k", "ok", width=64, height=64, size_m=size_m)
-    rest = catalogues.AssetLabel("label.2/2", 0.9 - share, (90.0, 0.0, 0.0))
-    return asset, (), {"labels": 2}, (), (catalogues.AssetLabel(name, share, lab), rest)
+def labeled(n: int, name: str, share: float, lab: tuple[float, ...], size_m: tuple[float, ...] = ()) -> tuple:
+    asset = catalogs.Asset(f"m{n}", "k", "ok", width=64, height=64, size_m=size_m)
+    rest = catalogs.AssetLabel("label.2/2", 0.9 - share, (90.0, 0.0, 0.0))
+    return asset, (), {"labels": 2}, (), (catalogs.AssetLabel(name, share, lab), rest)
 
 
-def test_labels_and_metres_are_searched(tmp_path):
+def test_labels_and_meters_are_searched(tmp_path):
     rust = (40.0, 35.0, 40.0)
     rows = [
-        labelled(0, "rust", 0.1, rust, (1.0, 1.0)), labelled(1, "rust", 0.4, rust, (2.0, 3.0)),
-        labelled(2, "moss", 0.3, (45.0, -20.0, 35.0)),
+        labeled(0, "rust", 0.1, rust, (1.0, 1.0)), labeled(1, "rust", 0.4, rust, (2.0, 3.0)),
+        labeled(2, "moss", 0.3, (45.0, -20.0, 35.0)),
     ]  # fmt: skip
-    with Catalogue(tmp_path, create=True) as catalogue:
-        catalogue.put_all(rows)
-        assert catalogue.labels()["m2"][0] == ("moss", 0.3, (45.0, -20.0, 35.0))
+    with Catalog(tmp_path, create=True) as catalog:
+        catalog.put_all(rows)
+        assert catalog.labels()["m2"][0] == ("moss", 0.3, (45.0, -20.0, 35.0))
 
         def names(**terms: object) -> list[str]:
-            return [asset.name for asset, _ in AssetSearch(**terms).assets(catalogue)]
+            return [asset.name for asset, _ in AssetSearch(**terms).assets(catalog)]
 
         assert names(label="rust") == ["m1", "m0"]  # the most first
         assert names(label="r*>0.2") == ["m1"] and names(label="rust>0.5") == names(label="bark") == []
@@ -147,7 +147,7 @@ def test_labels_and_metres_are_searched(tmp_path):
         for term in ("#rust", "rust>1"):
             with pytest.raises(errors.Error, match=f"--label {term}: expected"):
                 names(label=term)
-        catalogue.put(rows[0][0])
+        catalog.put(rows[0][0])
         assert names(label="rust") == ["m1"]
 
 
@@ -155,8 +155,8 @@ def test_the_report_is_one_page_that_asks_for_nothing(photos, tmp_path, here):
     library = tmp_path / "library"
     (photos / "a<b_diff.png").write_bytes(b"")
     brought_in(photos, library, recipe(LINE + "[judge]\nlimits = ['normal_length<1']\n"))
-    with Catalogue(library) as catalogue:
-        page = write_report(catalogue, "t & co").read_text()
+    with Catalog(library) as catalog:
+        page = write_report(catalog, "t & co").read_text()
     assert "t &amp; co" in page and "a_b" in page and page.count("<tr><td") == 3
     assert not re.search(r'(src|href)="(?!data:|review/|assets/)', page) and "http" not in page
     assert page.index(">failed<") < page.index(">review<") < page.index(">ok<")
@@ -165,11 +165,11 @@ def test_the_report_is_one_page_that_asks_for_nothing(photos, tmp_path, here):
 @pytest.mark.slow
 def test_the_reports_columns_sort_in_a_browser(tmp_path):
     browser = shutil.which("chromium") or pytest.skip("NOT RUN: no chromium")
-    with Catalogue(tmp_path, create=True) as catalogue:
+    with Catalog(tmp_path, create=True) as catalog:
         for name, seam in (("a", 1.2), ("b", None), ("c", 0.9), ("d", 10.5)):
             measures = {} if seam is None else {"seam": seam}
-            catalogue.put(catalogues.Asset(name, "k", "ok"), (), measures)
-        page = write_report(catalogue, "sorted").read_text()
+            catalog.put(catalogs.Asset(name, "k", "ok"), (), measures)
+        page = write_report(catalog, "sorted").read_text()
     for clicks, order in ((1, "cadb"), (2, "dacb")):
         click = "<script>" + "heads.find(h=>h.textContent==='seam').click();" * clicks + "</script>"
         (tmp_path / "clicked.html").write_text(page.replace("</html>", f"{click}</html>"))

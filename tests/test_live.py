@@ -221,7 +221,7 @@ def test_whatever_is_chosen_the_line_makes_the_same_pixels(page, folder, values,
     np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
 
 
-def test_a_stroke_changes_its_neighbourhood_alone_and_is_undone_to_the_bit(page, folder):
+def test_a_stroke_changes_its_neighborhood_alone_and_is_undone_to_the_bit(page, folder):
     page.evaluate("import('./main.js').then(({ shell }) => shell.set('paint', { width: 512, height: 384, brush: 64 }))")
     page.click("#tab-paint")
     page.wait_for_selector("[data-step='0']")

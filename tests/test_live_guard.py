@@ -35,7 +35,7 @@ from tests.browser import TOKEN, Served, end_resident
 from tests.conftest import oiiotex, save
 from tests.faults import full_disk
 
-VIEWS = {"d": ["v"], "e": ["w"]}  # of a colour config
+VIEWS = {"d": ["v"], "e": ["w"]}  # of a color config
 
 
 @pytest.fixture(scope="module")
@@ -324,7 +324,7 @@ def test_views_that_the_config_has_not_are_refused_and_left_out_of_a_document(tm
     path, state = tmp_path / "x.texlive.json", default_state("d", "v", 256)
     document = Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS)
     for values in ({"display": "x"}, {"view": "x"}, {"display": "e"}, {"display": "d", "view": "w"}):
-        with pytest.raises(ParameterError, match="the colour config has no view"):
+        with pytest.raises(ParameterError, match="the color config has no view"):
             document.change("view", values)
     assert document.state == state
     assert document.change("view", {"display": "e", "view": "w"}) and document.change("view", {"exposure": 2})

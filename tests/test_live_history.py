@@ -169,7 +169,7 @@ def test_two_pages_paint_at_once_and_none_takes_the_others_work_away(browser, sm
         layer = load(sorted((small / "photo.paint").glob("??????.png"))[-1])
         assert layer.shape[:2] == (192, 320)
         first, second = (
-            one.evaluate(f"import('./main.js').then((m) => m.rooms.paint.labels[{n}].colour)") for n in (1, 2)
+            one.evaluate(f"import('./main.js').then((m) => m.rooms.paint.labels[{n}].color)") for n in (1, 2)
         )
         shares = [(layer[..., :3] == np.array(c.split(","), int)).all(-1).mean() for c in (first, second)]
         assert min(shares) > 0.05
@@ -307,11 +307,11 @@ def test_strokes_are_not_lost_with_the_server_nor_with_the_room(browser, small, 
         page.wait_for_selector("#link:not(.wrong)", state="attached")
         # the first stroke is two steps where the server was killed between its last look and the step that they become
         wait(page, "['2', '3'].some((step) => document.querySelector(`[data-step='${step}']`))")
-        colour = page.evaluate("import('./main.js').then((m) => m.rooms.paint.labels[2].colour)")
-        colour, end = np.array(colour.split(","), int), time.monotonic() + 60
+        color = page.evaluate("import('./main.js').then((m) => m.rooms.paint.labels[2].color)")
+        color, end = np.array(color.split(","), int), time.monotonic() + 60
         while True:
             layer = load(max((small / "photo.paint").glob("*.png")))
-            if (layer[..., :3] == colour).all(-1).mean() > 0.05:
+            if (layer[..., :3] == color).all(-1).mean() > 0.05:
                 break
             assert time.monotonic() < end, "the second stroke is lost"
             time.sleep(0.2)

@@ -25,11 +25,11 @@ from tests.test_labelgrowth import ids_buffer
 
 CACHE = PieceCache(1 << 24)
 TABLE = {
-    "labels": [{"id": 7, "name": "moss", "colour": "0,204,255"}, {"id": 2, "name": "stone", "colour": "230,26,0"}],
+    "labels": [{"id": 7, "name": "moss", "color": "0,204,255"}, {"id": 2, "name": "stone", "color": "230,26,0"}],
     "finer": [
-        {"id": 300, "name": "label.1/300", "colour": "0,204,255", "parent": 7, "box": [0, 0, 8, 8]},
-        {"id": 301, "name": "label.1/301", "colour": "9,9,9", "parent": 7},  # it has no swatch
-        {"id": 5, "name": "label.1/5", "colour": "77,77,128", "parent": 2, "box": [8, 0, 8, 8]},
+        {"id": 300, "name": "label.1/300", "color": "0,204,255", "parent": 7, "box": [0, 0, 8, 8]},
+        {"id": 301, "name": "label.1/301", "color": "9,9,9", "parent": 7},  # it has no swatch
+        {"id": 5, "name": "label.1/5", "color": "77,77,128", "parent": 2, "box": [8, 0, 8, 8]},
     ],
 }
 
@@ -66,7 +66,7 @@ def test_layers_are_read_back_and_say_what_they_are_of(palette, tmp_path):
     np.testing.assert_equal(palette.read_layers(files, CACHE), painting)
     legend = json.loads(oiio.ImageBuf(str(files[FINE])).spec()["oiiotex:legend"])
     assert legend == {
-        "1": {"name": "label.1/300", "colour": "0,204,255"}, "2": {"name": "label.1/5", "colour": "77,77,128"},
+        "1": {"name": "label.1/300", "color": "0,204,255"}, "2": {"name": "label.1/5", "color": "77,77,128"},
     }  # fmt: skip
     assert step_facts(files[COARSE], CACHE) == {"seed": 7, "change": "Stroke \u00e9"}
     for facts in ({"seed": -1}, {"seed": True}, {"seed": 1 << 32}, {"seed": 1, "change": "x" * 1000}, {"change": 1}):
@@ -75,16 +75,16 @@ def test_layers_are_read_back_and_say_what_they_are_of(palette, tmp_path):
             step_facts(tmp_path / "broken.png", PieceCache(1 << 24))
 
 
-def test_paintings_from_elsewhere_are_ids_or_colours(palette, tmp_path):
+def test_paintings_from_elsewhere_are_ids_or_colors(palette, tmp_path):
     painting = layers()
     painting[FINE][1, :4] = 1
     ids = save(painting[COARSE][..., None], tmp_path / "ids.exr", "float")
     finer = np.where(painting[FINE] > 0, 300, 0)[..., None]
     assert fine_of(ids) == save(finer, tmp_path / "ids.fine.exr", "uint32")
     np.testing.assert_equal(palette.read_layers({COARSE: ids, FINE: fine_of(ids)}, CACHE), painting)
-    colours = np.where(painting[COARSE][..., None] == 7, (0, 204, 255), (230, 26, 0)) / 255
-    colours[0, 0] += 0.02  # a soft brush
-    soft = save(colours, tmp_path / "soft.tif", "uint16")
+    colors = np.where(painting[COARSE][..., None] == 7, (0, 204, 255), (230, 26, 0)) / 255
+    colors[0, 0] += 0.02  # a soft brush
+    soft = save(colors, tmp_path / "soft.tif", "uint16")
     found = palette.read_layers({COARSE: soft, FINE: fine_of(soft)}, CACHE)
     np.testing.assert_equal(found, {COARSE: painting[COARSE], FINE: np.zeros_like(painting[FINE])})
 
@@ -95,13 +95,13 @@ def test_paintings_from_elsewhere_are_ids_or_colours(palette, tmp_path):
         (np.full((64, 64, 1), 3), "", "ids that mean no label: 3 (4096 px, the first at 0,0)"),
         (np.full((64, 64, 1), np.nan), "", "ids that mean no label: -1 (4096 px, the first at 0,0)"),
         (np.full((64, 64, 1), 1e30), "", f"ids that mean no label: {2**53} (4096 px, the first at 0,0)"),
-        (np.full((64, 64, 3), 0.5), "", "colours that mean no label"),
+        (np.full((64, 64, 3), 0.5), "", "colors that mean no label"),
         (np.full((64, 32, 1), 7), "", "is of 32x64: a painting has 64 to 4096 px a side"),
         (np.full((4, 4097, 1), 7), "", "is of 4097x4"),
-        (np.full((64, 64, 1), 7), '{"1": {"name": "leaf", "colour": "0,204,255"}}', "with leaf, this palette has moss"),
+        (np.full((64, 64, 1), 7), '{"1": {"name": "leaf", "color": "0,204,255"}}', "with leaf, this palette has moss"),
         (np.full((64, 64, 1), 7), "[" * 5000, "its legend cannot be read"),
     ],
-    ids=("ids", "NaN", "far", "colours", "small", "large", "legend", "deep"),
+    ids=("ids", "NaN", "far", "colors", "small", "large", "legend", "deep"),
 )
 def test_what_is_no_painting_of_this_photo_is_refused_in_words(palette, tmp_path, pixels, legend, said):
     path = save(pixels, tmp_path / "other.tif", "float")

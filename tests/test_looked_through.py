@@ -147,7 +147,7 @@ def test_photos_in_files_give_the_same(monkeypatch, op: type[Op]):
 
 @pytest.mark.parametrize("op", [Quilting, Paint], ids=["quilt", "paint"])
 def test_quilts_of_photos_in_files_are_the_same(monkeypatch, op: type[Quilted]):
-    """Pixels, coordinates, labels; colours, own pixels and what seams compare lie in files."""
+    """Pixels, coordinates, labels; colors, own pixels and what seams compare lie in files."""
     ids = labels(150, 190)
     finer = Part("label.1", ids.spec, lambda window: ids.fetch(window) * 2 + 1)
     coarse = dataclasses.replace(ids, name="label.2")

@@ -59,20 +59,20 @@ def test_materialx_and_usd_are_what_their_libraries_take(tmp_path):
     assert "none.usda" in documents.usd_faults(tmp_path / "none.usda")[0]
 
 
-def test_blenders_catalogues_have_ids_that_stay():
-    text = documents.blender_catalogue(["Materials/ground", "Materials"])
+def test_blenders_catalogs_have_ids_that_stay():
+    text = documents.blender_catalog(["Materials/ground", "Materials"])
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
     assert lines[0] == "VERSION 1"
     shape = re.compile(r"[0-9a-f-]{36}:Materials(/ground:Materials-ground|:Materials)")
     assert len(lines) == 3 and all(map(shape.fullmatch, lines[1:]))
-    assert text == documents.blender_catalogue(["Materials", "Materials/ground"])
+    assert text == documents.blender_catalog(["Materials", "Materials/ground"])
     renamed = lines[1].replace("Materials:Materials", "Stuff:Stuff")
     there = f"# mine\nVERSION 1\n{renamed}\n{lines[2]}\n{'0' * 36}:Own:Own\n"
-    kept = documents.blender_catalogue(["Materials", "Materials/wood"], there)
+    kept = documents.blender_catalog(["Materials", "Materials/wood"], there)
     assert [line.split(":")[1] for line in kept.splitlines()[3:]] == ["Stuff", "Materials/wood", "Own"]
 
 
-def test_hex_tiling_keeps_colours_and_breaks_repetition():
+def test_hex_tiling_keeps_colors_and_breaks_repetition():
     assert np.allclose(pictures.hex_tiled(np.full((32, 32, 3), 0.3), 3, 64), 0.3, atol=1e-6)
     tile = drawn.pebbles(64, 64, 1)
     shown = pictures.hex_tiled(tile, 4, 256)
@@ -86,12 +86,12 @@ def test_hex_tiling_keeps_colours_and_breaks_repetition():
     assert fine < 0.4 * coarse  # nothing jumps where hexagons meet
 
 
-def looks(normal: tuple[float, float, float], colour: float = 0.4, **maps: float) -> pictures.Looks:
+def looks(normal: tuple[float, float, float], color: float = 0.4, **maps: float) -> pictures.Looks:
     plain = {"roughness": 0.8, "metal": 0.0, "ao": 1.0} | maps
     made = {name: np.full((16, 16, 1), value, np.float32) for name, value in plain.items()}
     direction = np.float32(normal) / np.linalg.norm(normal)
     return pictures.Looks(
-        np.full((16, 16, 3), colour, np.float32), np.broadcast_to(direction, (16, 16, 3)).astype(np.float32), **made
+        np.full((16, 16, 3), color, np.float32), np.broadcast_to(direction, (16, 16, 3)).astype(np.float32), **made
     )
 
 
@@ -108,7 +108,7 @@ def test_a_white_furnace_gives_no_more_than_it_gets(monkeypatch):
     monkeypatch.setattr(pictures, "_LIGHTS", ())
     monkeypatch.setattr(pictures, "_SKY", 1.0)
     monkeypatch.setattr(pictures, "_GROUND", 1.0)
-    ball = looks((0, 0, 1), colour=1.0, metal=1.0).sphere(64)
+    ball = looks((0, 0, 1), color=1.0, metal=1.0).sphere(64)
     np.testing.assert_allclose(ball[24:40, 24:40], 1, atol=1e-5)
 
 

@@ -16,7 +16,7 @@ from tests.conftest import load, oiiotex, save
 
 ALBEDO = pictures.bricks(64, 80, 2)
 QUICK = {"iterations": 3, "patch": 7, "size": (72, 48)}
-KINDS = "colour,normal,data"
+KINDS = "color,normal,data"
 
 
 def normals() -> np.ndarray:
@@ -64,7 +64,7 @@ def test_match_says_which_maps_patches_are_compared_by():
     assert jumps[1] < jumps[0]  # what is compared by hangs together
 
 
-def test_maps_that_are_no_colours_are_never_colour_managed():
+def test_maps_that_are_no_colors_are_never_color_managed():
     """Their tag does not matter, and they need none."""
     tagged = [buffer(ALBEDO), buffer(NORMAL, oiio.HALF, "lin_rec709_scene"), images()[2]]
     for a, b in zip(made(), made(tagged), strict=True):
@@ -72,7 +72,7 @@ def test_maps_that_are_no_colours_are_never_colour_managed():
     as_data = filters.stationarize(images()[0], maps=images()[1:], **QUICK)  # without kinds: data
     assert len(as_data) == 3
     with pytest.raises(errors.ColorError, match="add colorspace=NAME"):
-        made(kinds=["color", "colour", "data"])
+        made(kinds=["color", "color", "data"])
 
 
 def test_signed_normals_are_as_good_as_encoded_ones():
@@ -119,10 +119,10 @@ def test_maps_of_different_sizes_or_windows_are_refused(change, said):
     ("given", "said"),
     [
         (
-            {"kinds": ["colour", "normal"]},
-            "kinds=.'colour', 'normal'.: expected one of .* for each of the 3 maps",
+            {"kinds": ["color", "normal"]},
+            "kinds=.'color', 'normal'.: expected one of .* for each of the 3 maps",
         ),
-        ({"kinds": ("colour", "bump", "data")}, "kinds=.'colour', 'bump', 'data'.: expected"),
+        ({"kinds": ("color", "bump", "data")}, "kinds=.'color', 'bump', 'data'.: expected"),
         ({"match": (1, 1)}, "match=.1.0, 1.0.: expected one number for each of the 3 maps"),
         ({"match": (0, 0, 0)}, "match=.0.0, 0.0, 0.0.: expected"),
         ({"n": 2}, "n=2: there are 3 maps"),

@@ -41,7 +41,7 @@ def test_a_gif_has_the_frames_of_the_zoom(tmp_path):
             gif.seek(n)
             alone = pixels(filters.zoom(PHOTO, frame=1 + n, **{**ZOOM, "count": 2}))
             away = np.abs(np.asarray(gif.convert("RGB")) - 255 * np.clip(alone, 0, 1))
-            assert away.mean() < 8  # of 256 colours, dithered
+            assert away.mean() < 8  # of 256 colors, dithered
 
 
 def test_ffmpeg_is_given_every_frame_and_its_file_takes_the_name(tmp_path, monkeypatch):
@@ -65,13 +65,13 @@ def test_a_failed_movie_leaves_the_old_one(tmp_path, monkeypatch):
         write_movie(tmp_path / "z.mp4", FRAMES, 24)
     assert (tmp_path / "z.mp4").read_bytes() == b"old"
 
-    def cancelled():
+    def canceled():
         yield FRAMES[0]
         raise errors.Interrupted("enough")
 
     stand_in(tmp_path, "sys.stdin.buffer.read()")
     with pytest.raises(errors.Interrupted):
-        write_movie(tmp_path / "z.mp4", cancelled(), 24)
+        write_movie(tmp_path / "z.mp4", canceled(), 24)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["ffmpeg", "z.mp4"]
 
 

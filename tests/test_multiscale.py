@@ -11,7 +11,7 @@ import pytest
 
 from oiiotex.core.window import Window
 from oiiotex.errors import MemoryBudgetError, ParameterError
-from oiiotex.multiscale.candidate_sets import analyse
+from oiiotex.multiscale.candidate_sets import analyze
 from oiiotex.multiscale.contrast import kept_in, with_contrast
 from oiiotex.multiscale.graph import Graph
 from oiiotex.multiscale.synthesizer import (
@@ -36,26 +36,26 @@ BUDGET = 1 << 30
 FAR = 1 << 40
 
 
-def analysed(device, graph, *pictures_of, periodic=False):
+def analyzed(device, graph, *pictures_of, periodic=False):
     stacks = stacks_of(graph, [exemplar_of(picture, periodic=periodic) for picture in pictures_of])
-    return analyse(device, stacks, 16, True, BUDGET, lambda done, total: None, None)
+    return analyze(device, stacks, 16, True, BUDGET, lambda done, total: None, None)
 
 
 @pytest.fixture(scope="module")
 def loop(device):
-    """A loop and a chain of two exemplars that do not agree in colour, 16 px."""
+    """A loop and a chain of two exemplars that do not agree in color, 16 px."""
     graph = graph_of("ab", ("a", "b", 1), ("b", "b", 1))
-    return analysed(device, graph, pictures.pebbles(16, 16, 2), pictures.noise(16, 16, 1)[..., None] * [0.5, 0.6, 0.4])
+    return analyzed(device, graph, pictures.pebbles(16, 16, 2), pictures.noise(16, 16, 1)[..., None] * [0.5, 0.6, 0.4])
 
 
 @pytest.fixture(scope="module")
 def plain(device):
-    return analysed(device, Graph.single("a"), pictures.pebbles(32, 32, 1), periodic=True)
+    return analyzed(device, Graph.single("a"), pictures.pebbles(32, 32, 1), periodic=True)
 
 
 @pytest.fixture(scope="module")
 def mirrored(device):
-    return analysed(device, Graph.single("a"), pictures.pebbles(32, 32, 1))
+    return analyzed(device, Graph.single("a"), pictures.pebbles(32, 32, 1))
 
 
 def steps_of(frequencies, structure):
@@ -79,7 +79,7 @@ def test_a_window_is_the_oracles(loop, lanes, place):
     texel, offset = oracle.window(6, *window)
     np.testing.assert_array_equal(made.texel, texel)
     np.testing.assert_array_equal(made.offset[..., :3], offset)
-    assert offset.any()  # it has come to the other exemplar, and taken colours along
+    assert offset.any()  # it has come to the other exemplar, and taken colors along
     assert {loop.stacks.levels.stacks[n][0] for n in np.unique(texel >> 8)} == {1}
 
 
@@ -179,7 +179,7 @@ def test_seeds_differ(device, plain):
 
 
 def test_what_does_not_fit_is_refused_with_a_figure(device, plain):
-    with pytest.raises(MemoryBudgetError, match=r"the analysed exemplars needs 1 MB of memory; the budget is 1 MB"):
+    with pytest.raises(MemoryBudgetError, match=r"the analyzed exemplars needs 1 MB of memory; the budget is 1 MB"):
         Synthesizer(device, plain, settings(), 1 << 10)
     with pytest.raises(MemoryBudgetError, match=r"a window of 4096x4096 pixels needs \d+ MB of memory; .* 4 MB"):
         Synthesizer(device, plain, settings(), 4 << 20).window(5, Window(0, 0, 4096, 4096))
@@ -206,7 +206,7 @@ def test_a_zoom_without_end_keeps_its_contrast(device, name, r):
         whole = oiio.ImageBuf(str(data_folder() / "photos" / f"{name}.jpg")).get_pixels(oiio.FLOAT)
         top, left = (n // 2 - 64 for n in whole.shape[:2])
         photo = whole[top : top + 128, left : left + 128, :3].mean(-1, keepdims=True) * np.ones(3)
-    made = analysed(device, graph_of("a", ("a", "a", r)), photo)
+    made = analyzed(device, graph_of("a", ("a", "a", r)), photo)
     plain = made.stacks
     maker = Synthesizer(device, made, PlaneSettings(seed=1, jitter=default_jitter(7, True), kept=KEPT_IN_LOOPS), BUDGET)
     exemplar = 800 * (photo[..., 0] - photo[..., 0].mean())  # on the grid of the planes
@@ -214,9 +214,9 @@ def test_a_zoom_without_end_keeps_its_contrast(device, name, r):
         found = []
         for x, y in ((0, 0), (5000, 7000), (-3000, 99), (777, -1 << 20)):
             state = maker.window(level, Window.sized(x, y, 128, 128))
-            colour = plain.planes.reshape(-1, 4)[state.texel, 0].astype(np.float64) + state.offset[..., 0]
-            assert exemplar.min() < colour.mean() < exemplar.max()
-            found.append(colour.std())
+            color = plain.planes.reshape(-1, 4)[state.texel, 0].astype(np.float64) + state.offset[..., 0]
+            assert exemplar.min() < color.mean() < exemplar.max()
+            found.append(color.std())
             assert len(np.unique(state.texel)) > 1000  # no texel is everywhere
         assert np.mean(found) == pytest.approx(exemplar.std(), rel=0.25)
 
@@ -227,7 +227,7 @@ def test_a_zoom_into_coarse_structures_keeps_more_of_them(device, tmp_path):
     coarse = pictures.bricks(128, 128, 1).mean(-1, keepdims=True) * np.ones(3)
     light = {}
     for name, photo in (("fine", fine), ("coarse", coarse)):
-        made = analysed(device, graph_of("a", ("a", "a", 1)), photo)
+        made = analyzed(device, graph_of("a", ("a", "a", 1)), photo)
         how = PlaneSettings(seed=1, jitter=default_jitter(7, True), kept=KEPT_IN_LOOPS)
         plain = Synthesizer(device, made, how, BUDGET)
         held = with_contrast(plain, made, tmp_path, name)
@@ -248,7 +248,7 @@ def test_a_zoom_into_coarse_structures_keeps_more_of_them(device, tmp_path):
 
 def test_a_zoom_through_several_exemplars_fades_as_ever(device):
     edges = ("a", "b", 1), ("b", "a", 1)
-    made = analysed(device, graph_of("ab", *edges), *(np.random.default_rng(n).random((64, 64, 3)) for n in range(2)))
+    made = analyzed(device, graph_of("ab", *edges), *(np.random.default_rng(n).random((64, 64, 3)) for n in range(2)))
     maker = Synthesizer(device, made, PlaneSettings(kept=KEPT_IN_LOOPS), BUDGET)
     assert kept_in(maker, made) == KEPT_IN_LOOPS
 

@@ -43,7 +43,7 @@ def no_config_of_the_machine(monkeypatch):
 
 
 def untagged(pixels: np.ndarray, path) -> None:
-    """A PNG without a word on its colours, as most programs write it."""
+    """A PNG without a word on its colors, as most programs write it."""
     save(pixels, path, space="data")
     assert read(path).first.spec[TAG] == "srgb_rec709_scene"  # which OpenImageIO assumes
 
@@ -63,7 +63,7 @@ def test_an_untagged_png_that_seems_to_hold_normals_is_warned_of_once(tmp_path, 
     assert len(caplog.messages) == (said is not None)
     if said:
         line = caplog.messages[0]
-        assert line.startswith(said) and "says no colour space" in line and "data=1" in line
+        assert line.startswith(said) and "says no color space" in line and "data=1" in line
 
 
 def test_a_tag_that_every_tool_writes_says_little_where_name_and_look_are_one(tmp_path, caplog):
@@ -122,7 +122,7 @@ def test_an_unknown_space_is_refused_with_the_nearest_and_where_all_are_listed(t
     save(PHOTO, tmp_path / "a.png")
     with pytest.raises(Error) as caught:
         run(["a.png", option, name, "-o", "o.exr"], tmp_path)
-    assert f"colour space '{name}' is not in {DEFAULT_CONFIG}, did you mean '{near}'?" in str(caught.value)
+    assert f"color space '{name}' is not in {DEFAULT_CONFIG}, did you mean '{near}'?" in str(caught.value)
     assert "oiiotex --colorconfiginfo lists them" in str(caught.value)
 
 

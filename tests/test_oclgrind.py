@@ -91,10 +91,10 @@ texton_map(texture_of(lab, seen, resources), resources, most=7)
 """,
     "affinity factorization features potts": """
 from oiiotex.labels import features, potts
-from oiiotex.labels.scales import LabelSettings, labelled
+from oiiotex.labels.scales import LabelSettings, labeled
 from tests.test_superpixels import resources_of
 resources, random = resources_of(opened), np.random.default_rng(0)
-labelled(random.random((29, 5)) * 9, LabelSettings(neighbours=9), 0, resources)
+labeled(random.random((29, 5)) * 9, LabelSettings(neighbors=9), 0, resources)
 features.pooled(random.integers(0, 9, (29, 6)), random.random((29, 2)) * 40, 5.0, resources)
 likely = random.random((3, 29))
 potts.settled(likely, np.stack([np.arange(28), np.arange(1, 29)], 1), resources)
@@ -125,7 +125,7 @@ for tile in (True, False):
 """,
     "candidates multiscale": """
 from pathlib import Path
-from oiiotex.multiscale.candidate_sets import Stacks, analyse
+from oiiotex.multiscale.candidate_sets import Stacks, analyze
 from oiiotex.multiscale.graph import Edge, Graph
 from oiiotex.multiscale.synthesizer import PlaneSettings, Synthesizer
 from oiiotex.multiscale.superexemplar import unrolled
@@ -137,7 +137,7 @@ planes[..., 3] = 0
 usable = np.ones(planes.shape[:3], bool)
 usable[:, 3:6, 2:9] = False
 stacks = Stacks(levels, planes, usable, usable, (False,) * len(planes))
-made = analyse(opened, stacks, 16, True, 1 << 30, lambda done, total: None, None)
+made = analyze(opened, stacks, 16, True, 1 << 30, lambda done, total: None, None)
 maker = Synthesizer(opened, made, PlaneSettings(seed=1, jitter=(0.0, 0.6), kept=0.8), 1 << 30)
 maker.window(5, Window.sized(3, -2, 6, 5))
 """,
@@ -152,7 +152,7 @@ UNUSED = {"superpixels_clear"}  # by wide lanes
 @pytest.mark.parametrize("files", USES)
 def test_oclgrind_finds_nothing(tmp_path, files, lanes):
     log = tmp_path / "log"
-    # Its check for uninitialised values is left out: it crashes on wide vectors, and in single lanes it doubts pixels
+    # Its check for uninitialized values is left out: it crashes on wide vectors, and in single lanes it doubts pixels
     # that the host has just written.
     done = subprocess.run(
         [sys.executable, "-c", BEFORE.format(lanes=lanes) + USES[files] + AFTER],

@@ -30,7 +30,7 @@ TYPES = {
     Kind.PICTURE: "uint8", Kind.PIXELS: "half",
 }  # fmt: skip
 EXACT = (Kind.IDS, Kind.COORDINATES)  # another value would be another meaning
-COLOURS = (Kind.PIXELS, Kind.PICTURE)
+COLORS = (Kind.PIXELS, Kind.PICTURE)
 UNFIT = {Kind.COORDINATES: "x.png", Kind.PICTURE: "x.exr"}  # formats that cannot hold them
 SIDE_FILES = [
     pytest.param(op, o, id=f"{op.name}-{o.name}")
@@ -68,7 +68,7 @@ def test_parts_are_what_their_kinds_say(op):
             part.read(part.window).dtype
             == {"uint": "u4", "float": "f4", "uint8": "u1", "half": "f2"}[str(part.spec.format)]
         )
-        tag = "srgb_rec709_scene" if kind in COLOURS else "data"
+        tag = "srgb_rec709_scene" if kind in COLORS else "data"
         assert part.spec.get_string_attribute("oiio:ColorSpace") == tag
         assert part.spec.get_string_attribute("oiiotex:filter") == op.name
     families = {op.output(name).name for name in names}

@@ -11,7 +11,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.charts.drawing import coloured
+from oiiotex.charts.drawing import colored
 from oiiotex.core.demand import PieceCache
 from oiiotex.core.image import from_buffer
 from oiiotex.core.parameters import Size
@@ -19,7 +19,7 @@ from oiiotex.core.source_map import SourceMap
 from oiiotex.core.window import Window
 from oiiotex.graphcut import seam_overlay
 from oiiotex.graphcut.seams import SeamPhoto, seam_costs
-from oiiotex.labels.legend import codes_of, colour_of, colours_of
+from oiiotex.labels.legend import codes_of, color_of, colors_of
 from oiiotex.quilting import label_painting
 from oiiotex.quilting.guide_map import meaning_of, read_table
 from oiiotex.session import Session
@@ -79,18 +79,18 @@ def test_the_json_says_what_there_is(palette):
     }  # fmt: skip
     assert {e["id"]: e["parent"] for e in facts["finer"]} == {1: 1, 2: 1, 3: 2, 4: 2}
     assert [e["name"] for e in facts["labels"]] == ["label.2/1", "label.2/2"]
-    for entry in facts["finer"]:  # the colour is that in which --texlabelview shows the label
-        shown = coloured(np.full((1, 1), entry["id"]), None, 1.0)[0, 0]
-        assert entry["colour"] == ",".join(str(n) for n in np.rint(255 * shown).astype(int))
+    for entry in facts["finer"]:  # the color is that in which --texlabelview shows the label
+        shown = colored(np.full((1, 1), entry["id"]), None, 1.0)[0, 0]
+        assert entry["color"] == ",".join(str(n) for n in np.rint(255 * shown).astype(int))
 
 
-def test_colours_to_paint_with_are_never_the_same():
+def test_colors_to_paint_with_are_never_the_same():
     ids = np.arange(1, 100_000)
     codes = codes_of(ids)
     assert len(np.unique(codes)) == len(ids) and codes.min() > 0
-    found = np.array([[int(n) for n in colour_of(code).split(",")] for code in codes.tolist()])
+    found = np.array([[int(n) for n in color_of(code).split(",")] for code in codes.tolist()])
     assert found.min() >= 0 and found.max() <= 255
-    apart = np.abs(found - 255 * colours_of(ids)).max(-1)  # and near to those in which they are shown
+    apart = np.abs(found - 255 * colors_of(ids)).max(-1)  # and near to those in which they are shown
     assert apart.max() < 13 and apart[:48].max() <= 0.5
 
 
@@ -111,22 +111,22 @@ def painted_labels(made: oiio.ImageBuf, labels: np.ndarray) -> np.ndarray:
 
 
 def painted(ids: np.ndarray, entries: list[dict]) -> oiio.ImageBuf:
-    """A painting in a palette's colours; 0 is black."""
-    colours = np.zeros((max(e["id"] for e in entries) + 1, 3))
+    """A painting in a palette's colors; 0 is black."""
+    colors = np.zeros((max(e["id"] for e in entries) + 1, 3))
     for entry in entries:
-        colours[entry["id"]] = [int(n) / 255 for n in entry["colour"].split(",")]
-    return buffer(colours[ids], oiio.UINT8, "")
+        colors[entry["id"]] = [int(n) / 255 for n in entry["color"].split(",")]
+    return buffer(colors[ids], oiio.UINT8, "")
 
 
-def test_a_painting_of_ids_and_one_of_colours_are_followed(palette):
+def test_a_painting_of_ids_and_one_of_colors_are_followed(palette):
     _, facts, table = palette
     made = filters.paint(photo(), ids_buffer(disc()), patch=16, stmap=True)
     found = painted_labels(made, COARSE)
     assert found.shape == (240, 260)
     near = np.abs(np.hypot(*(np.indices(found.shape) - np.array([120, 130])[:, None, None])) - 80) < 12
     assert (found == disc())[~near].mean() > 0.97
-    by_colour = filters.paint(photo(), painted(disc(), facts["labels"]), table=table, patch=16)
-    np.testing.assert_array_equal(pixels(by_colour), pixels(made["paint"]))
+    by_color = filters.paint(photo(), painted(disc(), facts["labels"]), table=table, patch=16)
+    np.testing.assert_array_equal(pixels(by_color), pixels(made["paint"]))
 
 
 def test_a_fine_painting_lies_over_the_coarse_one(palette):
@@ -214,29 +214,29 @@ def test_repetition_of_a_painted_label_is_reported_and_capped(tmp_path):
         filters.quilt(given["photo"], patch=16, fail=["label_repeat>3"])
 
 
-def test_soft_brushes_are_taken_for_the_nearest_colour(palette, caplog):
+def test_soft_brushes_are_taken_for_the_nearest_color(palette, caplog):
     _, facts, table = palette
     inside = disc() == 2
     weight = np.clip((80 - np.hypot(*(np.indices(inside.shape) - [[[120]], [[130]]]))) / 24 + 0.5, 0, 1)[..., None]
-    first, second = (np.array([int(n) for n in e["colour"].split(",")]) / 255 for e in _by_id(facts["labels"]))
+    first, second = (np.array([int(n) for n in e["color"].split(",")]) / 255 for e in _by_id(facts["labels"]))
     soft = buffer(second * weight + first * (1 - weight))
     with caplog.at_level("WARNING"):
         made = filters.paint(photo(), soft, table=table, patch=16, stmap=True)
         hard = filters.paint(photo(), painted(disc(), facts["labels"]), table=table, patch=16, stmap=True)
-    assert re.search(r"\d+ % of it is of no colour of the table, and taken for the nearest", caplog.text)
-    assert len(caplog.records) == 1  # the hard one has no such colours
+    assert re.search(r"\d+ % of it is of no color of the table, and taken for the nearest", caplog.text)
+    assert len(caplog.records) == 1  # the hard one has no such colors
     shares = [(painted_labels(one, COARSE) == 2)[inside].mean() for one in (made, hard)]
     assert shares[0] > shares[1] - 0.02
-    with pytest.raises(errors.ImageError, match="colours that mean no label: "):
+    with pytest.raises(errors.ImageError, match="colors that mean no label: "):
         filters.paint(photo(), soft, table=table, patch=16, soft=0)
 
 
 def test_a_soft_fine_painting_ends_where_it_covers_less_than_half(palette):
     _, facts, table = palette
     third = _by_id(facts["finer"])[2]
-    colour = np.array([int(n) for n in third["colour"].split(",")]) / 255
+    color = np.array([int(n) for n in third["color"].split(",")]) / 255
     alpha = np.clip((80 - np.hypot(*(np.indices((240, 260)) - [[[120]], [[130]]]))) / 24 + 0.5, 0, 1)[..., None]
-    fine = buffer(np.concatenate([colour * alpha, alpha], -1), names=("R", "G", "B", "A"))
+    fine = buffer(np.concatenate([color * alpha, alpha], -1), names=("R", "G", "B", "A"))
     meaning = meaning_of(fine_part := from_buffer(fine).first, read_table(table, 0.2), np.arange(1, 5), fine=True)
     labels = label_painting.painted_labels(fine_part, meaning, Size(260, 240))(Window(0, 0, 260, 240))
     np.testing.assert_array_equal(labels, np.where(alpha[..., 0] >= 0.5, third["id"], 0))
@@ -246,11 +246,11 @@ def test_a_table_may_spell_color_and_says_what_is_doubtful(palette, tmp_path):
     _, facts, _ = palette
     american = {**facts, "labels": [], "finer": []}
     for rows in ("labels", "finer"):
-        american[rows] = [{("color" if k == "colour" else k): v for k, v in e.items()} for e in facts[rows]]
+        american[rows] = [{("color" if k == "color" else k): v for k, v in e.items()} for e in facts[rows]]
     path = tmp_path / "a.json"
     path.write_text(json.dumps(american))
     assert read_table(path).keys == read_table(palette[2]).keys
-    american["labels"][0]["colour"] = "1,2,3"
+    american["labels"][0]["color"] = "1,2,3"
     path.write_text(json.dumps(american))
     with pytest.raises(errors.ImageError, match="not a table"):
         read_table(path)
@@ -272,10 +272,10 @@ def test_what_is_wrong_is_said(palette, tmp_path):
     fine = painted(disc(inner=3, outer=0), facts["finer"])
     oiio.ImageBufAlgo.render_box(fine, 100, 100, 110, 110, (1, 0, 1), True)
     with pytest.raises(
-        errors.ImageError, match=r"fine painting has colours .*: 255,0,255 \(\d+ px, the first at 100,100\)"
+        errors.ImageError, match=r"fine painting has colors .*: 255,0,255 \(\d+ px, the first at 100,100\)"
     ):
         filters.paint(photo(), ids_buffer(disc()), fine=fine, table=table, patch=16)
-    with pytest.raises(errors.ParameterError, match="fine holds colours"):
+    with pytest.raises(errors.ParameterError, match="fine holds colors"):
         filters.paint(photo(), ids_buffer(disc()), fine=fine, patch=16)
     with pytest.raises(errors.ParameterError, match="below level=1"):
         filters.paint(photo(), ids_buffer(disc()), fine=ids_buffer(disc()), level=1, patch=16)
@@ -302,17 +302,17 @@ def test_what_is_wrong_is_said(palette, tmp_path):
 def test_from_photo_to_painting_on_the_command_line(tmp_path):
     save(PHOTO, tmp_path / "photo.png")
     lines = [
-        ("photo.png", "--iscolorspace", "sRGB", "--texlabel:keep=1", "-o", "labelled.exr"),
-        ("labelled.exr", "--texpalette:json=p.json:side=32", "-o", "palette.exr"),
+        ("photo.png", "--iscolorspace", "sRGB", "--texlabel:keep=1", "-o", "labeled.exr"),
+        ("labeled.exr", "--texpalette:json=p.json:side=32", "-o", "palette.exr"),
     ]
     for line in lines:
         done = oiiotex(*line, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
     facts = json.loads((tmp_path / "p.json").read_text())
-    first, second = (facts["labels"][n]["colour"] for n in (0, -1))
+    first, second = (facts["labels"][n]["color"] for n in (0, -1))
     painting = np.array([[int(n) / 255 for n in c.split(",")] for c in (first, second)])
     save(painting[(disc() > 1).astype(int)], tmp_path / "painting.png")
-    line = ("labelled.exr", "painting.png", "--texpaint:table=p.json:patch=16:plan=plan.npz", "-o")
+    line = ("labeled.exr", "painting.png", "--texpaint:table=p.json:patch=16:plan=plan.npz", "-o")
     found = []
     for more, name in (((), "a.exr"), (("--threads", "1", "--cache", "600"), "b.exr")):
         done = oiiotex(*line, name, *more, cwd=tmp_path)

@@ -35,11 +35,11 @@ def made(tmp_path_factory):
 
 def entries(facts) -> list[tuple[str, list[int]]]:
     rows = [*facts["labels"], *facts["finer"]]
-    return [(entry["name"], [int(n) for n in entry["colour"].split(",")]) for entry in rows]
+    return [(entry["name"], [int(n) for n in entry["color"].split(",")]) for entry in rows]
 
 
 def swatches(data: bytes) -> dict[int, list[tuple[str, list[int]]]]:
-    """By version the colours of an .aco file, as Adobe's specification of the format says to read them."""
+    """By version the colors of an .aco file, as Adobe's specification of the format says to read them."""
     lists, at = {}, 0
     while at < len(data):
         version, count = struct.unpack_from(">2H", data, at)
@@ -59,19 +59,19 @@ def swatches(data: bytes) -> dict[int, list[tuple[str, list[int]]]]:
     return lists
 
 
-def test_gimp_reads_colours_and_names(made):
+def test_gimp_reads_colors_and_names(made):
     _, facts, folder = made
     lines = (folder / "p.gpl").read_text().splitlines()
     assert lines[:4] == ["GIMP Palette", "Name: p", "Columns: 0", "#"]
-    found = [(name, [int(n) for n in colour.split()]) for colour, name in (line.split("\t") for line in lines[4:])]
+    found = [(name, [int(n) for n in color.split()]) for color, name in (line.split("\t") for line in lines[4:])]
     assert found == entries(facts)
 
 
-def test_photoshop_reads_colours_and_names(made):
+def test_photoshop_reads_colors_and_names(made):
     _, facts, folder = made
     lists = swatches((folder / "p.aco").read_bytes())
     assert lists[2] == entries(facts)
-    assert [colour for _, colour in lists[1]] == [colour for _, colour in entries(facts)]
+    assert [color for _, color in lists[1]] == [color for _, color in entries(facts)]
 
 
 def test_names_of_all_alphabets_and_none_that_breaks_a_line(tmp_path):
@@ -97,8 +97,8 @@ def test_chips_lie_as_the_swatches_and_have_text_in_them(made):
     for entry in (e for e in (*facts["labels"], *facts["finer"]) if "box" in e):
         left, top, width, height = entry["box"]
         chip = np.rint(chips[top : top + height, left : left + width] * (255 if chips.max() <= 1 else 1))
-        colour = [int(n) for n in entry["colour"].split(",")]
-        plain = (np.abs(chip - colour) <= 1).all(-1)
+        color = [int(n) for n in entry["color"].split(",")]
+        plain = (np.abs(chip - color) <= 1).all(-1)
         assert 0.5 < plain.mean() < 0.995  # the rest is text
         assert plain[0].all() and plain[-1].all() and plain[:, 0].all() and plain[:, -1].all()
 

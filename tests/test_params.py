@@ -50,7 +50,7 @@ def test_a_declaration_gives_images_and_parameters_in_their_order():
         ("source", None, True, "what to look at"),
         ("mask", None, False, "where to look"),
     ]
-    order = ["count", "strength", "sigma", "anything", "size", "flag", "stmap", "mode", "patch", "colour", "words"]
+    order = ["count", "strength", "sigma", "anything", "size", "flag", "stmap", "mode", "patch", "color", "words"]
     assert [p.name for p in parameters] == order
     assert not any(given.many for given in images)
 
@@ -66,17 +66,17 @@ def test_a_declaration_keeps_its_facts():
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("count", "a whole number >= 0 and <= 10 px"),
-        ("strength", "a number >= -1 and <= 2.5"),
+        ("count", "an integer from 0 to 10 px"),
+        ("strength", "a number from -1 to 2.5"),
         ("sigma", "a number >= 0.5 px"),
         ("anything", "a number"),
-        ("size", "WIDTHxHEIGHT >= 5 and <= 65536 px"),
+        ("size", "WIDTHxHEIGHT from 5 to 65536 px"),
         ("flag", "0 or 1"),
         ("stmap", "0 or 1 or a file name"),
-        ("mode", "xy | x | none"),
-        ("patch", "0 | 1 | 5 | 7"),
-        ("colour", "comma-separated list of numbers"),
-        ("words", "comma-separated list of words"),
+        ("mode", "one of xy, x, none"),
+        ("patch", "one of 0, 1, 5, 7"),
+        ("color", "a comma-separated list of numbers"),
+        ("words", "a comma-separated list of words"),
     ],
 )
 def test_allowed_says_type_range_and_unit(name, words):
@@ -84,8 +84,8 @@ def test_allowed_says_type_range_and_unit(name, words):
 
 
 def test_allowed_says_an_upper_bound_alone_and_a_large_one_in_full():
-    assert Parameter("n", (int,), 0, "", le=4).allowed() == "a whole number <= 4"
-    assert Parameter("n", (int,), 0, "", ge=0, le=2**32 - 1).allowed() == "a whole number >= 0 and <= 4294967295"
+    assert Parameter("n", (int,), 0, "", le=4).allowed() == "an integer <= 4"
+    assert Parameter("n", (int,), 0, "", ge=0, le=2**32 - 1).allowed() == "an integer from 0 to 4294967295"
 
 
 # --- texts of the command line ---
@@ -104,7 +104,7 @@ TAKEN = {
     "stmap": [("1", True), ("0", False), ("st.exr", Path("st.exr")), ("2", Path("2"))],
     "mode": [("none", "none")],
     "patch": [("7", 7), ("0", 0)],
-    "colour": [
+    "color": [
         ("1", Numbers((1.0,))), ("1,-.5,2e3", Numbers((1.0, -0.5, 2000.0))), ("1, 2 ,3", Numbers((1.0, 2.0, 3.0))),
     ],
 }  # fmt: skip
@@ -130,7 +130,7 @@ REFUSED = {
     "mode": ["XY", "y", ""],
     "patch": ["6", "05", "5.0"],
     "words": ["", "a,,b"],
-    "colour": ["", "1,", ",1", "1,,2", "1 2", "1,nan", "red"],
+    "color": ["", "1,", ",1", "1,,2", "1 2", "1,nan", "red"],
 }  # fmt: skip
 
 
@@ -225,11 +225,11 @@ def test_an_op_holds_checked_values_and_its_refusals_bear_its_name():
     made = Everything(source=None, count=np.int64(3), size=[6, 7], strength=1)
     assert made.values() == {
         "count": 3, "strength": 1.0, "sigma": None, "anything": 0.0, "size": Size(6, 7), "flag": False, "stmap": False,
-        "mode": "xy", "patch": 0, "colour": None, "words": None,
+        "mode": "xy", "patch": 0, "color": None, "words": None,
     }  # fmt: skip
     assert (type(made.count), type(made.size), type(made.strength)) == (int, Size, float)
     text = refusal(lambda: Everything(source=None, count=11))
-    assert text == "everything: count=11: expected a whole number >= 0 and <= 10 px"
+    assert text == "everything: count=11: expected an integer from 0 to 10 px"
 
 
 # --- words behind an op, many images ---
@@ -248,7 +248,7 @@ def test_an_argument_is_checked_as_a_modifier_is():
     mode, weights, shift = Merge.arguments()
     assert (mode.parse("max"), weights.parse("1,2"), shift.parse("-5")) == ("max", (1.0, 2.0), -5)
     assert refusal(mode.parse, "under") == "mode=under: expected over | max"
-    assert refusal(shift.parse, "6") == "shift=6: expected a whole number >= -5 and <= 5 px"
+    assert refusal(shift.parse, "6") == "shift=6: expected an integer from -5 to 5 px"
     made = Merge(sources=(), mode="over", weights=[1, np.float32(0.5)], shift=np.int8(2))
     assert made.values() == {"mode": "over", "weights": (1.0, 0.5), "shift": 2, "gamma": 1.0, "from": "here"}
     assert type(made.weights) is Numbers
@@ -302,9 +302,9 @@ def test_a_text_that_is_not_known_yet_is_passed_over_but_its_name_is_checked():
 @FUZZ
 @given(values=st.lists(st.floats(-(2.0**20), 2.0**20, width=32), min_size=1, max_size=5))
 def test_numbers_are_written_as_they_are_read(values):
-    numbers = KNOWN["colour"].check(values)
-    assert KNOWN["colour"].parse(",".join(map(repr, values))) == numbers
-    np.testing.assert_allclose(KNOWN["colour"].parse(str(numbers)), numbers, rtol=1e-5, atol=1e-30)
+    numbers = KNOWN["color"].check(values)
+    assert KNOWN["color"].parse(",".join(map(repr, values))) == numbers
+    np.testing.assert_allclose(KNOWN["color"].parse(str(numbers)), numbers, rtol=1e-5, atol=1e-30)
 
 
 # --- the filters ---

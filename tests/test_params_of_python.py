@@ -41,7 +41,7 @@ TAKEN = {
     ],
     "mode": [("x", "x")],
     "patch": [(0, 0), (5, 5), (np.int64(5), 5), (5.0, 5)],
-    "colour": [
+    "color": [
         (None, None), ((1, 0.5), Numbers((1.0, 0.5))), ([np.float32(2), np.int8(-3)], Numbers((2.0, -3.0))),
         (np.array([1, 2, 3]), Numbers((1.0, 2.0, 3.0))), (7, Numbers((7.0,))),
     ],
@@ -71,7 +71,7 @@ REFUSED = {
     "stmap": [1, None, b"st.exr"],
     "mode": [None, 1, ["x"], np.array(["x", "xy"])],
     "patch": [6, "5", math.nan, True, np.array([5, 7])],
-    "colour": ["1,2", (), [1, "2"], [1, math.nan], [1, None], [True], [[1, 2], [3, 4]]],
+    "color": ["1,2", (), [1, "2"], [1, math.nan], [1, None], [True], [[1, 2], [3, 4]]],
 }  # fmt: skip
 
 
@@ -84,16 +84,16 @@ def test_a_python_value_out_of_type_or_range_is_refused_with_what_is_allowed(nam
     ("name", "value", "said"),
     [
         ("sigma", "20", "sigma='20': expected a number >= 0.5 px, not str"),
-        ("count", True, "count=True: expected a whole number >= 0 and <= 10 px, not bool"),
-        ("count", None, "count=None: expected a whole number >= 0 and <= 10 px, not NoneType"),
-        ("size", "64x64", "size='64x64': expected (width, height) >= 5 and <= 65536 px, not str"),
-        ("size", 64, "size=64: expected (width, height) >= 5 and <= 65536 px, not int"),
+        ("count", True, "count=True: expected an integer from 0 to 10 px, not bool"),
+        ("count", None, "count=None: expected an integer from 0 to 10 px, not NoneType"),
+        ("size", "64x64", "size='64x64': expected (width, height) from 5 to 65536 px, not str"),
+        ("size", 64, "size=64: expected (width, height) from 5 to 65536 px, not int"),
         ("flag", 1, "flag=1: expected True or False, not int"),
         ("stmap", 1, "stmap=1: expected True or False or a file name, not int"),
         ("mode", 1, "mode=1: expected 'xy' | 'x' | 'none', not int"),
-        ("colour", [1, "2"], "colour=[1, '2']: expected a number or a sequence of them"),
-        ("words", "a,b", "words='a,b': expected a sequence of texts, not str"),
-        ("words", [1], "words=[1]: expected a sequence of texts"),
+        ("color", [1, "2"], "color=[1, '2']: expected a number or a sequence of them"),
+        ("words", "a,b", "words='a,b': expected a sequence of strings, not str"),
+        ("words", [1], "words=[1]: expected a sequence of strings"),
     ],
 )
 def test_a_wrong_type_is_a_type_error_in_words_of_python(name, value, said):
@@ -104,10 +104,10 @@ def test_a_wrong_type_is_a_type_error_in_words_of_python(name, value, said):
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
-        ("count", -7, "count=-7: expected a whole number >= 0 and <= 10 px"),
-        ("size", (4, 64), "size=(4, 64): expected (width, height) >= 5 and <= 65536 px"),
+        ("count", -7, "count=-7: expected an integer from 0 to 10 px"),
+        ("size", (4, 64), "size=(4, 64): expected (width, height) from 5 to 65536 px"),
         ("mode", "z", "mode='z': expected 'xy' | 'x' | 'none'"),
-        ("words", [], "words=[]: expected a sequence of texts"),
+        ("words", [], "words=[]: expected a sequence of strings"),
     ],
 )
 def test_a_value_out_of_range_is_no_type_error(name, value, said):

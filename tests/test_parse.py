@@ -165,7 +165,7 @@ def test_an_unknown_modifier_is_refused_before_anything_is_done(option):
 
 def test_a_modifiers_value_is_checked_before_anything_is_done_unless_it_is_an_expression():
     text = refusal(read, "a.exr", "--texstationarize:sigma=0")
-    assert text == "--texstationarize : sigma=0: expected a number >= 0.5 and <= 1000000 px"
+    assert text == "--texstationarize : sigma=0: expected a number from 0.5 to 1000000 px"
     assert "did you mean 'sigma'" in refusal(read, "--texstationarize:sgima={TOP.width/4}")
     (step,) = read("--texstationarize:sigma={TOP.width/4}:seed=3").steps
     assert step.word == "--texstationarize:sigma={TOP.width/4}:seed=3"
@@ -178,7 +178,7 @@ def test_a_modifiers_value_is_checked_before_anything_is_done_unless_it_is_an_ex
     [line.split() for line in """
         --texstationarise         --texstationarize
         -texwrap                  --texwarp
-        --iscolourspace           --iscolorspace
+        --iscolorspace           --iscolorspace
         --fixnans                 --fixnan
         --thread                  --threads
         --texstationarise:sigma=3 --texstationarize

@@ -210,7 +210,7 @@ def test_a_fair_share_is_one_of_the_pixels_that_may_be_used():
     assert _penalty_unit(exemplar, g, usable) < 0.5 * _penalty_unit(exemplar, g)
 
 
-def test_patchmatch_comes_close_to_the_exact_nearest_neighbours(device):
+def test_patchmatch_comes_close_to_the_exact_nearest_neighbors(device):
     g = pm.Geometry(40, 40, True, True, exemplar_width=44, exemplar_height=44, patch=5)
     matcher, buffers, _, exemplar, _, _ = setup(device, g, 7)
     smooth = np.cumsum(np.cumsum(exemplar.astype(np.int32) // 40, 0), 1).astype(np.int16)  # texture, not noise

@@ -54,8 +54,8 @@ def studio(site) -> dict[str, str]:
 
 def test_the_page_shows_a_filter_of_thirty_lines():
     code = [line for line in blocks()["studio_filters.py"].splitlines() if line.strip()]
-    assert set(blocks()) == {"pyproject.toml", "studio_filters.py", "studio_mix.py", "studio_colour.py"}
-    for name in ("studio_filters.py", "studio_mix.py", "studio_colour.py"):  # by the public door alone
+    assert set(blocks()) == {"pyproject.toml", "studio_filters.py", "studio_mix.py", "studio_color.py"}
+    for name in ("studio_filters.py", "studio_mix.py", "studio_color.py"):  # by the public door alone
         assert set(re.findall(r"from (oiiotex[\w.]*) import", blocks()[name])) == {"oiiotex.plugin"}
     assert len(code) <= 30
 

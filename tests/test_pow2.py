@@ -30,7 +30,7 @@ def test_size_is_a_size_or_pow2(op):
     assert parse_modifiers(op, {"size": "pow2"}) == {"size": SizeRule.POW2}
     assert parse_modifiers(op, {"size": "64x32"}) == {"size": Size(64, 32)}
     for wrong in ("pow3", "", "64", "4x64"):
-        with pytest.raises(ParameterError, match="pow2 or WIDTHxHEIGHT >= 5 and <= 65536 px"):
+        with pytest.raises(ParameterError, match="pow2 or WIDTHxHEIGHT from 5 to 65536 px"):
             parse_modifiers(op, {"size": wrong})
     (size,) = (p for p in op.parameters() if p.name == "size")
     assert size.check("pow2") == "pow2"

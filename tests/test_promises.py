@@ -11,7 +11,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.core.access import Gather, InBands, Neighbourhood, Pointwise, ScanThenMap, Whole
+from oiiotex.core.access import Gather, InBands, Neighborhood, Pointwise, ScanThenMap, Whole
 from oiiotex.core.image import Image, Part, from_buffer
 from oiiotex.core.op import Kind, Op, Space
 from oiiotex.core.window import Window
@@ -20,15 +20,15 @@ from oiiotex.run import run
 from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import (
-    COLOUR,
-    LABELLED,
+    COLOR,
+    LABELED,
     PAINTINGS,
     PHOTO,
     RESAMPLED,
     SUMS,
     apply,
     buffer,
-    colour_filters,
+    color_filters,
     copying_filters,
     every_filter,
     image_kind,
@@ -73,7 +73,7 @@ def test_threads_and_budget_do_not_show(op, tmp_path):
     save(PHOTO, tmp_path / "photo.png")
     save(pixels(scramble(40, 48, buffer(PHOTO))), tmp_path / "st.exr", "float", "data")
     quarters().write(str(tmp_path / "labels.tif"))
-    given = settings(op, seed=5) | ({"labels": "labels.tif"} if op.name in LABELLED else {})
+    given = settings(op, seed=5) | ({"labels": "labels.tif"} if op.name in LABELED else {})
     modifiers = "".join(f":{k}={v}" for k, v in given.items())
     inputs = ["photo.png", "labels.tif" if op.name in PAINTINGS else "st.exr"][: len(op.images())]
     found = set()
@@ -84,7 +84,7 @@ def test_threads_and_budget_do_not_show(op, tmp_path):
     assert len(found) == 1
 
 
-@colour_filters
+@color_filters
 def test_lanes_do_not_show(op, narrow_device):
     photo = buffer(PHOTO)
     narrow = Session()
@@ -112,7 +112,7 @@ def test_any_window_is_the_whole_cropped(op, tile, tmp_path):
         images = dict(zip((i.name for i in op.images()), (read(tmp_path / "a.exr"), second), strict=False))
         images = {i.name: (images[i.name],) if i.many else images[i.name] for i in op.images()}
         given = settings(op)
-        if op.name in LABELLED:
+        if op.name in LABELED:
             given["labels"] = from_buffer(given["labels"])
         part = run(op(**images, **given), Session(threads=threads))[0].image.first
         if whole is None:
@@ -140,8 +140,8 @@ def test_every_pixel_is_a_copy_of_a_source_pixel_with_all_channels(op):
     assert np.abs(pixels(made)[..., :3].astype(float)).max() > 5  # HDR stays HDR
 
 
-@of([op for op in COLOUR if not op.copies and not image_kind(op).is_data and op.name not in RESAMPLED])
-def test_what_changes_colour_leaves_the_rest_alone(op):
+@of([op for op in COLOR if not op.copies and not image_kind(op).is_data and op.name not in RESAMPLED])
+def test_what_changes_color_leaves_the_rest_alone(op):
     random = np.random.default_rng(0)
     many = np.concatenate(
         [PHOTO * 30 - 1, random.random((64, 72, 1)) * 0.5 + 0.5, random.normal(0, 1e4, (64, 72, 2))], -1
@@ -155,7 +155,7 @@ def test_what_changes_colour_leaves_the_rest_alone(op):
     assert np.abs(pixels(made)[..., :3].astype(float)).max() > 5  # HDR stays HDR
 
 
-@of([op for op in COLOUR if op.copies])
+@of([op for op in COLOR if op.copies])
 def test_pixels_of_alpha_0_are_never_a_source(op):
     alpha = np.ones((64, 72, 1))
     alpha[20:30, 30:50] = 0
@@ -163,7 +163,7 @@ def test_pixels_of_alpha_0_are_never_a_source(op):
     assert (pixels(apply(op, photo))[..., 3] == 1).all()
 
 
-@of([op for op in COLOUR if image_kind(op) is Kind.IDS])
+@of([op for op in COLOR if image_kind(op) is Kind.IDS])
 def test_pixels_of_alpha_0_have_no_label(op):
     alpha = np.ones((64, 72, 1))
     alpha[20:30, 30:50] = 0
@@ -171,22 +171,22 @@ def test_pixels_of_alpha_0_have_no_label(op):
     np.testing.assert_array_equal(made[..., 0] == 0, alpha[..., 0] == 0)
 
 
-@of([op for op in COLOUR if not op.copies])
+@of([op for op in COLOR if not op.copies])
 def test_what_lies_under_alpha_0_is_not_looked_at(op):
     alpha = np.ones((64, 72, 1))
     alpha[20:30, 30:50] = 0
-    colours = np.random.default_rng(0).random((64, 72, 3)) * 50
+    colors = np.random.default_rng(0).random((64, 72, 3)) * 50
     a, b = (
         pixels(apply(op, buffer(np.concatenate([np.where(alpha, PHOTO, under), alpha], -1), names=tuple("RGBA"))))
-        for under in (0.0, colours)
+        for under in (0.0, colors)
     )
     seen = alpha[..., 0] > 0
     np.testing.assert_array_equal(a[seen], b[seen])
 
 
-@colour_filters
-def test_colour_is_taken_unpremultiplied(op):
-    """A photo at half alpha looks as it does at full: the same pixels are chosen, the same colours made."""
+@color_filters
+def test_color_is_taken_unpremultiplied(op):
+    """A photo at half alpha looks as it does at full: the same pixels are chosen, the same colors made."""
     full = np.concatenate([PHOTO, np.ones((64, 72, 1))], -1)
     a, b = (pixels(apply(op, buffer(full * share, names=("R", "G", "B", "A")))) for share in (1.0, 0.5))
     if image_kind(op).is_data:  # Lab is not premultiplied
@@ -195,22 +195,22 @@ def test_colour_is_taken_unpremultiplied(op):
         np.testing.assert_array_equal(a * np.float32(0.5), b)
 
 
-@colour_filters
-def test_colour_is_never_guessed(op):
+@color_filters
+def test_color_is_never_guessed(op):
     with pytest.raises(errors.ColorError, match="add colorspace=NAME"):
         apply(op, buffer(PHOTO, space=""))
     with pytest.raises(errors.ColorError, match="nonsense"):
         apply(op, buffer(PHOTO, space="nonsense"))
 
 
-@of([op for op in COLOUR if "data" not in {p.name for p in op.parameters()}])
+@of([op for op in COLOR if "data" not in {p.name for p in op.parameters()}])
 def test_data_is_refused_by_what_makes_no_sense_of_it(op):
     with pytest.raises(errors.ColorError, match="data"):
         apply(op, buffer(PHOTO, space="data"))
 
 
-@of([op for op in COLOUR if "data" in {p.name for p in op.parameters()}])
-def test_data_skips_colour(op):
+@of([op for op in COLOR if "data" in {p.name for p in op.parameters()}])
+def test_data_skips_color(op):
     made = apply(op, buffer(PHOTO * 2 - 1, space=""), data=True)
     assert made.spec().nchannels == (1 if image_kind(op).is_data else 3)
     tagged = apply(op, buffer(PHOTO * 2 - 1, space="data"))
@@ -319,7 +319,7 @@ def made_of(op: type[Op], photo: Image) -> Part:
     return run(op(**settings(op), **images), Session(threads=2))[0].image.first
 
 
-@of([op for op in filters.FILTERS if issubclass(op, Pointwise | Neighbourhood | ScanThenMap) and not is_view(op)])
+@of([op for op in filters.FILTERS if issubclass(op, Pointwise | Neighborhood | ScanThenMap) and not is_view(op)])
 def test_a_filter_reads_what_its_access_kind_says(op, monkeypatch):
     """Nothing before a window is asked for, unless it scans: then bands of full rows; and then that window alone."""
     asked: list[Window] = []
@@ -333,10 +333,10 @@ def test_a_filter_reads_what_its_access_kind_says(op, monkeypatch):
     asked.clear()
     window = Window(20, 17, 50, 40)
     part.read(window)
-    assert all(w & window == w for w in asked) or issubclass(op, Neighbourhood)  # tests/test_access.py knows its halo
+    assert all(w & window == w for w in asked) or issubclass(op, Neighborhood)  # tests/test_access.py knows its halo
 
 
-@of([op for op in COLOUR if op.name in ("flatten", "stationarity")])
+@of([op for op in COLOR if op.name in ("flatten", "stationarity")])
 def test_what_streams_needs_memory_for_its_statistics_alone(op):
     """Coarse ones fit any budget; fine ones are refused with a figure."""
     scale = "radius" if op.name == "flatten" else "sigma"
@@ -348,7 +348,7 @@ def test_what_streams_needs_memory_for_its_statistics_alone(op):
 @of(
     [
         op
-        for op in COLOUR  # of texcut only caches and patches must fit: tests/test_cut.py
+        for op in COLOR  # of texcut only caches and patches must fit: tests/test_cut.py
         if issubclass(op, (Whole, InBands)) and "size" in {p.name for p in op.parameters()} and op.name != "cut"
     ]
 )
@@ -358,11 +358,11 @@ def test_what_does_not_fit_the_budget_says_how_much_it_needs(op, fails, photo):
     assert "3000x2000" in line and "the budget is 64 MB" in line and " needs " in line
 
 
-@of([op for op in COLOUR if issubclass(op, Gather) and op.name != "composite"])  # which holds the map that it grows
+@of([op for op in COLOR if issubclass(op, Gather) and op.name != "composite"])  # which holds the map that it grows
 def test_what_is_made_causally_needs_memory_for_its_plan_alone(op):
     """Nothing is held for the pixels; a plan that does not fit is refused with a figure."""
     images = dict(zip((i.name for i in op.images()), map(from_buffer, operands(op, buffer(PHOTO))), strict=True))
-    images |= {"labels": from_buffer(quarters())} if op.name in LABELLED else {}
+    images |= {"labels": from_buffer(quarters())} if op.name in LABELED else {}
     small = settings(op, size=(24576, 60), candidates=4) | images
     part = run(op(**small), Session(budget=12 << 20))[0].image.first
     assert part.read(Window(24000, 0, 24576, 32)).shape == (32, 576, 3)  # its floats alone would be 17 MB
@@ -370,7 +370,7 @@ def test_what_is_made_causally_needs_memory_for_its_plan_alone(op):
         run(op(**{**small, "size": (65536, 40000)}), Session(budget=12 << 20))
 
 
-@of([op for op in COLOUR if not issubclass(op, Pointwise)])
+@of([op for op in COLOR if not issubclass(op, Pointwise)])
 def test_progress_is_reported_and_can_stop_a_run(op):
     seen: list[tuple[int, int]] = []
     apply(op, buffer(PHOTO), Session(progress=lambda done, total: seen.append((done, total))))

@@ -27,7 +27,7 @@ GUIDE = np.where(np.indices((60, 100)).sum(0) < 80, 1, 3)
 GUIDE[:20, 70:] = 2
 
 
-def labelled() -> dict[str, oiio.ImageBuf]:
+def labeled() -> dict[str, oiio.ImageBuf]:
     return {"photo": buffer(PHOTO), "label.1": ids(FINE, rho=8.0), "label.2": ids(LABELS, rho=33.0)}
 
 
@@ -48,52 +48,52 @@ def away_from_borders(guide: np.ndarray, size: tuple[int, int], far: int) -> tup
 
 
 def test_a_guide_of_ids_is_followed():
-    made = filters.quilt(labelled(), guide=ids(GUIDE), size=(400, 240), stmap=True)
+    made = filters.quilt(labeled(), guide=ids(GUIDE), size=(400, 240), stmap=True)
     full, inside = away_from_borders(GUIDE, (240, 400), 16)
     assert 0.4 < inside.mean() < 0.95
     assert (label_under(made) == full)[inside].mean() > 0.9
 
 
-def test_a_guide_of_colours_means_what_the_table_says(tmp_path):
-    colours = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    guide = buffer(colours[GUIDE], oiio.UINT8, "")
+def test_a_guide_of_colors_means_what_the_table_says(tmp_path):
+    colors = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    guide = buffer(colors[GUIDE], oiio.UINT8, "")
     table = tmp_path / "table.json"
     table.write_text(json.dumps({"255,0,0": 1, "0,255,0": [2, 2], "0,0,255": 3}))
     # prices of use carry a difference at a border on to all later cells
     values = {"size": (400, 240), "stmap": True, "guidance": 0.0, "reuse": 1e9}
-    made = filters.quilt(labelled(), guide=guide, table=table, **values)
-    plain = filters.quilt(labelled(), guide=ids(GUIDE), **values)
+    made = filters.quilt(labeled(), guide=guide, table=table, **values)
+    plain = filters.quilt(labeled(), guide=ids(GUIDE), **values)
     full, inside = away_from_borders(GUIDE, (240, 400), 16)
     assert (label_under(made) == full)[inside].mean() > 0.9
     assert (pixels(made["st"]) == pixels(plain["st"])).mean() > 0.5  # borders with a pair differ
     table.write_text(json.dumps({"1": 1, "2": 2, "3": 3}))
-    by_id = filters.quilt(labelled(), guide=ids(GUIDE), table=table, **values)
+    by_id = filters.quilt(labeled(), guide=ids(GUIDE), table=table, **values)
     np.testing.assert_array_equal(pixels(by_id["st"]), pixels(plain["st"]))
 
 
 def test_labels_of_finer_levels_tell_candidates_apart():
     weights = (0.0, 50.0)
-    made = [filters.quilt(labelled(), label=1, level=2, size=(300, 300), finer=w, stmap=True) for w in weights]
+    made = [filters.quilt(labeled(), label=1, level=2, size=(300, 300), finer=w, stmap=True) for w in weights]
     assert (pixels(made[0]["st"]) != pixels(made[1]["st"])).any()
 
 
 def test_a_label_and_a_mask_are_all_that_is_taken():
-    made = filters.quilt(labelled(), label=3, size=(200, 200), stmap=True)
+    made = filters.quilt(labeled(), label=3, size=(200, 200), stmap=True)
     assert (label_under(made) == 3).all()
-    masked = filters.quilt(labelled(), mask=buffer((LABELS == 3)[..., None] * 1.0), size=(200, 200), stmap=True)
+    masked = filters.quilt(labeled(), mask=buffer((LABELS == 3)[..., None] * 1.0), size=(200, 200), stmap=True)
     assert (label_under(masked) == 3).all()
 
 
 def test_the_level_gives_the_patch(caplog):
     with caplog.at_level(logging.INFO, "oiiotex"):
-        filters.quilt(labelled(), level=2, size=(64, 64))
+        filters.quilt(labeled(), level=2, size=(64, 64))
         filters.quilt(buffer(PHOTO), size=(64, 64))
     said = [r.getMessage() for r in caplog.records if "patches of" in r.getMessage()]
     assert ["patches of 32 px" in said[0], "patches of 16 px" in said[1]] == [True, True]
 
 
 def test_label_parts_follow_where_they_are_kept():
-    made = filters.quilt(labelled(), size=(100, 90), keep=True, stmap=True)
+    made = filters.quilt(labeled(), size=(100, 90), keep=True, stmap=True)
     assert list(made) == ["quilt", "st", "label.1", "label.2"]
     assert made["label.2"].spec().format == oiio.UINT32
     np.testing.assert_array_equal(pixels(made["label.2"])[..., 0], label_under(made))
@@ -131,7 +131,7 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
     ("values", "said"),
     [
         ({"guide": ids(GUIDE + 6)}, r"ids that mean no label: 9 \(\d+ samples, the first at \d+,\d+\), 7 "),
-        ({"guide": buffer(GUIDE[..., None] * np.ones(3), oiio.UINT8)}, "holds colours: table=FILE.json"),
+        ({"guide": buffer(GUIDE[..., None] * np.ones(3), oiio.UINT8)}, "holds colors: table=FILE.json"),
         ({"guide": ids(GUIDE), "label": 1}, "guide and label both"),
         ({"table": "a.json"}, "say guide, too"),
         ({"guide": ids(GUIDE), "table": "absent.json"}, "not a table"),
@@ -153,7 +153,7 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
 )
 def test_what_is_wrong_is_said(values, said):
     with pytest.raises(errors.Error, match=said):
-        filters.quilt(labelled(), **values)
+        filters.quilt(labeled(), **values)
 
 
 @pytest.mark.parametrize(
@@ -164,15 +164,15 @@ def test_what_is_wrong_is_said(values, said):
         ({"256,0,0": 1}, "not a table"),
         ({"1": 9}, r"\[9, 9\] is no label or pair of labels; there is 1 to 3"),
         ({"1": [1, 2, 3]}, "is no label or pair"),
-        ({"1": 1, "255,0,0": 2}, "both colours and ids"),
-        ({"255,0,255": 1}, "colours that mean no label"),
+        ({"1": 1, "255,0,0": 2}, "both colors and ids"),
+        ({"255,0,255": 1}, "colors that mean no label"),
     ],
 )
 def test_what_is_wrong_with_a_table_is_said(table, said, tmp_path):
     path = tmp_path / "table.json"
     path.write_text(json.dumps(table))
     with pytest.raises(errors.ImageError, match=said):
-        filters.quilt(labelled(), guide=ids(GUIDE), table=path)
+        filters.quilt(labeled(), guide=ids(GUIDE), table=path)
 
 
 def test_a_plan_of_another_size_is_refused(tmp_path):
@@ -185,7 +185,7 @@ def test_a_plan_of_another_size_is_refused(tmp_path):
 
 
 def test_content_marks_all_patches_of_the_key(tmp_path):
-    made = filters.content(labelled(), at=(80, 20), level=2, patch=16, json=tmp_path / "c.json")
+    made = filters.content(labeled(), at=(80, 20), level=2, patch=16, json=tmp_path / "c.json")
     facts = json.loads((tmp_path / "c.json").read_text())
     first, second = content_table.window_keys(LABELS, 16)
     same = (first == facts["key"][0]) & (second == facts["key"][1])
@@ -203,7 +203,7 @@ def test_content_marks_all_patches_of_the_key(tmp_path):
 
 def test_content_says_the_histograms_of_every_level(tmp_path):
     said: list[str] = []
-    filters.content(labelled(), at=(80, 20), level=2, patch=16, session=Session(say=said.append))
+    filters.content(labeled(), at=(80, 20), level=2, patch=16, session=Session(say=said.append))
     assert said[1:] == ["label.2: 1: 50.0%, 2: 50.0%", f"key (1, 2) of label.2: {said[2].split()[-2]} patches"]
     assert said[0].startswith("label.1: ")
     save(PHOTO, tmp_path / "photo.exr", "half", "ACEScg")
@@ -212,7 +212,7 @@ def test_content_says_the_histograms_of_every_level(tmp_path):
 
 
 def test_content_draws_the_table_of_keys():
-    made = pixels(filters.content(labelled(), level=2, patch=16, table=True))
+    made = pixels(filters.content(labeled(), level=2, patch=16, table=True))
     assert made.shape == (48 + 3 * 76, 48 + 3 * 76, 3)
     shown = {
         (i, j): made[52 + 76 * i : 116 + 76 * i, 52 + 76 * j : 116 + 76 * j].std() > 5
@@ -234,4 +234,4 @@ def test_content_draws_the_table_of_keys():
 )
 def test_what_is_wrong_with_content_is_said(values, said):
     with pytest.raises(errors.Error, match=said):
-        filters.content(labelled(), **values)
+        filters.content(labeled(), **values)

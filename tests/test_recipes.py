@@ -66,7 +66,7 @@ def test_what_is_ambiguous_is_asked_for_and_the_recipe_answers(tmp_path):
     touched(tmp_path, "m_col_1k.png", "m_col_2k.png", "m_normal.png", "m_thing.png", "o_rough.png")
     found = names_of(tmp_path, recipe())
     assert [re.sub(r"\W.*", "", question) for question in found["m"][1]] == ["which", "are"]
-    assert "which is its colour?" in found["o"][1][0]
+    assert "which is its color?" in found["o"][1][0]
     answered = '[find]\nprefer = ["2k"]\nskip = false\n[assets.o]\nskip = true\n[assets.m]\nnormals = "directx"\n'
     found = materials(tmp_path, recipe(answered + LINE))
     by_name = {material.name: material for material in found}
@@ -96,11 +96,11 @@ def test_packed_maps_are_channels(tmp_path):
 
 def test_what_is_known_lies_beside_the_photo_or_in_the_recipe(tmp_path):
     touched(tmp_path, "moss_diff.png")
-    (tmp_path / "moss.toml").write_text('licence = "CC-BY-4.0"\ntags = ["green"]\nsize_m = [2, 2]\n')
+    (tmp_path / "moss.toml").write_text('license = "CC-BY-4.0"\ntags = ["green"]\nsize_m = [2, 2]\n')
     told = recipe('[find]\nauthor = "we"\ntags = ["scan"]\n[assets.moss]\nauthor = "she"\n' + LINE)
     (material,) = materials(tmp_path, told)
     facts = material.facts
-    assert (facts.licence, facts.author, facts.tags, facts.size_m) == ("CC-BY-4.0", "she", ("scan", "green"), (2, 2))
+    assert (facts.license, facts.author, facts.tags, facts.size_m) == ("CC-BY-4.0", "she", ("scan", "green"), (2, 2))
 
 
 def test_what_cannot_be_read_is_asked_for_and_a_library_is_no_photo(tmp_path):
@@ -109,11 +109,11 @@ def test_what_cannot_be_read_is_asked_for_and_a_library_is_no_photo(tmp_path):
     with zipfile.ZipFile(tmp_path / "name.zip", "w") as archive:
         archive.writestr("\u00e9.png", b"")
     (tmp_path / "name.zip").write_bytes((tmp_path / "name.zip").read_bytes().replace(b"\xc3\xa9", b"\xff\xff"))
-    (tmp_path / "b.toml").write_text("licence = 3\n")
+    (tmp_path / "b.toml").write_text("license = 3\n")
     found = {material.name: material for material in materials(tmp_path, recipe())}
     assert sorted(found) == ["a", "b", "bad", "name"] and found["a"].questions == ()
     assert "name.zip: 'utf-8' codec" in found["name"].questions[0]
-    assert "bad.zip" in found["bad"].questions[0] and "licence: expected text" in found["b"].questions[0]
+    assert "bad.zip" in found["bad"].questions[0] and "license: expected text" in found["b"].questions[0]
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="NOT RUN: no pipes with names")
@@ -188,7 +188,7 @@ def test_the_printed_recipe_holds_also_with_all_its_offers_taken(tmp_path):
         (LINE + "[delivr]\ntx = true\n", "unknown key 'delivr'.*deliver"),
         (LINE + "[judge]\nlimits = ['seam']\n", "judge: limits=seam: expected NAME>NUMBER"),
         (LINE + "[roles.colr]\nspace = 'data'\n", "roles 'colr': expected color"),
-        (LINE + "[assets.x]\nsize_m = [1]\n", "expected width and height in metres"),
+        (LINE + "[assets.x]\nsize_m = [1]\n", "expected width and height in meters"),
     ],
 )
 def test_what_a_recipe_says_wrong_is_one_line(text, says):
@@ -209,7 +209,7 @@ def test_lines_get_files_kinds_and_folders(photos):
     assert " ".join(steps[0].words) == (
         "source/color.png --iscolorspace srgb_rec709_scene source/normal.png --iscolorspace data"
         " source/roughness.png --iscolorspace data"
-        " --texpatchmatch:n=3:kinds=colour,normal,data:report=tile/report.json"
+        " --texpatchmatch:n=3:kinds=color,normal,data:report=tile/report.json"
         " -d half -o tile/roughness.exr --pop -d half -o tile/normal.exr --pop"
         " --tocolorspace lin_rec709_scene -d half -o tile/color.exr"
     )

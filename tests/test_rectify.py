@@ -139,7 +139,7 @@ def test_the_lattice_gives_corners_that_can_be_said_for_the_next_map(tmp_path):
     done = oiiotex("photo.exr", words, "-o", "front.exr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "found.json").read_text())
-    assert found["metres"] == pytest.approx([0.25 * found["cells"][0], 0.15 * found["cells"][1]])
+    assert found["meters"] == pytest.approx([0.25 * found["cells"][0], 0.15 * found["cells"][1]])
     said = done.stdout.splitlines()[0]
     assert said.startswith("corners=") and said.endswith(f"size={found['width']}x{found['height']}")
     again = oiiotex("photo.exr", f"--texrectify:{said}", "-o", "again.exr", cwd=tmp_path)
@@ -147,8 +147,8 @@ def test_the_lattice_gives_corners_that_can_be_said_for_the_next_map(tmp_path):
     front, again = (oiio.ImageBuf(str(tmp_path / f"{n}.exr")) for n in ("front", "again"))
     np.testing.assert_array_equal(pixels(front), pixels(again))
     spec = front.spec()
-    metres = spec.width / spec.getattribute("XResolution") * 0.0254
-    assert spec.getattribute("ResolutionUnit") == "in" and metres == pytest.approx(found["metres"][0], rel=1e-4)
+    meters = spec.width / spec.getattribute("XResolution") * 0.0254
+    assert spec.getattribute("ResolutionUnit") == "in" and meters == pytest.approx(found["meters"][0], rel=1e-4)
     tile = filters.quilt(front, size=(40, 40), colorspace="lin_rec709_scene")  # the size of a pixel goes on
     assert tile.spec().getattribute("XResolution") == spec.getattribute("XResolution")
 

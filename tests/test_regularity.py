@@ -26,7 +26,7 @@ LUMA = np.array([0.3, 0.6, 0.1])
 
 
 def values_of(picture: np.ndarray) -> np.ndarray:
-    """On the scale of Lab, in three channels: no colour science is needed here."""
+    """On the scale of Lab, in three channels: no color science is needed here."""
     gray = 100 * picture @ LUMA
     return np.stack(
         [gray, 40 * (picture[..., 0] - picture[..., 1]), 40 * (picture[..., 1] - picture[..., 2])], -1

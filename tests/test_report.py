@@ -185,7 +185,7 @@ def test_a_limit_beyond_is_a_quality_error_that_holds_the_result(tmp_path):
         ({"fail": ["seam>1"], "tile": "none"}, "fail=seam>1: seam is not measured of this result"),
         ({"fail": ["seam_y>1"], "tile": "x"}, "seam_y is not measured"),
         ({"fail": ["textured<1"]}, "textured is not measured"),
-        ({"fail": "seam>1"}, "expected a sequence of texts"),
+        ({"fail": "seam>1"}, "expected a sequence of strings"),
     ],
 )
 def test_limits_that_make_no_sense_are_refused_before_the_work(given, said, monkeypatch):

@@ -122,7 +122,7 @@ def test_a_histogram_matched_beside_pixels_that_stay_is_not_shifted(device):
     assert abs((after - exact).mean()) < 0.02
 
 
-def test_colours_outside_do_not_show():
+def test_colors_outside_do_not_show():
     mask = stripes(24)
     other = np.random.default_rng(0).random(PHOTO.shape)
     photos = [PHOTO, np.where(mask[..., None], PHOTO, other), np.where(mask[..., None], PHOTO, 50)]

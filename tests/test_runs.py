@@ -71,7 +71,7 @@ def test_small_pieces_join_until_only_lonely_ones_are_small(seed):
     np.testing.assert_array_equal(again.runs.pixels(0, height, 0, width), pixels)
 
 
-def test_a_small_piece_joins_the_large_neighbour_of_the_longest_border():
+def test_a_small_piece_joins_the_large_neighbor_of_the_longest_border():
     labels = np.zeros((6, 9), np.int32)
     labels[:, 5:] = 1
     labels[2:4, 4] = 2  # three sides to 0's region (left, above, below) each counted, one to 1's

@@ -14,7 +14,7 @@ from oiiotex.errors import BrokenValues, Interrupted
 from oiiotex.scan import scan
 from oiiotex.session import Session
 from oiiotex.session.progress import Progress
-from tests.coloured import image_of
+from tests.colored import image_of
 
 HEIGHT, WIDTH = 83, 17
 ROWS = np.arange(HEIGHT, dtype=np.float32)[:, None, None].repeat(WIDTH, 1).repeat(3, 2)

@@ -131,7 +131,7 @@ def test_images_travel_as_they_are():
     np.testing.assert_array_equal(got.first.pixels(), sent.pixels())
 
 
-def test_what_is_urgent_is_done_in_between_and_what_is_cancelled_ends(client, photo):
+def test_what_is_urgent_is_done_in_between_and_what_is_canceled_ends(client, photo):
     begun = threading.Event()
     export = client.make("stationarize", [photo], LONG, priority=EXPORT, on_progress=lambda *_: begun.set())
     assert begun.wait(30)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Large images: seeds settle on means of squares, pixels choose among the seeds around them, crumbs join neighbours."""
+"""Large images: seeds settle on means of squares, pixels choose among the seeds around them, crumbs join neighbors."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ def test_pixels_choose_among_the_seeds_of_the_squares_around_them(any_lanes, pix
     ):
         [band] = squares.bands()
         means = any_lanes.read(band.lab, (squares.height, squares.width, 4), np.int16)
-        centres = slic.iterate(6)
-        made = refined_slots(held, grid, squares, slic, centres, resources)
+        centers = slic.iterate(6)
+        made = refined_slots(held, grid, squares, slic, centers, resources)
         slots = np.concatenate([slots_of(any_lanes, held, *given) for given in made])
     sums, plain = means_of(lab, side)
     np.testing.assert_array_equal(squares.reduced.sums, sums)
@@ -70,7 +70,7 @@ def test_pixels_choose_among_the_seeds_of_the_squares_around_them(any_lanes, pix
     small, every = grid.of_squares, np.arange(grid.count)
     edges = small.edges(0), small.edges(1)
     np.testing.assert_array_equal(np.minimum(edges[0] * side, HEIGHT), grid.edges(0))
-    table = candidates(small, centres, every)
+    table = candidates(small, centers, every)
     coarse = reference.choices(plain.astype(np.int16), table, *edges, small.shift)
     rows, columns = small.cells(0)[:, None], small.cells(1)[None]
     around = [np.pad(n, 1, constant_values=-99) for n in (rows + coarse // 3, columns + coarse % 3, coarse)]
@@ -81,9 +81,9 @@ def test_pixels_choose_among_the_seeds_of_the_squares_around_them(any_lanes, pix
         near = (slot < 9) & (dy >= 0) & (dy < 3) & (dx >= 0) & (dx < 3)
         allowed[(3 * dy + dx)[near], y[near], x[near]] = True
     allowed = allowed.repeat(side, 1).repeat(side, 2)[:, :HEIGHT, :WIDTH]
-    centres = centres * [1, 1, 1, side, side] + [0, 0, 0, (side - 1) / 2, (side - 1) / 2]
+    centers = centers * [1, 1, 1, side, side] + [0, 0, 0, (side - 1) / 2, (side - 1) / 2]
     expected = reference.choices(
-        lab, candidates(grid, centres, every), grid.edges(0), grid.edges(1), grid.shift, allowed
+        lab, candidates(grid, centers, every), grid.edges(0), grid.edges(1), grid.shift, allowed
     )
     assert (allowed.sum(0) == 1).any() and (allowed.sum(0) > 1).any()
     np.testing.assert_array_equal(slots, expected)
@@ -211,7 +211,7 @@ def parts_of(mask: np.ndarray) -> list[np.ndarray]:
     return [pieces == part for part in range(1, count + 1)]
 
 
-def test_a_crumb_joins_the_large_neighbour_of_the_longest_border():
+def test_a_crumb_joins_the_large_neighbor_of_the_longest_border():
     labels = np.zeros((6, 9), np.int32)
     labels[:, 5:] = 1
     labels[2:4, 4] = 2

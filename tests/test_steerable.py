@@ -22,7 +22,7 @@ SCALE = projection._SCALE
 
 
 def kernels() -> np.ndarray:
-    """The third derivative of a Gaussian along four directions, sampled: (4, 13, 13), y down, not normalised."""
+    """The third derivative of a Gaussian along four directions, sampled: (4, 13, 13), y down, not normalized."""
     sigma = math.sqrt(3) / (math.pi / 2)
     y, x = np.mgrid[-6:7, -6:7] / sigma
     out = []
@@ -33,7 +33,7 @@ def kernels() -> np.ndarray:
 
 
 def dense(plane: np.ndarray, modes: tuple[str, str]) -> np.ndarray:
-    """Direct sums, normalised as the pyramid is: the sum of |F_o|^2 is 1 where it is largest."""
+    """Direct sums, normalized as the pyramid is: the sum of |F_o|^2 is 1 where it is largest."""
     spectrum = (np.abs(np.fft.fft2(kernels(), (256, 256))) ** 2).sum(0)
     padded = np.pad(np.pad(plane, ((6, 6), (0, 0)), modes[0]), ((0, 0), (6, 6)), modes[1])
     seen = np.lib.stride_tricks.sliding_window_view(padded, (13, 13))

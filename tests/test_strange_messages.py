@@ -209,7 +209,7 @@ def test_strange_requests_are_answered_in_words(client):
             link.send({"id": 1} | asked, arrays if asked.get("do") == "put" else ())
             while (state := link.receive()[0]["state"]) in ("progress", "look"):
                 pass
-            assert state in ("done", "failed", "cancelled")
+            assert state in ("done", "failed", "canceled")
             answered += 1
         except LinkError:  # it was no message
             link = linked()

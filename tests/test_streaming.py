@@ -17,7 +17,7 @@ import pytest
 
 from oiiotex import host
 from oiiotex.core import demand
-from oiiotex.core.access import Neighbourhood, Pointwise
+from oiiotex.core.access import Neighborhood, Pointwise
 from oiiotex.core.image import Image, Part, Pixels, dtype_of, in_memory
 from oiiotex.core.op import Op
 from oiiotex.core.window import Window
@@ -37,7 +37,7 @@ DATA = {
 XTRANS = "GRBGBR BGGRGG RGGBGG GBRGRB RGGBGG BGGRGG"
 SLANTED = (0.7, 0.2, 0, -0.3, 1.4, 0, 5, 3, 1)
 LEANING = (1.2, 0.1, 0.003, -0.1, 0.8, 0.001, 5, 3, 1)
-COLOURS = {"topleft": (0.1,), "topright": (0.2, 0.3), "bottomleft": (0.5, 1, 2), "bottomright": (1, 0, 0)}
+COLORS = {"topleft": (0.1,), "topright": (0.2, 0.3), "bottomleft": (0.5, 1, 2), "bottomright": (1, 0, 0)}
 
 # for each op: arguments of the uses that are tried; images are filled in
 SAMPLES: dict[str, list[dict[str, Any]]] = {
@@ -68,7 +68,7 @@ SAMPLES: dict[str, list[dict[str, Any]]] = {
     "minchan": [{}],
     "colormap": [{"map": "inferno"}],
     "cryptomatte-colors": [],
-    # colour
+    # color
     "iscolorspace": [{"space": "lin_rec709_scene"}],
     "tocolorspace": [{"to_space": "g22_rec709_scene"}],
     "colorconvert": [{"from_space": "lin_rec709_scene", "to_space": "srgb_rec709_scene"}],
@@ -155,7 +155,7 @@ SAMPLES: dict[str, list[dict[str, Any]]] = {
     "line": [{"points": "-9,-2,30,17,5,60,7,7", "color": (0.5, 0.2, 0.1, 0.5)}],
     "point": [{"points": "10,12,11,12,12,12,30,3"}],
     "text": [{"text": "Words", "x": 3, "y": 25}, {"text": "Agq", "xalign": "center", "yalign": "top", "shadow": 3}],
-    "fill": [{"size": "21x50+3+1", "top": (1, 0, 0), "bottom": (0, 0.5, 1)}, {"size": "30x9+3+12", **COLOURS}],
+    "fill": [{"size": "21x50+3+1", "top": (1, 0, 0), "bottom": (0, 0.5, 1)}, {"size": "30x9+3+12", **COLORS}],
     "create": [{"size": "21x13-3+4", "channels": 3}],
     "pattern": [
         {"size": "31x23-7+9", "channels": 5, "pattern": pattern, "type": "half"}
@@ -279,7 +279,7 @@ def test_windows_do_not_show(op: type[HostOp], number: int, where: str, small_pi
     """Rows, columns, squares and random windows are pieces of the whole."""
     assert op.name in SAMPLES, f"{op.flag()} needs an entry in SAMPLES"
     if not SAMPLES[op.name]:
-        pytest.skip("needs a file, or what no built-in colour config has, or its result is deep")
+        pytest.skip("needs a file, or what no built-in color config has, or its result is deep")
     arguments = SAMPLES[op.name][number]
     type = "half" if where == "overscan" else "float"
     whole = computed(op, arguments, DATA[where], type, Session())
@@ -320,7 +320,7 @@ def kinds_of(op: type[HostOp]) -> bool:
 @pytest.mark.parametrize(("op", "number"), CASES)
 def test_an_op_reads_what_its_access_kind_says(op: type[HostOp], number: int, monkeypatch: pytest.MonkeyPatch):
     """Nothing before a window is asked for; then that window, or what is around it as far as the halo says."""
-    if not SAMPLES.get(op.name) or not issubclass(op, Pointwise | Neighbourhood):
+    if not SAMPLES.get(op.name) or not issubclass(op, Pointwise | Neighborhood):
         pytest.skip("may look anywhere, or has no sample")
     monkeypatch.setattr(remapping, "cached", lambda part, cache: part)
     asked: list[Window] = []

@@ -138,7 +138,7 @@ def test_the_wheel_holds_every_room():
     sorted([*PACKAGE.rglob("*.py"), *(ROOT / "tests").rglob("*.py")]),
     ids=lambda p: str(p.relative_to(ROOT)),
 )
-def test_modules_stay_small_and_say_their_licence(path):
+def test_modules_stay_small_and_say_their_license(path):
     lines = path.read_text().splitlines()
     assert len(lines) <= 400
     assert lines[0] == "# SPDX-License-Identifier: Apache-2.0"

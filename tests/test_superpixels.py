@@ -17,7 +17,7 @@ from oiiotex.errors import BrokenValues, ImageError
 from oiiotex.opencl.device import Device
 from oiiotex.session import Session
 from oiiotex.session.resources import Resources
-from oiiotex.superpixels.slic import SeedGrid, Slic, candidates, centres_of
+from oiiotex.superpixels.slic import SeedGrid, Slic, candidates, centers_of
 from oiiotex.superpixels.superpixels import Superpixels, superpixels
 from tests import pictures
 from tests.reference import superpixels as reference
@@ -76,13 +76,13 @@ def test_pixels_choose_the_first_of_the_nearest_seeds(any_lanes, sigma, compactn
     grid = SeedGrid.of(117, 83, sigma, compactness)
     random = np.random.default_rng(1)
     rows, columns = grid.references()
-    centres = np.empty((grid.down, grid.across, 5))
-    centres[..., :3] = lab[np.ix_(rows, columns)][..., :3]
-    centres[..., 3] = columns + random.uniform(-1, 1, (grid.down, grid.across)) * sigma
-    centres[..., 4] = rows[:, None] + random.uniform(-1, 1, (grid.down, grid.across)) * sigma
-    table = candidates(grid, centres, np.arange(grid.count))
+    centers = np.empty((grid.down, grid.across, 5))
+    centers[..., :3] = lab[np.ix_(rows, columns)][..., :3]
+    centers[..., 3] = columns + random.uniform(-1, 1, (grid.down, grid.across)) * sigma
+    centers[..., 4] = rows[:, None] + random.uniform(-1, 1, (grid.down, grid.across)) * sigma
+    table = candidates(grid, centers, np.arange(grid.count))
     with LabGrid(image, lens_of(image, resources), resources) as held, Slic(held, grid, resources) as slic:
-        slots = np.concatenate([slots_of(any_lanes, held, *given) for given in slic.slots(centres)])
+        slots = np.concatenate([slots_of(any_lanes, held, *given) for given in slic.slots(centers)])
         sums = slic._sums(table, np.ones(grid.count, bool))
     np.testing.assert_array_equal(slots, reference.choices(lab, table, grid.edges(0), grid.edges(1), grid.shift))
 
@@ -96,7 +96,7 @@ def test_pixels_choose_the_first_of_the_nearest_seeds(any_lanes, sigma, compactn
         np.testing.assert_array_equal(sums[..., k].ravel(), plain)
 
     # by eq. 1 itself the seed is as near as the rounding of coefficients allows: half a unit for each of five
-    squared = reference.distances(lab, centres.reshape(-1, 5), grid.weight)
+    squared = reference.distances(lab, centers.reshape(-1, 5), grid.weight)
     mine = np.take_along_axis(squared.reshape(grid.count, -1), chosen[None], 0)[0]
     allowed = (np.abs(seed_y - cell_y) <= 1) & (np.abs(seed_x - cell_x) <= 1)
     assert allowed.all()
@@ -119,15 +119,15 @@ def test_iterations_are_those_of_plain_numpy(any_lanes):
     cell_y = np.repeat(np.arange(grid.down), np.diff(grid.edges(0)))[:, None]
     cell_x = np.repeat(np.arange(grid.across), np.diff(grid.edges(1)))[None]
     slots = np.full((83, 117), 4)
-    centres = np.full((grid.down, grid.across, 5), np.nan)
+    centers = np.full((grid.down, grid.across, 5), np.nan)
     for _ in range(12):
         seeds = ((cell_y + slots // 3 - 1) * grid.across + cell_x + slots % 3 - 1).ravel()
         sums = np.stack([np.bincount(seeds, c.ravel().astype(float), grid.count) for c in columns], -1)
-        means = centres_of(sums.reshape(grid.down, grid.across, 6), centres)
-        away = ((means - centres) ** 2 * [1, 1, 1, grid.weight, grid.weight]).sum(-1)
+        means = centers_of(sums.reshape(grid.down, grid.across, 6), centers)
+        away = ((means - centers) ** 2 * [1, 1, 1, grid.weight, grid.weight]).sum(-1)
         moves = ~(away <= (0.2 * 8) ** 2)
-        centres = np.where(moves[..., None], means, centres)
-        table = candidates(grid, centres, np.arange(grid.count))
+        centers = np.where(moves[..., None], means, centers)
+        table = candidates(grid, centers, np.arange(grid.count))
         slots = reference.choices(lab, table, grid.edges(0), grid.edges(1), grid.shift)
     np.testing.assert_array_equal(last, table)
 
@@ -233,12 +233,12 @@ def checks(made: Superpixels, pixels: int) -> None:
 
 
 @pytest.mark.parametrize("shape", [(16, 16), (1, 1), (1, 300), (257, 1), (5, 3), (64, 65)])
-@pytest.mark.parametrize("kind", ["constant", "two colours", "noise", "black"])
+@pytest.mark.parametrize("kind", ["constant", "two colors", "noise", "black"])
 def test_odd_pictures_give_defined_results(device, shape, kind):
     random = np.random.default_rng(0)
     pixels = {
         "constant": np.full((*shape, 3), 0.3),
-        "two colours": np.where(np.arange(shape[1])[None, :, None] % 7 < 3, 0.1, 0.9) * np.ones((*shape, 3)),
+        "two colors": np.where(np.arange(shape[1])[None, :, None] % 7 < 3, 0.1, 0.9) * np.ones((*shape, 3)),
         "noise": random.random((*shape, 3)),
         "black": np.zeros((*shape, 3)),
     }[kind]

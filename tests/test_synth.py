@@ -23,7 +23,7 @@ SRGB = "srgb_rec709_scene"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A photo, and a graph of two exemplars that do not agree: striped in colours, and gray pebbles (figure 5)."""
+    """A photo, and a graph of two exemplars that do not agree: striped in colors, and gray pebbles (figure 5)."""
     made = tmp_path_factory.mktemp("synth")
     save(pictures.pebbles(70, 90, 1), made / "photo.png", space=SRGB)
     stripes = 0.5 + 0.45 * np.sin(np.arange(64)[:, None, None] / 64 * 2 * np.pi + np.array([0.0, 2.1, 4.2]))
@@ -108,8 +108,8 @@ def low_passed(pixels, k):
     return pixels[:h, :w].astype(np.float64).reshape(h // k, k, w // k, k, -1).mean((1, 3))
 
 
-def test_colours_of_a_coarse_exemplar_are_kept_by_a_gray_one(folder):
-    """HRRG08 figure 5: with the correction the stripes' colours hold, without it they are lost."""
+def test_colors_of_a_coarse_exemplar_are_kept_by_a_gray_one(folder):
+    """HRRG08 figure 5: with the correction the stripes' colors hold, without it they are lost."""
     stripes = load(folder / "stripes.png")[..., :3] / 255
     away = {}
     for correct in (1, 0):
@@ -194,13 +194,13 @@ WRONG = [
     (("--texsynth:graph=loop.json:window=0x4+1+1",), "expected WxH+X+Y"),
     (("--texsynth:graph=loop.json:window=4x4+9999999999999999999999+1",), "places up to 2^60"),
     (("--texsynth:graph=loop.json:size=20x20:window=9x9+15+0",), "9x9+15+0: expected a window inside size=20x20"),
-    (("--texsynth:graph=loop.json:level=61",), "level=61: expected a whole number >= 0 and <= 60"),
+    (("--texsynth:graph=loop.json:level=61",), "level=61: expected an integer from 0 to 60"),
     (("--texsynth:graph=loop.json:stmap=loop.json",), "loop.json would overwrite graph, a file that it reads"),
     (("photo.png", "--texsynth:size=100x64:toroidal=1"), "size=100x64: expected multiples of 64 px, for toroidal=1"),
     (("photo.png", "--texsynth:toroidal=1"), "toroidal=1 requires size, after which the texture repeats"),
     *((("photo.png", f"--texsynth:size=70x50:tiles={wrong}"), f"tiles={wrong}: expected I/N, I from 1 to N")
       for wrong in ("0/3", "4/3", "1", "1/51", "a/b")),
-    (("photo.png", "--texsynth:lock=61"), "lock=61: expected 0 or 1 or a whole number >= 0 and <= 60"),
+    (("photo.png", "--texsynth:lock=61"), "lock=61: expected 0 or 1 or an integer from 0 to 60"),
     (("photo.png", "--texsynth:size=70x50:window=9x9+0+0:tiles=1/10"), "N at most 9 rows"),
     (("tiny.png", "--texsynth"), "tiny.png is 9 px wide or high: an exemplar has 16 or more"),
     (("clear.png", "--texsynth"), "clear.png: the 16x16 px in its middle are transparent"),

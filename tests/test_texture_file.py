@@ -255,7 +255,7 @@ def test_tiles_lie_beside_tiles_with_the_same_edges(folder, session, count):
     assert (other[..., 0] != plane[..., 0]).any()
 
 
-@pytest.mark.parametrize("last", [[], [Edges(999, 999, 999, 999)]])  # 10^12 sets of four colours are not looked through
+@pytest.mark.parametrize("last", [[], [Edges(999, 999, 999, 999)]])  # 10^12 sets of four colors are not looked through
 def test_tiles_that_want_those_before_are_refused(folder, session, last):
     edges = edges_of(8) + last
     name = wall(folder, photo=None, tiles=wang_set(folder, len(edges), edges))
@@ -265,17 +265,17 @@ def test_tiles_that_want_those_before_are_refused(folder, session, last):
         OpenTexture(read_texture_file(name).text(), session)
 
 
-def test_tiles_that_lost_their_edges_or_differ_in_colour_space_are_refused(folder, session):
+def test_tiles_that_lost_their_edges_or_differ_in_color_space_are_refused(folder, session):
     name = wall(folder, photo=None, tiles=wang_set(folder, 16, []))
     with pytest.raises(ImageError, match=r"set\.exr: 16 tiles that do not say their edges .*: write the set as EXR"):
         OpenTexture(read_texture_file(name).text(), session)
     name = wall(folder, photo=None, tiles=wang_set(folder, 3, [], ("lin_rec709_scene", "srgb_rec709_scene")))
-    with pytest.raises(ImageError, match=r"part 'tile1' is of another size, type or colour space"):
+    with pytest.raises(ImageError, match=r"part 'tile1' is of another size, type or color space"):
         OpenTexture(read_texture_file(name).text(), session)
 
 
-def test_colour_is_not_guessed_and_a_changed_photo_is_no_longer_the_same(folder, session):
-    with pytest.raises(Error, match="does not say its colour space"):
+def test_color_is_not_guessed_and_a_changed_photo_is_no_longer_the_same(folder, session):
+    with pytest.raises(Error, match="does not say its color space"):
         OpenTexture(read_texture_file(wall(folder)).text(), session)
     file = read_texture_file(wall(folder, photo="tagged.exr"))
     os.utime(folder / "tagged.exr", ns=(1, 1))

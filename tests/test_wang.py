@@ -57,8 +57,8 @@ def test_all_pairs_across_an_edge_are_the_same_pixels():
     for name, take in {
         "east": lambda t: t[:, -7:], "west": lambda t: t[:, :7], "north": lambda t: t[:7], "south": lambda t: t[-7:],
     }.items():  # fmt: skip
-        for colour in (0, 1):
-            same = [take(t) for t, e in zip(tiles, edges, strict=True) if getattr(e, name) == colour]
+        for color in (0, 1):
+            same = [take(t) for t, e in zip(tiles, edges, strict=True) if getattr(e, name) == color]
             middle = [s[7:-7] if name in ("east", "west") else s[:, 7:-7] for s in same]
             assert all((m == middle[0]).all() for m in middle) and len(same) > 1
 

@@ -39,7 +39,7 @@ OURS = {
     ".obj", ".zip",
 }  # fmt: skip
 SPACES = r"--iscolorspace (?:\"([^\"]+)\"|([A-Za-z]\w+))"
-PLACEHOLDERS = {"NAME", "SPACE"}  # for a colour space
+PLACEHOLDERS = {"NAME", "SPACE"}  # for a color space
 NO_MODIFIERS = {"colorspace", "lines"}  # of Python alone: where a call says the space, and of `Output`
 OTHER_FILES = {".venv", ".gitignore", ".typed"}
 
@@ -106,7 +106,7 @@ def test_every_line_that_is_shown_is_one_that_the_program_takes(source):
                 assert known is None or set(given) <= known, line
 
 
-def test_every_colour_space_that_is_named_is_in_the_config_that_is_built_in():
+def test_every_color_space_that_is_named_is_in_the_config_that_is_built_in():
     config, named = Session().resources.color, set()
     for text in TEXTS.values():
         named |= {"".join(found) for found in re.findall(SPACES, text)}

@@ -22,7 +22,7 @@ from oiiotex.color.lab import lens_of
 from oiiotex.color.lab_reduced import LabPixels, lab_pixels
 from oiiotex.core.image import from_buffer
 from oiiotex.dominant.diffusion import dominant_mask, dominant_texture
-from oiiotex.dominant.refinement import pixel_colours, refined_mask
+from oiiotex.dominant.refinement import pixel_colors, refined_mask
 from oiiotex.session import Session
 from tests import pictures
 
@@ -47,9 +47,9 @@ def base(name: str, seed: int) -> np.ndarray:
 
 
 def outliers(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What lies over a texture: (94, 125, 3) colour, (94, 125) cover 0 .. 1, and where it counts as there."""
+    """What lies over a texture: (94, 125, 3) color, (94, 125) cover 0 .. 1, and where it counts as there."""
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(float)
-    colour = np.zeros((HEIGHT, WIDTH, 3))
+    color = np.zeros((HEIGHT, WIDTH, 3))
     noise = pictures.noise(HEIGHT, WIDTH, seed, 51)[..., None]
     blob = pictures.smooth_noise(HEIGHT, WIDTH, 22, seed, 52)
     fine = pictures.smooth_noise(HEIGHT, WIDTH, 4, seed, 53)
@@ -57,31 +57,31 @@ def outliers(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if kind == "pipe":
         across = np.abs(x - 84 - 0.05 * y) / 8
         cover = (across < 1).astype(float)
-        colour[:] = 0.25 + 0.45 * np.sqrt(np.clip(1 - across**2, 0, 1))[..., None] + 0.02 * noise
+        color[:] = 0.25 + 0.45 * np.sqrt(np.clip(1 - across**2, 0, 1))[..., None] + 0.02 * noise
     elif kind == "window":
         cover = ((np.abs(x - 40) < 17) & (np.abs(y - 42) < 20)).astype(float)
         frame = (np.abs(x - 40) > 14) | (np.abs(y - 42) > 17) | (np.abs(x - 40) < 2)
-        colour[:] = np.where(frame[..., None], [0.9, 0.9, 0.85], [0.1, 0.14, 0.2]) + 0.02 * noise
+        color[:] = np.where(frame[..., None], [0.9, 0.9, 0.85], [0.1, 0.14, 0.2]) + 0.02 * noise
     elif kind in ("scratches", "cracks"):
         for n in range(4):
             slope, start = np.random.default_rng([seed, n]).uniform([-0.8, 5], [0.8, 90])
             bend = (6 * (pictures.smooth_noise(HEIGHT, WIDTH, 10, seed, 60 + n) - 0.5)) if kind == "cracks" else 0
             cover = np.maximum(cover, np.abs(y - start - slope * (x - 60) + bend) < 1.6)
-        colour[:] = (0.97 if kind == "scratches" else 0.03) + 0.02 * (noise - 0.5)
+        color[:] = (0.97 if kind == "scratches" else 0.03) + 0.02 * (noise - 0.5)
     elif kind == "shadow":
         cover = 0.75 * gaussian_filter((x + 0.4 * y > 112).astype(float), 1.5)
     else:
         cover = gaussian_filter((blob > np.quantile(blob, 0.78)).astype(float), 1.0) * (0.9 if kind != "dirt" else 0.8)
         shade = {"rust": [0.5, 0.2, 0.06], "dirt": [0.16, 0.12, 0.09], "growth": [0.12, 0.35, 0.08]}[kind]
-        colour[:] = np.array(shade) * (0.6 + 0.8 * fine[..., None])
-    return np.clip(colour, 0, 1), cover, cover > 0.3
+        color[:] = np.array(shade) * (0.6 + 0.8 * fine[..., None])
+    return np.clip(color, 0, 1), cover, cover > 0.3
 
 
 def composite(number: int, seed: int = 0) -> tuple[str, np.ndarray, np.ndarray]:
     """Name, picture, and where its texture is dominant; other seeds move textures and outliers."""
     name, kind = TWELVE[number]
-    colour, cover, there = outliers(kind, number + 100 * seed)
-    picture = base(name, number + 100 * seed) * (1 - cover[..., None]) + colour * cover[..., None]
+    color, cover, there = outliers(kind, number + 100 * seed)
+    picture = base(name, number + 100 * seed) * (1 - cover[..., None]) + color * cover[..., None]
     return f"{name.removesuffix('.jpg')}_{kind}", picture, ~there
 
 
@@ -118,7 +118,7 @@ def main() -> None:
                 took = time.process_time() - start
                 literal = rule == "paper"
                 mask = (
-                    dominant_mask(found, pixels.seen) if literal else refined_mask(found, pixels, pixel_colours(pixels))
+                    dominant_mask(found, pixels.seen) if literal else refined_mask(found, pixels, pixel_colors(pixels))
                 )
                 iou = (mask & truth).sum() / max((mask | truth).sum(), 1)
                 precision = (mask & truth).sum() / max(mask.sum(), 1)

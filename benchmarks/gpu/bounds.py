@@ -84,7 +84,7 @@ BYTES: dict[str, Callable[[Launch], float]] = {
     "multiscale_correct": lambda a: (
         68 * a.count_x * a.count_y
     ),  # 12 of each of four pixels in, 8 + 12 of one in and out
-    "multiscale_colour": lambda a: 20 * a.count_x * a.count_y,
+    "multiscale_color": lambda a: 20 * a.count_x * a.count_y,
     "quilting_render": lambda a: 4 * a.width * a.height,
     "quilting_reduce": lambda a: 1.0625 * a.target,
     "quilting_score": lambda a: a.candidate + a.cost,
@@ -100,8 +100,8 @@ BYTES: dict[str, Callable[[Launch], float]] = {
     "superpixels_means": lambda a: 24 * a.across * a.down,
     "superpixels_seeds": lambda a: 11 * a.width * a.height,
     "superpixels_refine": lambda a: a.lab + a.slots,  # less where a square has but one seed
-    "slic_seeds_move": lambda a: a.totals + a.centres,
-    "slic_seeds_follow": lambda a: a.centres + a.candidates,
+    "slic_seeds_move": lambda a: a.totals + a.centers,
+    "slic_seeds_follow": lambda a: a.centers + a.candidates,
     "superpixels_powers": lambda a: a.lab + 2 * a.powers,
     "superpixels_blur": lambda a: 32 * a.width * a.height,
     "superpixels_halve": lambda a: 80 * a.width * a.height,
@@ -122,7 +122,7 @@ BYTES: dict[str, Callable[[Launch], float]] = {
     "factorization_memberships": lambda a: a.linear + 2 * a.at,
     "factorization_advance": lambda a: a.linear + a.ahead + a.trial,
     "factorization_project": lambda a: a.trial + 2 * a.at + a.ahead,
-    "potts_around": lambda a: a.neighbours + a.member + a.around,
+    "potts_around": lambda a: a.neighbors + a.member + a.around,
     "potts_members": lambda a: a.alone + a.around + a.member,
     "potts_winners": lambda a: a.votes + a.winners,
 }

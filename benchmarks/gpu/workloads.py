@@ -20,7 +20,7 @@ from oiiotex.color.lab import lens_of
 from oiiotex.color.lab_on_device import LabGrid
 from oiiotex.core.image import from_buffer
 from oiiotex.core.op import Space
-from oiiotex.multiscale.candidate_sets import analyse
+from oiiotex.multiscale.candidate_sets import analyze
 from oiiotex.multiscale.graph import Graph
 from oiiotex.multiscale.stacks import load_exemplars
 from oiiotex.multiscale.targets import stacks_of
@@ -99,7 +99,7 @@ def _analysis(session: Session, side: int) -> Work:
     stacks = stacks_of(graph, exemplars)
 
     def work() -> dict[str, np.ndarray]:
-        made = analyse(
+        made = analyze(
             session.resources.device, stacks, 16, True, session.resources.budget, session.progress.advance, None
         )
         return {name: array for name, array in vars(made).items() if isinstance(array, np.ndarray)}
@@ -126,24 +126,24 @@ def _slic(session: Session, side: int) -> Work:
     return work
 
 
-def _labelled(session: Session) -> Any:
+def _labeled(session: Session) -> Any:
     halves = pictures.bricks(128, 96, 1), pictures.moss(128, 96, 2)
     pixels = (255 * np.concatenate(halves, 1) + 0.5).astype(np.uint8)
     return filters.label(buffer_of(pixels), keep=True, session=session)
 
 
 def _composite(session: Session, side: int) -> Work:
-    source = _labelled(session)
+    source = _labeled(session)
     return lambda: filters.composite(source, size=(side, side), patch=16, seed=2, session=session)
 
 
 def _palette(session: Session, side: int) -> Work:
-    source = _labelled(session)
+    source = _labeled(session)
     return lambda: filters.palette(source, side=32, session=session)
 
 
 def _paint(session: Session, side: int) -> Work:
-    source = _labelled(session)
+    source = _labeled(session)
     checks = buffer_of(1 + (np.indices((side, side)).sum(0) // 60 % 2)[..., None].astype(np.float32))
     return lambda: filters.paint(source, checks, patch=16, session=session)
 

@@ -45,12 +45,12 @@ def place_in_bins(value, low, per_bin):
 
 
 @serial
-def shares_of_cell(centre, pitch, size, places, shares):
+def shares_of_cell(center, pitch, size, places, shares):
     """The wrapped places of the pixels less than a cell away along an axis, and their shares; returns how many."""
-    first, end = math.floor(centre - pitch) + 1, math.ceil(centre + pitch)
+    first, end = math.floor(center - pitch) + 1, math.ceil(center + pitch)
     for i in range(first, end):
         places[i - first] = i + size if i < 0 else i - size if i >= size else i
-        shares[i - first] = ONE - abs(np.float32(i) - centre) / pitch
+        shares[i - first] = ONE - abs(np.float32(i) - center) / pitch
     return end - first
 
 
@@ -123,7 +123,7 @@ def blur(grid, blurred, weights):
 
 @parallel
 def cumulate(grid):
-    """Histograms -> their cumulatives, normalised: (cells, BINS)."""
+    """Histograms -> their cumulatives, normalized: (cells, BINS)."""
     for index in prange(grid.shape[0]):
         i = np.int64(index)
         histogram = grid[i]

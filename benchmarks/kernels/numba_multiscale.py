@@ -31,8 +31,8 @@ parallel = njit(error_model="numpy", parallel=True)
 
 
 @serial
-def project_around(around, wanted, colour, y, x, own, basis):
-    """The 5 x 5 neighbourhood to the right and below of (y, x), less `own`, projected.
+def project_around(around, wanted, color, y, x, own, basis):
+    """The 5 x 5 neighborhood to the right and below of (y, x), less `own`, projected.
 
     It is copied together first, so that every dimension is a sum of products of 16-bit numbers, which LLVM makes of
     few instructions (vpmaddwd); padded to whole registers. Sixteen sums side by side, tap by tap, took longer.
@@ -40,7 +40,7 @@ def project_around(around, wanted, colour, y, x, own, basis):
     for v in range(TAPS):
         for u in range(TAPS):
             for c in range(CHANNELS):
-                around[CHANNELS * (v * TAPS + u) + c] = np.int16(colour[y + v, x + u, c] - own[c])
+                around[CHANNELS * (v * TAPS + u) + c] = np.int16(color[y + v, x + u, c] - own[c])
     for d in range(WIDE):
         row, total = basis[d], np.int32(1 << 11)
         for k in range(PADDED):
@@ -50,7 +50,7 @@ def project_around(around, wanted, colour, y, x, own, basis):
 
 @serial
 def distance(wanted, record):
-    """Squared, of two projected neighbourhoods; differences stay 16 bits wide, so that it is one instruction."""
+    """Squared, of two projected neighborhoods; differences stay 16 bits wide, so that it is one instruction."""
     total = np.int32(0)
     for d in range(WIDE):
         away = np.int32(np.int16(wanted[d] - record[d]))
@@ -59,7 +59,7 @@ def distance(wanted, record):
 
 
 @parallel
-def correct(texel, r, colour, links, records, offsets, basis, spacing, side, place, penalty, sink):
+def correct(texel, r, color, links, records, offsets, basis, spacing, side, place, penalty, sink):
     """`multiscale_correct`; `place` is first_x, first_y, count_x, count_y."""
     first_x, first_y, count_x, count_y = place
     bits, inside = np.uint32(side), np.uint32((1 << side) - 1)
@@ -83,7 +83,7 @@ def correct(texel, r, colour, links, records, offsets, basis, spacing, side, pla
                         touched += np.int64(records[at, 0, 0])
             x = first_x + 2 * i
             own = r[y, x]
-            project_around(around, wanted, colour, np.uint64(y - 2), np.uint64(x - 2), own, basis)
+            project_around(around, wanted, color, np.uint64(y - 2), np.uint64(x - 2), own, basis)
             best, chosen, number = np.int64(1 << 40), np.uint64(0), np.uint64(0)
             for k in range(np.uint64(2)):
                 for n in range(np.uint64(9)):
@@ -100,15 +100,15 @@ def correct(texel, r, colour, links, records, offsets, basis, spacing, side, pla
 
 
 @parallel
-def recolour(texel, r, stack, colour, place):
-    """`multiscale_colour`."""
+def recolor(texel, r, stack, color, place):
+    """`multiscale_color`."""
     first_x, first_y, count_x, count_y = place
     for index in prange(count_y):
         y = np.int64(first_y + 2 * np.int64(index))
         for i in range(count_x):
             x = first_x + 2 * i
             for c in range(3):
-                colour[y, x, c] = stack[texel[y, x], c] + r[y, x, c]
+                color[y, x, c] = stack[texel[y, x], c] + r[y, x, c]
 
 
 class BoundCorrection:
@@ -134,7 +134,7 @@ class BoundCorrection:
         self._spacing = np.array([levels.spacing(n) for n in range(len(levels.stacks))], np.int64)
 
     def correct(
-        self, texel: np.ndarray, r: np.ndarray, colour: np.ndarray, windows: Sequence[Window],
+        self, texel: np.ndarray, r: np.ndarray, color: np.ndarray, windows: Sequence[Window],
         parities: Sequence[tuple[int, int]],
     ) -> None:  # fmt: skip
         """Change the pixels of `windows[0]`, as `LevelPlan` says, in place."""
@@ -144,7 +144,7 @@ class BoundCorrection:
             count = (after.right - left + 1) // 2, (after.bottom - top + 1) // 2
             place = left - whole.left, top - whole.top, *count
             correct(
-                texel, r, colour, self._links, self._records, self._offsets, self._basis, self._spacing, self._side,
+                texel, r, color, self._links, self._records, self._offsets, self._basis, self._spacing, self._side,
                 place, self._penalty, self._sink,
             )  # fmt: skip
-            recolour(texel, r, self._stack, colour, place)
+            recolor(texel, r, self._stack, color, place)

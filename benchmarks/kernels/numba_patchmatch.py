@@ -108,7 +108,7 @@ def score(target, exemplar, field, distance, t_row, e_row):
 
 @parallel
 def propagate(target, exemplar, penalty, field, distance, field_out, distance_out, t_row, e_row, jump):
-    """One Jacobi pass: every patch is offered the matches of its four neighbours `jump` pixels away."""
+    """One Jacobi pass: every patch is offered the matches of its four neighbors `jump` pixels away."""
     rows, columns = field.shape
     e_rows, e_columns = penalty.shape
     for index in prange(rows):

@@ -6,7 +6,7 @@ taken off by their events). Each line runs N times in a process of its own; medi
 threads) are printed:
 
 start: the interpreter, imports, parsing, opening the device and its programs: what any line pays.
-op: from the first word on until all pixels are there: reading the exemplar, colour, analysis, kernels, gathers.
+op: from the first word on until all pixels are there: reading the exemplar, color, analysis, kernels, gathers.
 kernels: the part of `op` that the runtime's threads used.
 whole: the line as it is typed, `start` and encoding to EXR included.
 

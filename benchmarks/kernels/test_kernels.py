@@ -253,7 +253,7 @@ def correct() -> Iterator[Correct]:
     shape = entry.windows[0].height, entry.windows[0].width
     before = parents(entry.windows[0])
     state = maker.window(finest - 1, before)
-    layout = {name: shape[0] * shape[1] * size for name, size in (("texel", 4), ("r", 8), ("colour", 8))}
+    layout = {name: shape[0] * shape[1] * size for name, size in (("texel", 4), ("r", 8), ("color", 8))}
     with Buffers(
         device, layout | {"parent": layout["texel"], "parent_r": layout["r"]}, session.resources.budget, "it"
     ) as buffers:
@@ -263,7 +263,7 @@ def correct() -> Iterator[Correct]:
         made = {
             "texel": device.read(buffers["texel"], shape, np.uint32),
             "r": device.read(buffers["r"], (*shape, 4), np.int16),
-            "colour": device.read(buffers["colour"], (*shape, 4), np.int16),
+            "color": device.read(buffers["color"], (*shape, 4), np.int16),
         }
         bound = BoundCorrection(plane.analysis, round(16 * (settings.penalty - 1)))
         both = Correct(device, maker, entry, buffers, bound, made, {k: v.copy() for k, v in made.items()})
@@ -281,7 +281,7 @@ def correct() -> Iterator[Correct]:
 
 @pytest.mark.parametrize("by", ["opencl", "numba"])
 def test_correction(benchmark, correct: Correct, by: str) -> None:
-    """correct, colour, eight subpasses of a level, D = 16."""
+    """correct, color, eight subpasses of a level, D = 16."""
     benchmark.group = "multiscale correction"
     run = correct.correct if by == "opencl" else correct.correct_bound
     benchmark.pedantic(run, setup=correct.reset, rounds=ROUNDS, warmup_rounds=WARMUPS)

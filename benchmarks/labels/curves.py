@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.labels.levels import Case, cases, score
 from oiiotex.color.lab import lens_of
 from oiiotex.labels.features import Features, features_of, small_lab
-from oiiotex.labels.scales import LabelSettings, labelled
+from oiiotex.labels.scales import LabelSettings, labeled
 from oiiotex.session import Session
 from oiiotex.superpixels.hierarchy import Hierarchy, hierarchy
 from oiiotex.superpixels.superpixels import superpixels
@@ -66,7 +66,7 @@ def curve(
     warnings.filterwarnings("ignore", "Graph is not fully connected")
     found: dict[int, list[tuple[float, float, float]]] = {}
     for persistence in PERSISTENCES:
-        made = labelled(points, LabelSettings(cluster=cluster, persistence=persistence), 0, session.resources)
+        made = labeled(points, LabelSettings(cluster=cluster, persistence=persistence), 0, session.resources)
         s = score(case.truth, made.G.argmax(0)[groups][ids], groups[ids])
         found.setdefault(made.G.shape[0], []).append((s.rand, s.covering, s.back))
     counts = np.array(sorted(found))
@@ -186,7 +186,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--features", default="textons,moments,gabor,quadtree")
     parser.add_argument("--cluster", default="nmf,kmeans,spectral")
-    parser.add_argument("--superpixels", default="100", help="of the level that is labelled; several with commas")
+    parser.add_argument("--superpixels", default="100", help="of the level that is labeled; several with commas")
     parser.add_argument("--name", default="", help="images whose names have this in them; several with commas")
     parser.add_argument("--plots", type=Path)
     given = parser.parse_args()

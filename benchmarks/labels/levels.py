@@ -139,7 +139,7 @@ def main() -> None:
             for cluster in arguments.cluster.split(","):
                 start = time.perf_counter()
                 settings = LabelSettings(cluster=cluster, persistence=arguments.persistence, share=arguments.share)
-                labelled = label_levels(
+                labeled = label_levels(
                     levels,
                     described,
                     settings,
@@ -148,7 +148,7 @@ def main() -> None:
                     lambda: superpixel_subtextures(found, small, session.resources),  # noqa: B023 - called at once
                 )
                 took = time.perf_counter() - start
-                scores = [score(case.truth, level.labels[ids], level.groups[ids]) for level in labelled]
+                scores = [score(case.truth, level.labels[ids], level.groups[ids]) for level in labeled]
                 best = max(range(len(scores)), key=lambda n: scores[n].covering)
                 true = len(np.unique(case.truth[case.truth > 0]))
                 near = abs(scores[best].count / true - 1) <= 0.5
@@ -161,8 +161,8 @@ def main() -> None:
                           f" {s.covering:.3f} back {s.back:.3f} UE {100 * s.error:.1f} %", end="")  # fmt: skip
                 print(flush=True)
                 if arguments.pictures and cluster == "nmf":
-                    maps = LabelMaps(found, labelled)
-                    parts = [label_map(case.image.first, maps, n + 1).part for n in range(len(labelled))]
+                    maps = LabelMaps(found, labeled)
+                    parts = [label_map(case.image.first, maps, n + 1).part for n in range(len(labeled))]
                     view = run(
                         filters.op_named("labelview")(source=Image((case.image.first, *parts), case.name)), session
                     )[0].image

@@ -19,7 +19,7 @@ from benchmarks.shared.measures import data_folder
 from oiiotex.color.lab_grid import FINE_STEPS
 from oiiotex.core.op import Space
 from oiiotex.core.window import Window
-from oiiotex.multiscale.candidate_sets import neighbourhoods
+from oiiotex.multiscale.candidate_sets import neighborhoods
 from oiiotex.multiscale.contrast import with_contrast
 from oiiotex.multiscale.coverage import shares, unmatched
 from oiiotex.multiscale.infinite_plane import Plane, graph_images, opened
@@ -36,7 +36,7 @@ GRAPHS = ("map1800_bobruisk", "mars", "drone_caliterra", "sand_grain_ladder")
 LEVELS = (12, 20, 40)
 PLACES = ((0, 0), (5000, 7000), (-3000, 99), (777, -(1 << 20)))
 WINDOW = 128
-SAMPLED = 1000  # neighbourhoods of a level
+SAMPLED = 1000  # neighborhoods of a level
 
 
 def prepared(path: Path, session: Session, side: int, correct: bool = True) -> tuple[Plane, Synthesizer]:
@@ -82,18 +82,18 @@ def zooms(folder: Path, session: Session, side: int) -> None:
 
 
 def unlikeness(plane: Plane, maker: Synthesizer, level: int) -> float:
-    """How far neighbourhoods, less their pixel's R, are from the nearest admissible one: rms of a colour, Lab units."""
+    """How far neighborhoods, less their pixel's R, are from the nearest admissible one: rms of a color, Lab units."""
     stacks, window = plane.analysis.stacks, Window.sized(300, 200, 64, 64)
     state = maker.window(level, window)
-    colour = stacks.planes.reshape(-1, 4)[state.texel][..., :3].astype(float) + state.offset[..., :3]
+    color = stacks.planes.reshape(-1, 4)[state.texel][..., :3].astype(float) + state.offset[..., :3]
     number = plane.source(state).number
     random = np.random.default_rng(0)
     y, x = random.integers(2, 62, (2, SAMPLED))
-    seen = np.stack([colour[y + v, x + u] for v in range(-2, 3) for u in range(-2, 3)], 1)
+    seen = np.stack([color[y + v, x + u] for v in range(-2, 3) for u in range(-2, 3)], 1)
     seen = (seen - state.offset[y, x, None, :3]).reshape(SAMPLED, 75)
     least = np.full(SAMPLED, np.inf)
     for to in {to for n in np.unique(number[y, x]) for to, _ in stacks.levels.admissible[n]}:
-        other = neighbourhoods(stacks.planes[to], stacks.levels.spacing(to), stacks.periodic[to])
+        other = neighborhoods(stacks.planes[to], stacks.levels.spacing(to), stacks.periodic[to])
         squares = np.square(seen).sum(1)[:, None] + np.square(other).sum(1) - 2 * seen @ other.T
         least = np.minimum(least, squares.min(1))
     return float(np.sqrt(np.maximum(least, 0).mean() / 25) / FINE_STEPS)
@@ -108,7 +108,7 @@ def incoherence(plane: Plane, maker: Synthesizer, level: int) -> float:
 
 
 def drawn(folder: Path) -> Path:
-    """HRRG08 figure 5: stripes in colours, gray pebbles 8 times finer."""
+    """HRRG08 figure 5: stripes in colors, gray pebbles 8 times finer."""
     phase = np.arange(128)[:, None, None] / 64 * 2 * np.pi
     stripes = np.broadcast_to(0.5 + 0.45 * np.sin(phase + np.array([0.0, 2.1, 4.2])), (128, 128, 3))
     gray = pictures.pebbles(128, 128, 2).mean(-1, keepdims=True) * np.ones(3)

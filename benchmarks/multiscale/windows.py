@@ -26,7 +26,7 @@ from benchmarks.shared.measures import data_folder, machine
 from oiiotex.core.op import Space
 from oiiotex.core.window import Window
 from oiiotex.io.reading import read
-from oiiotex.multiscale.candidate_sets import DIMS, DISC, analyse, neighbourhoods, project
+from oiiotex.multiscale.candidate_sets import DIMS, DISC, analyze, neighborhoods, project
 from oiiotex.multiscale.graph import Graph
 from oiiotex.multiscale.infinite_plane import Plane, graph_images, opened
 from oiiotex.multiscale.synthesizer import Synthesizer
@@ -121,7 +121,7 @@ def print_analysis(session: Session, photo: Path, runs: int) -> None:
     stacks = plane.analysis.stacks
 
     def run() -> None:
-        analyse(session.resources.device, stacks, DIMS, True, session.resources.budget, lambda done, total: None, None)
+        analyze(session.resources.device, stacks, DIMS, True, session.resources.budget, lambda done, total: None, None)
 
     run()  # builds the kernels
     cpu, wall = (median(column) for column in zip(*(timed(run) for _ in range(max(2, runs // 2))), strict=True))
@@ -141,7 +141,7 @@ def distances(plane: Plane) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     stacks, side = analysis.stacks, analysis.stacks.planes.shape[1]
     disc = round((DISC * side) ** 2)
     for number in range(2, len(stacks.planes)):
-        around = neighbourhoods(stacks.planes[number], stacks.levels.spacing(number), stacks.periodic[number])
+        around = neighborhoods(stacks.planes[number], stacks.levels.spacing(number), stacks.periodic[number])
         all_of = project(around, analysis.basis).astype(np.float64)
         texels = random.choice(side * side, SAMPLED, replace=False)
         found = analysis.links[number, texels, 1].astype(np.int64) - number * side * side

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Minimum cuts of patches by the libraries that have wheels and a licence that we may use.
+"""Minimum cuts of patches by the libraries that have wheels and a license that we may use.
 
 python -m benchmarks.quilts.cuts   (OR-tools and networkx are timed where they are installed)
 """

@@ -27,7 +27,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from benchmarks.quilts.copies import copies
-from benchmarks.quilts.relabel import far_from_borders, relabelled
+from benchmarks.quilts.relabel import far_from_borders, relabeled
 from benchmarks.shared.peers import CROPS, PEERS, SYNTHESIZERS, ToolError
 from oiiotex.core.source_map import SourceMap
 from oiiotex.io.reading import read
@@ -143,7 +143,7 @@ def most_used(path: Path) -> tuple[Plan, float]:
 
 
 def seams(stmap: Path, photo: Path) -> tuple[float, float]:
-    """Mean squared jump at seams over that inside patches; the share of pixels with both neighbours of the photo."""
+    """Mean squared jump at seams over that inside patches; the share of pixels with both neighbors of the photo."""
     y, x = sources(stmap, photo)
     gray = read(photo).first.pixels().astype(float).mean(-1)[y, x]
     across = (np.diff(y, axis=1) == 0) & (np.diff(x, axis=1) == 1)
@@ -212,8 +212,8 @@ def fidelity(folder: Path) -> None:
     """The guide against the label of every pixel's source, and against what the result is by its own looks.
 
     `looks`: of the pixels further from a border of the guide than a superpixel is wide (rho), those whose superpixel
-    has the guide's label by the exemplar's features (relabel.py), for 1, 3, 5 neighbours; `ceiling`: the
-    same for the exemplar, whose superpixels are labelled by its others, against its own labels, all its pixels.
+    has the guide's label by the exemplar's features (relabel.py), for 1, 3, 5 neighbors; `ceiling`: the
+    same for the exemplar, whose superpixels are labeled by its others, against its own labels, all its pixels.
     """
     print(f"{'photo':26} {'level':>5} {'labels':>6} {'patch':>5} {'all':>6} {'> patch/2 from a border':>23} {'rho':>6}"
           f" {'far':>5}  looks, for 1, 3, 5  ceiling, for 1, 3, 5")  # fmt: skip
@@ -239,7 +239,7 @@ def fidelity(folder: Path) -> None:
         labels, rho = len(levels[level - 1]["labels"]), levels[level - 1]["rho"]
         print(f"{name:26} {level:5} {labels:6} {patch:5} {right.mean():6.3f} {right[inside].mean():12.3f}", end="")
         seen = read(photo).first.pixels()[..., :3]
-        found = relabelled(seen, ids.astype(np.int64), seen[y, x], rho)
+        found = relabeled(seen, ids.astype(np.int64), seen[y, x], rho)
         away = far_from_borders(full, rho)
         looks = [(looked == full)[away].mean() for looked in found.made.values()]
         ceiling = [(looked == ids).mean() for looked in found.exemplar.values()]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Labels of a synthesized image by what it looks like: by the features of the exemplar's labelled superpixels."""
+"""Labels of a synthesized image by what it looks like: by the features of the exemplar's labeled superpixels."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GAP = 64  # px between the two, of alpha 0
 NEAREST = (1, 3, 5)
 
 
-class Relabelled(NamedTuple):
+class Relabeled(NamedTuple):
     """Labels by the k nearest of the exemplar's superpixels, for each k.
 
     Attributes
@@ -37,11 +37,11 @@ class Relabelled(NamedTuple):
     exemplar: dict[int, np.ndarray]
 
 
-def relabelled(exemplar: np.ndarray, ids: np.ndarray, made: np.ndarray, rho: float) -> Relabelled:
+def relabeled(exemplar: np.ndarray, ids: np.ndarray, made: np.ndarray, rho: float) -> Relabeled:
     """Labels of uint8 pixels (H, W, 3) and of the exemplar (h, w, 3), whose labels of scale `rho` are `ids` (h, w).
 
     Both stand in one image, so that they have the same textons and the same superpixels' scales; those of labels are
-    of the level that was labelled, and textons are looked for at the exemplar's own reduction.
+    of the level that was labeled, and textons are looked for at the exemplar's own reduction.
     """
     height, width = exemplar.shape[:2]
     both = np.zeros((max(height, len(made)), width + GAP + made.shape[1], 4), np.uint8)
@@ -75,13 +75,13 @@ def relabelled(exemplar: np.ndarray, ids: np.ndarray, made: np.ndarray, rho: flo
         return votes.argmax(1)
 
     distances, near = tree.query(points, max(NEAREST) + 1)
-    apart = near.copy()  # a superpixel of the exemplar is no neighbour of its own
+    apart = near.copy()  # a superpixel of the exemplar is no neighbor of its own
     own = np.full(len(points), -1)
     own[known] = np.arange(len(known))
     for n in known:
         others = near[n][near[n] != own[n]]
         apart[n] = np.resize(others, near.shape[1])
-    return Relabelled({k: voted(near[:, :k])[here] for k in NEAREST}, {k: voted(apart[:, :k])[there] for k in NEAREST})
+    return Relabeled({k: voted(near[:, :k])[here] for k in NEAREST}, {k: voted(apart[:, :k])[there] for k in NEAREST})
 
 
 def far_from_borders(ids: np.ndarray, distance: float) -> np.ndarray:

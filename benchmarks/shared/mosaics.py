@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mosaics of 2 to 12 textures with exact truth, drawn by lot: two halves, one to set parameters on, one to judge them.
 
-Kinds take turns: photos in colour, photos in gray, textures drawn by code in gray, drawn and photographed ones
-together in colour, two photos in many small patches (behind fine or soft borders), one photo in four versions (turned,
+Kinds take turns: photos in color, photos in gray, textures drawn by code in gray, drawn and photographed ones
+together in color, two photos in many small patches (behind fine or soft borders), one photo in four versions (turned,
 at other scales), and five photos in gray. The halves share no photo and no drawn texture. Photos come from
 `$OIIOTEX_TEST_DATA` and from scikit-image's wheel. Fields are Voronoi cells with straight or wavy borders, or four
 quarters around a disc; patches are where smooth noise is above a level.
@@ -24,7 +24,7 @@ from oiiotex.core.image import from_buffer
 
 SIDE = 512
 KINDS = (
-    "photos colour", "photos gray", "drawn gray", "all colour", "patches fine", "patches soft", "versions", "five gray",
+    "photos color", "photos gray", "drawn gray", "all color", "patches fine", "patches soft", "versions", "five gray",
 )  # fmt: skip
 _SETS = {
     "tune": (
@@ -160,7 +160,7 @@ def _piece(name: str, random: np.random.Generator) -> np.ndarray:
 
 
 def _drawn(random: np.random.Generator) -> np.ndarray:
-    """A texture of random kind, size, direction, contrast and colour, (SIDE, SIDE, 3) in 0 .. 1."""
+    """A texture of random kind, size, direction, contrast and color, (SIDE, SIDE, 3) in 0 .. 1."""
     make: Callable = _LOOKS[random.integers(len(_LOOKS))]
     gray = make(random)
     gray = (gray - gray.mean()) / max(gray.std(), 1e-6)

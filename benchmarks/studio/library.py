@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A library from a folder: how much of two cores it uses, and how fast a catalogue of 10,000 assets answers.
+"""A library from a folder: how much of two cores it uses, and how fast a catalog of 10,000 assets answers.
 
-`python -m benchmarks.studio.library [--photos 12] [--size 512] [--assets 10000] [--only run|catalogue] [--keep FOLDER]`
+`python -m benchmarks.studio.library [--photos 12] [--size 512] [--assets 10000] [--only run|catalog] [--keep FOLDER]`
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import OpenImageIO as oiio
 from oiiotex.cli.language.sequences import Frame
 from oiiotex.cli.running.tasks import Job, Task, work
 from oiiotex.library.asset import key_of
-from oiiotex.library.catalogue import Asset, Catalogue
+from oiiotex.library.catalog import Asset, Catalog
 from oiiotex.machine import usable_threads
 from oiiotex.recipes.found import extract, materials
 from oiiotex.recipes.lines import SOURCE, source_name, steps_of
@@ -34,7 +34,7 @@ PROGRAM = [sys.executable, "-m", "oiiotex.library.main"]
 RECIPE = """schema = 1
 [find]
 normals = "opengl"
-licence = "see MANIFEST.tsv"
+license = "see MANIFEST.tsv"
 [[product]]
 name = "tile"
 line = "$maps --texstationarize:n=$n:kinds=$kinds:report=$report $outputs"
@@ -115,7 +115,7 @@ def cpu_of_children() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def large_catalogue(folder: Path, count: int) -> None:
+def large_catalog(folder: Path, count: int) -> None:
     """Rows as a run would have left them, and the photos: three maps each."""
     photos, library = folder / "photos", folder / "library"
     photos.mkdir(parents=True)
@@ -131,10 +131,10 @@ def large_catalogue(folder: Path, count: int) -> None:
     found = materials(photos, recipe)
     random = np.random.default_rng(1)
     names = ("fidelity", "seam", "repeat", "loss", "cost", "cost_photo", "texture", "copied", "normal_length")
-    with Catalogue(library, create=True) as catalogue:
+    with Catalog(library, create=True) as catalog:
         used = sorted({file.path for material in found for file in material.maps.values()})
         facts = ((path, os.stat(photos / path)) for path in used)
-        catalogue.remember_sources((str(photos / p), s.st_size, s.st_mtime_ns, digest) for p, s in facts)
+        catalog.remember_sources((str(photos / p), s.st_size, s.st_mtime_ns, digest) for p, s in facts)
         rows = []
         for material in found:
             key = key_of(material, recipe, dict.fromkeys(material.maps, digest))
@@ -147,9 +147,9 @@ def large_catalogue(folder: Path, count: int) -> None:
             rows.append(
                 (asset, files, dict(zip(names, random.random(len(names)).tolist(), strict=True)), ("scan",), ())
             )
-        catalogue.put_all(rows)
+        catalog.put_all(rows)
     (library / "report.html").touch()
-    print(f"{count} assets, {len(used)} maps, catalogue of {(library / 'library.sqlite').stat().st_size / 1e6:.0f} MB")
+    print(f"{count} assets, {len(used)} maps, catalog of {(library / 'library.sqlite').stat().st_size / 1e6:.0f} MB")
     searches = {
         "list": ["list", "library"],
         "list --measure": ["list", "library", "--measure", "seam<0.01", "--tag", "scan"],
@@ -167,15 +167,15 @@ def main() -> None:
     parser.add_argument("--photos", type=int, default=12)
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--assets", type=int, default=10_000)
-    parser.add_argument("--only", choices=("run", "catalogue"))
+    parser.add_argument("--only", choices=("run", "catalog"))
     parser.add_argument("--keep", type=Path, help="where to leave the libraries")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = (given.keep or Path(scratch)).resolve()
-        if given.only != "catalogue":
+        if given.only != "catalog":
             run_of_photos(folder / "run", given.photos, given.size)
         if given.only != "run":
-            large_catalogue(folder / "catalogue", given.assets)
+            large_catalog(folder / "catalog", given.assets)
 
 
 if __name__ == "__main__":

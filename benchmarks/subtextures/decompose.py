@@ -6,7 +6,7 @@ python -m benchmarks.subtextures.decompose [--mosaics 20] [--label] [--groups mo
 
 Settings: the default, and with the number told; clique partitioning, and without shifts; the paper's features and
 assignment with and without shifts. The default was set on the half "tune" of shared/mosaics.py; "judge" was not looked
-at before. k-means (on the histograms of the samples) and normalised cuts (on their similarities, CZF02 figure 5d) stand
+at before. k-means (on the histograms of the samples) and normalized cuts (on their similarities, CZF02 figure 5d) stand
 where clique partitioning does; they are told the true number of subtextures, which it is not. Factorization
 (factorization.py) is a peer by itself, run without the number and with it. `border`: of the pixels within
 8 px of a true border, the share that is not of the true texture its subtexture mostly covers. `correct`: of the true
@@ -37,14 +37,14 @@ from oiiotex.run import run
 from oiiotex.segmentation import clique_partition, subtextures
 from oiiotex.session import Session
 
-PAPER = {"features": "haar", "assign": "neighbours", "refine": False}
+PAPER = {"features": "haar", "assign": "neighbors", "refine": False}
 SETTINGS = {
     "default": {},
     "count told": {},
     "cliques": {"group": "cliques"},
     "cliques, shift=0": {"group": "cliques", "shift": 0},
     "k-means, count told": {"group": "cliques"},
-    "normalised cuts, count told": {"group": "cliques"},
+    "normalized cuts, count told": {"group": "cliques"},
     "paper, grid": PAPER,
     "paper, shift=0": {**PAPER, "shift": 0},
 }

@@ -6,7 +6,7 @@ Every pixel's local spectral histogram is taken for a mixture, by area, of those
 Y = Z beta. Representatives Z are found in the subspace of the largest singular vectors of Y, beta is solved by least
 squares, a pixel has the label whose share is largest. The number of textures is the rank of Y up to a residual.
 
-What the paper leaves open or is otherwise here: colour is three intensity bands beside the filters on their mean;
+What the paper leaves open or is otherwise here: color is three intensity bands beside the filters on their mean;
 histograms are of values between the 0.5 and 99.5 percentiles; places where opposite windows differ more than at the
 median are borders, where no representatives are looked for; alternating least squares with non-negative factors ends
 after ten rounds; labels of less than 2 % of the image are given up. Window and residual were set on the half "tune" of
@@ -25,11 +25,11 @@ MOST = 16  # textures
 _LOG = (1.2, 2.4)  # px, sigma
 _GABOR = (2.5, 6)  # px, sigma; orientations
 _SMALL = 0.02  # of the image: a label with less is none; as of --texdecompose
-_ROUNDS, _CENTRES = 10, 20
+_ROUNDS, _CENTERS = 10, 20
 
 
 def bands(rgb: np.ndarray) -> np.ndarray:
-    """(h, w, 11): three colours, two Laplacians of a Gaussian, six Gabor filters of their mean; rgb in 0 .. 1."""
+    """(h, w, 11): three colors, two Laplacians of a Gaussian, six Gabor filters of their mean; rgb in 0 .. 1."""
     gray = rgb.mean(-1)
     sigma, turns = _GABOR
     reach = round(3 * sigma)
@@ -71,14 +71,14 @@ def representatives(points: np.ndarray, count: int) -> np.ndarray:
     while len(chosen) < count:
         chosen.append(int(near.argmax()))
         near = np.minimum(near, ((points - points[chosen[-1]]) ** 2).sum(1))
-    centres = points[chosen]
-    for _ in range(_CENTRES):
-        owner = ((centres**2).sum(1) - 2 * points @ centres.T).argmin(1)
-        sums = np.stack([points[owner == n].mean(0) if (owner == n).any() else centres[n] for n in range(count)])
-        if np.allclose(sums, centres):
+    centers = points[chosen]
+    for _ in range(_CENTERS):
+        owner = ((centers**2).sum(1) - 2 * points @ centers.T).argmin(1)
+        sums = np.stack([points[owner == n].mean(0) if (owner == n).any() else centers[n] for n in range(count)])
+        if np.allclose(sums, centers):
             break
-        centres = sums
-    return centres
+        centers = sums
+    return centers
 
 
 def segmented(
@@ -106,8 +106,8 @@ def segmented(
     points = flat @ vectors[:, :rank].astype(np.float32)
     inside = edgeness(features, window).ravel()
     candidates = points[inside <= np.median(inside)]
-    centres = representatives(candidates[:: max(1, len(candidates) // 20000)].astype(np.float64), rank)
-    z = np.maximum(centres @ vectors[:, :rank].T, 0).T  # (M, r)
+    centers = representatives(candidates[:: max(1, len(candidates) // 20000)].astype(np.float64), rank)
+    z = np.maximum(centers @ vectors[:, :rank].T, 0).T  # (M, r)
     sample = flat[:: max(1, len(flat) // 20000)].astype(np.float64).T
     for _ in range(_ROUNDS):  # alternating least squares
         beta = np.maximum(np.linalg.lstsq(z, sample, rcond=None)[0], 0)

@@ -5,7 +5,7 @@ python -m benchmarks.subtextures.lit_patches
 
 The figure is of one Brodatz texture; here two halves of a photo, one of them darker, are compared for ten photos by
 Bhattacharyya's coefficient (eq. 3): of histograms in which every pixel belongs to its nearest bin alone, and of the
-paper's, in which it belongs to all of them by weights (eq. 1). Bins are of colour and of Haar details, eight each,
+paper's, in which it belongs to all of them by weights (eq. 1). Bins are of color and of Haar details, eight each,
 learned on both halves together. Beside it the coefficient of two different photos, which weights should not raise.
 """
 

@@ -19,7 +19,7 @@ import OpenImageIO as oiio
 from scipy import ndimage
 
 from benchmarks.shared.measures import data_folder
-from benchmarks.superpixels.segmenters import by_boundary, by_colour, scikit_slic
+from benchmarks.superpixels.segmenters import by_boundary, by_color, scikit_slic
 from oiiotex.color.lab import lens_of
 from oiiotex.color.lab_on_device import LabGrid
 from oiiotex.core.image import Image, Part, from_buffer
@@ -33,7 +33,7 @@ PEERS = (
     "our SLIC",
     "our SLIC on a blurred image",
     "scikit-image's SLIC",
-    "basins merged by colour (Ward)",
+    "basins merged by color (Ward)",
     "basins merged by boundary",
 )
 COUNTS = (400, 200, 100, 60, 33, 20)
@@ -182,7 +182,7 @@ def at_counts(found: Superpixels, session: Session) -> dict[int, np.ndarray]:
     made = {}
     for count in COUNTS:
         if levels.counts[-1] <= count <= found.count:
-            made[count] = found.runs.relabelled(levels.partition_of(count)).pixels(0, height, 0, width)
+            made[count] = found.runs.relabeled(levels.partition_of(count)).pixels(0, height, 0, width)
     return made
 
 
@@ -190,7 +190,7 @@ def quality(names: str = "") -> None:
     """Under-segmentation error, per cent: hierarchy, SLIC at that count, that on a blurred image, and peers'.
 
     Columns: ours, our SLIC, our SLIC of a blurred image, scikit-image's SLIC, and the two hierarchical segmenters that
-    stand in for Arbelaez's (benchmarks.superpixels.segmenters): by colour, by boundary.
+    stand in for Arbelaez's (benchmarks.superpixels.segmenters): by color, by boundary.
     """
 
     session, totals = Session(), []
@@ -204,7 +204,7 @@ def quality(names: str = "") -> None:
         found = superpixels(image, lens, session.resources)
         cells = []
         values = lens.values(image.first.pixels())[0][..., :3].astype(np.float64)
-        segmenters = [by_colour(values), by_boundary(values)]
+        segmenters = [by_color(values), by_boundary(values)]
         for count, labels in at_counts(found, session).items():
             sigma = float(np.sqrt(regions.size / count))
             blur = np.sqrt(max(1.0, sigma - found.sigma) * 3.0)  # as the stack has it at that scale
@@ -237,7 +237,7 @@ def errors_text(cells: Iterable[Iterable[float]]) -> str:
 
 
 def load_pixels(pixels: np.ndarray, like: Image) -> Image:
-    """8-bit values as an image in the colour space of another."""
+    """8-bit values as an image in the color space of another."""
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8)
     spec.attribute("oiio:ColorSpace", like.first.spec.get_string_attribute("oiio:ColorSpace"))
     made = oiio.ImageBuf(spec)
@@ -255,14 +255,14 @@ def pictures(folder: Path) -> None:
         found = superpixels(image, lens_of(image, resources), resources)
         levels = hierarchy(found, resources)
         out = image.first.pixels()[..., :3].copy()
-        for count, colour in ((found.count, (0, 0, 0)), (max(60, int(levels.counts[-1])), (255, 230, 0))):
-            labels = found.runs.relabelled(levels.partition_of(count)).pixels(0, out.shape[0], 0, out.shape[1])
+        for count, color in ((found.count, (0, 0, 0)), (max(60, int(levels.counts[-1])), (255, 230, 0))):
+            labels = found.runs.relabeled(levels.partition_of(count)).pixels(0, out.shape[0], 0, out.shape[1])
             edge = np.zeros(labels.shape, bool)
             edge[:, 1:] |= labels[:, 1:] != labels[:, :-1]
             edge[1:] |= labels[1:] != labels[:-1]
             if count <= 60:
                 edge |= np.roll(edge, 1, 0) | np.roll(edge, 1, 1)
-            out[edge] = colour
+            out[edge] = color
         buffer = oiio.ImageBuf(oiio.ImageSpec(out.shape[1], out.shape[0], 3, oiio.UINT8))
         buffer.set_pixels(buffer.roi, out)
         buffer.write(str(folder / f"{path.stem}.png"))

@@ -2,10 +2,10 @@
 """Peers of our superpixels: scikit-image's SLIC, and hierarchical segmenters that install.
 
 The latter stand in for Arbelaez's (LSA16 figure 3b), whose code does not install. Both begin with all basins of the
-gradient's watershed and merge neighbours with scikit-image's `merge_hierarchical` until one is left, so that partitions
+gradient's watershed and merge neighbors with scikit-image's `merge_hierarchical` until one is left, so that partitions
 of all counts fit into each other. `by_boundary` merges where the mean gradient along the common border is least, which
-is Arbelaez's construction (an ultrametric contour map) without his learned boundaries. `by_colour` merges where the sum
-of squared distances to mean colours grows least (Ward), which knows sizes: far the stronger of the two at counts like
+is Arbelaez's construction (an ultrametric contour map) without his learned boundaries. `by_color` merges where the sum
+of squared distances to mean colors grows least (Ward), which knows sizes: far the stronger of the two at counts like
 ours. Felzenszwalb's segments at several scales are left out, as they are no hierarchy: a coarse one may cut a fine one.
 """
 
@@ -74,7 +74,7 @@ def by_boundary(lab: np.ndarray) -> Dendrogram:
     return _merged(basins, rag_boundary(basins, gradient), lambda *_: None, weight)
 
 
-def by_colour(lab: np.ndarray) -> Dendrogram:
+def by_color(lab: np.ndarray) -> Dendrogram:
     """Basins of Lab (h, w, 3), merged by Ward's cost."""
     from skimage.graph import rag_mean_color
 

@@ -76,7 +76,7 @@ class Photo:
         self._finest[seed] = found
         last = np.sqrt(self.shape[0] * self.shape[1] / (count - 1))
         levels = hierarchy(found, self.session.resources, np.arange(found.sigma, last + STEP, STEP))
-        return found.runs.relabelled(levels.partition_of(count)).pixels(0, self.shape[0], 0, self.shape[1])
+        return found.runs.relabeled(levels.partition_of(count)).pixels(0, self.shape[0], 0, self.shape[1])
 
     def slic(self, count: int, seed: int = 0) -> np.ndarray:
         """Our SLIC at that scale."""

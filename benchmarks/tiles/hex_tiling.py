@@ -5,7 +5,7 @@
 on a triangle grid, each moved, and with `turned` also turned and scaled, by lot; weights are the barycentric ones to
 the seventh power, times luminance as far as `CONTRAST` goes. `by_histogram` is the way it comes from (Heitz, Neyret,
 High-Performance By-Example Noise using a Histogram-Preserving Blending Operator, HPG 2018): values are made Gaussian,
-blended so that the variance holds, and brought back; per principal component of the colours (Deliot, Heitz 2019).
+blended so that the variance holds, and brought back; per principal component of the colors (Deliot, Heitz 2019).
 Written from these texts. A photo that does not tile shows its seam within a piece, as it does in a renderer; with
 `inside` pieces keep away from it. Turns, scales and moves are drawn apart, where the node takes two numbers for all.
 """
@@ -33,10 +33,10 @@ def hextiled(photo: np.ndarray, side: int, seed: int, turned: bool) -> np.ndarra
 
 def by_histogram(photo: np.ndarray, side: int, seed: int) -> np.ndarray:
     """A plane (side, side, 3) from a photo (n, n, 3), by histogram-preserving blending, pieces away from its border."""
-    colours = photo.reshape(-1, 3)
-    mean = colours.mean(0)
-    axes = np.linalg.eigh(np.cov((colours - mean).T))[1]
-    values = (colours - mean) @ axes
+    colors = photo.reshape(-1, 3)
+    mean = colors.mean(0)
+    axes = np.linalg.eigh(np.cov((colors - mean).T))[1]
+    values = (colors - mean) @ axes
     ranks = (values.argsort(0).argsort(0) + 0.5) / len(values)
     gaussian = 0.5 + DEVIATION * ndtri(ranks)
     weights, samples = _pieces(gaussian.reshape(photo.shape), side, seed, turned=False, inside=True)
@@ -65,18 +65,18 @@ def _pieces(photo: np.ndarray, side: int, seed: int, turned: bool, inside: bool)
         u = base[0] + np.where(low, first[0], second[0])
         v = base[1] + np.where(low, first[1], second[1])
         lot = lots[u - least, v]
-        centre_y = v * np.sqrt(3.0) / 2 / GRID
-        centre_x = u / GRID + v / 2 / GRID
-        dx, dy = x - centre_x, y - centre_y
+        center_y = v * np.sqrt(3.0) / 2 / GRID
+        center_x = u / GRID + v / 2 / GRID
+        dx, dy = x - center_x, y - center_y
         if turned:
             angle, scale = 2 * np.pi * lot[..., 2], SCALES[0] + (SCALES[1] - SCALES[0]) * lot[..., 3]
             cos, sin = np.cos(angle) / scale, np.sin(angle) / scale
             dx, dy = cos * dx - sin * dy, sin * dx + cos * dy
-        reach = 1 / GRID + 1 / n  # of a piece from its centre
+        reach = 1 / GRID + 1 / n  # of a piece from its center
         if inside:
             to_x, to_y = (reach + (1 - 2 * reach) * lot[..., c] for c in (0, 1))
         else:
-            to_x, to_y = centre_x + lot[..., 0], centre_y + lot[..., 1]
+            to_x, to_y = center_x + lot[..., 0], center_y + lot[..., 1]
         at = [(to_y + dy) * n - 0.5, (to_x + dx) * n - 0.5]
         samples.append(np.stack([map_coordinates(photo[..., c], at, order=1, mode="grid-wrap") for c in range(3)], -1))
     return weights, np.stack(samples)

@@ -17,7 +17,7 @@ matplotlib.use("Agg")
 from matplotlib import pyplot
 
 _OURS, _THEIRS = "#1f77b4", "#ff7f0e"  # as in the paper: ours blue, toroidal PatchMatch orange
-_COLOURS = {BASELINE: _THEIRS, "histogram": _OURS, "moments": "#2ca02c", "steerable": "#9467bd"}
+_COLORS = {BASELINE: _THEIRS, "histogram": _OURS, "moments": "#2ca02c", "steerable": "#9467bd"}
 _NAMES = {BASELINE: "toroidal PatchMatch"}
 _CONFIDENCE = 0.95
 
@@ -75,9 +75,9 @@ def _figure_3(costs: Costs, traces: list[dict[str, str]], path: Path) -> None:
         if not iterations:
             continue
         low, middle, high = np.array([np.percentile(curves[n], (5, 50, 95)) for n in iterations]).T
-        colour, name = _COLOURS[variant], _NAMES.get(variant, "ours, histogram")
-        axes[0].plot(iterations, middle, color=colour, linewidth=2, label=name)
-        axes[0].fill_between(iterations, low, high, color=colour, alpha=0.2)
+        color, name = _COLORS[variant], _NAMES.get(variant, "ours, histogram")
+        axes[0].plot(iterations, middle, color=color, linewidth=2, label=name)
+        axes[0].fill_between(iterations, low, high, color=color, alpha=0.2)
     axes[0].set(xlabel="iteration", title="a) combined cost, median and 90 % band")
     axes[0].legend(fontsize=8)
 
@@ -104,7 +104,7 @@ def _figure_3(costs: Costs, traces: list[dict[str, str]], path: Path) -> None:
             continue
         edges = np.linspace(0, np.percentile(np.concatenate(list(found.values())), 99), 25)
         for variant, values in found.items():
-            axis.hist(values, edges, orientation="horizontal", color=_COLOURS[variant], alpha=0.6)
+            axis.hist(values, edges, orientation="horizontal", color=_COLORS[variant], alpha=0.6)
         axis.set(xlabel="tiles", title=title)
     _save(figure, path)
 
@@ -128,10 +128,10 @@ def _figure_4(costs: Costs, path: Path) -> None:
             edges = np.linspace(0, np.percentile(np.concatenate(list(found.values())), 95), 20)
             for variant, values in found.items():
                 label = f"{_NAMES.get(variant, 'ours')} ({min(map(len, per_photo[variant].values()))} seeds or more)"
-                axis.hist(np.clip(values, 0, edges[-1]), edges, color=_COLOURS[variant], alpha=0.6, label=label)
+                axis.hist(np.clip(values, 0, edges[-1]), edges, color=_COLORS[variant], alpha=0.6, label=label)
                 middle, half = values.mean(), 0.5 * t_width(values)
                 top = axis.get_ylim()[1]
-                axis.errorbar(middle, top, xerr=half, color=_COLOURS[variant], marker="|", capsize=4)
+                axis.errorbar(middle, top, xerr=half, color=_COLORS[variant], marker="|", capsize=4)
             axis.set(title=title, ylabel="photos")
             axis.legend(fontsize=7)
     _save(figure, path)

@@ -81,8 +81,8 @@ public:
                 return reply;
             if (state == "failed")
                 throw Error(reply.facts.at("text"));
-            if (state == "cancelled")
-                throw Error("the oiiotex process has cancelled it");
+            if (state == "canceled")
+                throw Error("the oiiotex process has canceled it");
         }
     }
 

@@ -4,30 +4,30 @@
 from ..materials.documents import (
     BLENDER,
     Described,
-    blender_catalogue,
+    blender_catalog,
     has_materialx,
     materialx_faults,
     usd_faults,
     write_materialx,
     write_usd,
 )
-from ..materials.label_colours import label_colours
-from ..materials.naming import COLOURS, PACKED, PACKED_ROLES, ROLES, Name, read_name
+from ..materials.label_colors import label_colors
+from ..materials.naming import COLORS, PACKED, PACKED_ROLES, ROLES, Name, read_name
 from ..materials.preview import Looks, lab_of_srgb, save, values, vectors
 
 __all__ = [
     "BLENDER",
-    "COLOURS",
+    "COLORS",
     "PACKED",
     "PACKED_ROLES",
     "ROLES",
     "Described",
     "Looks",
     "Name",
-    "blender_catalogue",
+    "blender_catalog",
     "has_materialx",
     "lab_of_srgb",
-    "label_colours",
+    "label_colors",
     "materialx_faults",
     "read_name",
     "save",

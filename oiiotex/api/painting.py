@@ -2,7 +2,7 @@
 """What a page needs beside the filters: label codes, painted plans, levels of zoom."""
 
 from ..exemplar.presets import PRESETS
-from ..labels.legend import code_of, codes_of, colour_of
+from ..labels.legend import code_of, codes_of, color_of
 from ..multiscale.graph import read_graph
 from ..multiscale.synthesizer import MOST_LEVEL
 from ..quilting.guide_map import Meaning, Strays
@@ -18,7 +18,7 @@ __all__ = [
     "changed_box",
     "code_of",
     "codes_of",
-    "colour_of",
+    "color_of",
     "read_graph",
     "regridded",
 ]

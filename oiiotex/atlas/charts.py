@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pixels of an atlas, the directions on its surface, and the way from a pixel to its neighbours on the surface."""
+"""The pixels of an atlas, the directions on its surface, and the way from a pixel to its neighbors on the surface."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ def _smoothed(mesh: Mesh, normal: np.ndarray, wanted: np.ndarray, opposite: np.n
     given = number(every, wanted)
     face, corner = np.nonzero(mesh.across >= 0)
     other, edge = mesh.across[face, corner], opposite[face, corner]
-    centre = mesh.corners.mean(1)
-    apart = np.linalg.norm(centre[face] - centre[other], axis=-1)
+    center = mesh.corners.mean(1)
+    apart = np.linalg.norm(center[face] - center[other], axis=-1)
     weight = np.linalg.norm(edge, axis=-1) / np.maximum(apart, 1e-9 * apart.max(initial=1))
     turn = number(face, edge) * number(other, edge).conj()  # what a direction of `other` is in `face`
     count = len(every)
@@ -86,7 +86,7 @@ def _smoothed(mesh: Mesh, normal: np.ndarray, wanted: np.ndarray, opposite: np.n
 
 
 def covered(mesh: Mesh, width: int, height: int, scale: tuple[float, float], name: str = "") -> np.ndarray:
-    """Which face covers the centre of each pixel: (height, width) int32, -1 for none."""
+    """Which face covers the center of each pixel: (height, width) int32, -1 for none."""
     place = in_pixels(mesh.uv, scale)
     owner = np.full(width * height, len(mesh.faces), np.int64)
     times = np.zeros(width * height if name else 0, np.uint8)

@@ -69,7 +69,7 @@ class Mesh:
             corners = np.moveaxis(mesh.uv, 1, 0)
             halves = [(corners[(n + 1) % 3] + corners[(n + 2) % 3]) / 2 for n in range(3)]
             uv, chart = _quarter(*halves, *corners), np.repeat(mesh.chart, 4)
-            mesh = Mesh(points, faces, _neighbours(faces, "the mesh"), uv, chart, mesh.unwrapped)
+            mesh = Mesh(points, faces, _neighbors(faces, "the mesh"), uv, chart, mesh.unwrapped)
         return mesh
 
     def obj(self, tiles: tuple[int, int] = (1, 1)) -> str:
@@ -116,7 +116,7 @@ def read_mesh(path: Path, width: int, height: int, tiles: tuple[int, int] = (1, 
     points, welded = np.unique(points, axis=0, return_inverse=True)
     corners = welded.reshape(-1)[faces]
     _require_area(_areas(points[corners]), _FLAT * extent**2, f"{name} has {{}} degenerate triangles, without area")
-    across = _neighbours(corners, name)
+    across = _neighbors(corners, name)
     unwrapped = uv is None
     if unwrapped and tuple(tiles) != (1, 1):
         raise ParameterError(f"udim={tiles[0]}x{tiles[1]}: {name} has no UVs, and charts that are made lie in one tile")
@@ -188,7 +188,7 @@ def _require_area(areas: np.ndarray, least: float, text: str) -> None:
         raise ImageError(f"{text.format(count)}: remove them, as by merging close vertices")
 
 
-def _neighbours(faces: np.ndarray, name: str) -> np.ndarray:
+def _neighbors(faces: np.ndarray, name: str) -> np.ndarray:
     """The face beyond each edge."""
     start, end = np.roll(faces, -1, 1).reshape(-1), np.roll(faces, -2, 1).reshape(-1)  # of the edge opposite a corner
     edges = np.stack([np.minimum(start, end), np.maximum(start, end)], -1)

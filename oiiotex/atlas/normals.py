@@ -46,7 +46,7 @@ def turned(part: Part, turn: np.ndarray, encoded: bool, upwards: bool) -> Part:
     upwards : bool
         Green points up (OpenGL), else down (DirectX).
     """
-    x, y = channels_of(part.spec).colour[:2]
+    x, y = channels_of(part.spec).color[:2]
     signs = np.array([1, 1 if upwards else -1], np.float32)
 
     def fetch(window: Window) -> np.ndarray:

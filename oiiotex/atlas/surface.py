@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pixels of an atlas at one scale, and who their neighbours on the surface are."""
+"""The pixels of an atlas at one scale, and who their neighbors on the surface are."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from ..deferred import np
 from .charts import Frames, covered, in_pixels, walk
 from .mesh import Mesh
 
-FRACTION = 8  # bits: places in the photo are held in 1/256 px, pixel centres at a half
+FRACTION = 8  # bits: places in the photo are held in 1/256 px, pixel centers at a half
 ONE = 1 << FRACTION
 FARTHEST = 2  # px from where a step leads to the pixel that stands for it
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The pixels of an atlas whose centres lie in charts, at one level of scale.
+    """The pixels of an atlas whose centers lie in charts, at one level of scale.
 
     `step` (faces, 2, 2) float64: what pixels of the atlas, x and y, a step in the photo, x and y, is inside of a face.
     """
@@ -53,7 +53,7 @@ class Surface:
         y, x = distance_transform_edt(self.index < 0, return_distances=False, return_indices=True)
         return self.index[y, x]
 
-    def centres(self, pixels: np.ndarray) -> np.ndarray:
+    def centers(self, pixels: np.ndarray) -> np.ndarray:
         """Of some pixels of charts, x and y in the atlas."""
         y, x = np.divmod(self.place[pixels], self.shape[1])
         return np.stack([x, y], -1) + 0.5
@@ -65,12 +65,12 @@ class Surface:
         """
         face = self.face[pixels]
         corners = in_pixels(self.mesh.uv[face], self.scale)
-        weights = barycentric(corners, self.centres(pixels))
+        weights = barycentric(corners, self.centers(pixels))
         end, weights = walk(self.mesh, self.frames, face, weights, steps)
         ends = np.einsum("nc,nck->nk", weights, in_pixels(self.mesh.uv[end], self.scale), optimize=False)
         x, y = np.clip(np.floor(ends).astype(np.int64), 0, (self.shape[1] - 1, self.shape[0] - 1)).T
         there = nearest[y, x]
-        return there, self.in_photo(there, self.centres(there) - ends)
+        return there, self.in_photo(there, self.centers(there) - ends)
 
     def in_photo(self, pixels: np.ndarray, moves: np.ndarray) -> np.ndarray:
         """What moves (n, ..., 2) in the atlas, in its pixels, are in those of the photo."""
@@ -91,7 +91,7 @@ def barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
     return weights / weights.sum(-1, keepdims=True)
 
 
-class Neighbours:
+class Neighbors:
     """The pixels around each pixel of a surface, at some offsets in the photo, and how far beside these they lie.
 
     Inside of a chart both follow from the face alone, since pixels lie on a grid; at its border they are looked up.
@@ -132,7 +132,7 @@ class Neighbours:
         self._rests = np.concatenate(rests) if rows else np.empty((0, len(offsets), 2), np.int16)
 
     def of(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The nearest pixels, and from the offset to their centres, x and y in `ONE`ths of a pixel of the photo.
+        """The nearest pixels, and from the offset to their centers, x and y in `ONE`ths of a pixel of the photo.
 
         Returns (n, offsets) int32, (n, offsets, 2) int16.
         """

@@ -3,7 +3,7 @@
 
 As the anisometric synthesis of Lefebvre and Hoppe (Appearance-space texture synthesis, SIGGRAPH 2006, section 5): what
 lies around a pixel is looked up along the surface, turned and scaled, so borders of charts are nothing special.
-Candidates are those of the neighbours, moved on by the step between them, and random ones as PatchMatch has them.
+Candidates are those of the neighbors, moved on by the step between them, and random ones as PatchMatch has them.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from ..errors import ImageError
 from ..patchmatch.field import hash_at
 from .charts import Frames
 from .mesh import Mesh
-from .surface import FRACTION, ONE, Neighbours, Surface
+from .surface import FRACTION, ONE, Neighbors, Surface
 
-REACH = 2  # px that a neighbourhood goes to each side
-_DIMENSIONS = 16  # of neighbourhoods as they are compared
+REACH = 2  # px that a neighborhood goes to each side
+_DIMENSIONS = 16  # of neighborhoods as they are compared
 _BASIS_BITS = 12
 _LEVELS = 6
 _LEAST_SIDE = 12  # px of the coarsest photo
@@ -35,7 +35,7 @@ GUTTER = 8  # px around charts that are taken from beyond the border
 
 
 def offsets() -> np.ndarray:
-    """Steps x, y of a neighbourhood, row by row: (25, 2) int64."""
+    """Steps x, y of a neighborhood, row by row: (25, 2) int64."""
     side = np.arange(-REACH, REACH + 1)
     y, x = np.meshgrid(side, side, indexing="ij")
     return np.stack([x, y], -1).reshape(-1, 2)
@@ -45,14 +45,14 @@ def offsets() -> np.ndarray:
 class PhotoLevel:
     """The photo at one level."""
 
-    colour: np.ndarray  # (height * width, channels) int16: Lab on the fine grid
-    looks: np.ndarray  # (height * width, dimensions) int32: neighbourhoods, projected
+    color: np.ndarray  # (height * width, channels) int16: Lab on the fine grid
+    looks: np.ndarray  # (height * width, dimensions) int32: neighborhoods, projected
     basis: np.ndarray  # (25 * channels, dimensions) float64: of whole numbers, so that products are exact in any order
-    snap: np.ndarray  # (height, width) int32: the nearest pixel whose whole neighbourhood may be taken
+    snap: np.ndarray  # (height, width) int32: the nearest pixel whose whole neighborhood may be taken
 
     @classmethod
     def of(cls, lab: np.ndarray, usable: np.ndarray) -> PhotoLevel | None:
-        """None where no whole neighbourhood may be taken."""
+        """None where no whole neighborhood may be taken."""
         from scipy.ndimage import binary_erosion, distance_transform_edt
 
         whole = binary_erosion(usable, np.ones((2 * REACH + 1,) * 2, bool), border_value=0)
@@ -61,17 +61,17 @@ class PhotoLevel:
         height, width = usable.shape
         y, x = distance_transform_edt(~whole, return_distances=False, return_indices=True)
         snap = (y * width + x).astype(np.int32)
-        colour = to_grid(lab, FINE_STEPS)
+        color = to_grid(lab, FINE_STEPS)
         places = np.flatnonzero(whole)
         rows = offsets() @ (1, width)
-        flat = colour.reshape(-1, colour.shape[-1])
+        flat = color.reshape(-1, color.shape[-1])
 
         def seen(at: np.ndarray) -> np.ndarray:
             return flat[at[:, None] + rows].reshape(len(at), -1).astype(np.float64)
 
         sampled = seen(places[:: -(-len(places) // 16384)])
-        centred = sampled - np.rint(sampled.mean(0))
-        _, vectors = np.linalg.eigh(centred.T @ centred)
+        centerd = sampled - np.rint(sampled.mean(0))
+        _, vectors = np.linalg.eigh(centerd.T @ centerd)
         basis = np.rint(vectors[:, ::-1][:, :_DIMENSIONS] * (1 << _BASIS_BITS))
         looks = np.zeros((height * width, basis.shape[1]), np.int32)
         for start in range(0, len(places), _AT_ONCE):
@@ -86,19 +86,19 @@ class PhotoLevel:
         return np.clip(pixels[..., 1], 0, height - 1) * width + np.clip(pixels[..., 0], 0, width - 1)
 
     def taken(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels for places, and these; where none may be taken, the nearest that may and its centre."""
+        """Pixels for places, and these; where none may be taken, the nearest that may and its center."""
         at = self.at(places)
         pixels = self.snap.reshape(-1)[at]
-        other = pixels != at  # so is all that lies beyond the border, next to which no whole neighbourhood is
+        other = pixels != at  # so is all that lies beyond the border, next to which no whole neighborhood is
         y, x = np.divmod(pixels[other], np.int32(self.snap.shape[1]))
         places = places.copy()
         places[other] = np.stack([x, y], -1) * ONE + ONE // 2
         return pixels, places
 
 
-def projected(neighbourhoods: np.ndarray, basis: np.ndarray) -> np.ndarray:
+def projected(neighborhoods: np.ndarray, basis: np.ndarray) -> np.ndarray:
     """(n, 25 * channels) whole numbers -> (n, dimensions) int32."""
-    return np.rint((neighbourhoods @ basis) / (1 << _BASIS_BITS)).astype(np.int32)
+    return np.rint((neighborhoods @ basis) / (1 << _BASIS_BITS)).astype(np.int32)
 
 
 def stack(values: np.ndarray, usable: np.ndarray | None) -> list[PhotoLevel]:
@@ -107,7 +107,7 @@ def stack(values: np.ndarray, usable: np.ndarray | None) -> list[PhotoLevel]:
     Raises
     ------
     ImageError
-        Not one whole neighbourhood may be taken.
+        Not one whole neighborhood may be taken.
     """
     usable = np.ones(values.shape[:2], bool) if usable is None else usable
     levels: list[PhotoLevel] = []
@@ -189,13 +189,13 @@ def synthesize(
 
 
 def _inherited(surface: Surface, coarse: Surface, source: np.ndarray, exemplar: PhotoLevel) -> np.ndarray:
-    """What the coarser level says of each pixel: its source there, and the step from the coarse pixel's centre on."""
+    """What the coarser level says of each pixel: its source there, and the step from the coarse pixel's center on."""
     pixels = np.arange(len(surface.place))
-    centres = surface.centres(pixels)
-    x, y = np.floor(centres / 2).astype(np.int64).T
+    centers = surface.centers(pixels)
+    x, y = np.floor(centers / 2).astype(np.int64).T
     height, width = coarse.shape
     parent = coarse.nearest()[np.minimum(y, height - 1), np.minimum(x, width - 1)]
-    away = centres - 2 * coarse.centres(parent)
+    away = centers - 2 * coarse.centers(parent)
     # where the nearest coarse pixel is of another chart or far off, a step says nothing
     away[(np.abs(away) > 4).any(1)] = 0
     steps = np.rint(surface.in_photo(pixels, away) * ONE).astype(np.int32)
@@ -210,7 +210,7 @@ def _corrected(
     passes = _PASSES[0 if first else 1]
     around = offsets()
     close = np.flatnonzero((np.abs(around) <= 1).all(1))
-    neighbours, near = Neighbours(surface, around), Neighbours(surface, around[close])
+    neighbors, near = Neighbors(surface, around), Neighbors(surface, around[close])
     own = len(close) // 2
     rows, columns = np.divmod(surface.place, surface.shape[1])
     parity = (rows % 2) * 2 + columns % 2
@@ -221,14 +221,14 @@ def _corrected(
         there, rest = near.of(pixels)
         candidates, places = exemplar.taken(source[there] - rest - around[close].astype(np.int32) * ONE)
         better = places[:, own].copy()
-        # where all neighbours go on with the same copy there is nothing to choose; the coarsest level begins with noise
+        # where all neighbors go on with the same copy there is nothing to choose; the coarsest level begins with noise
         torn = np.flatnonzero(first | (candidates != candidates[:, own, None]).any(1))
         if not len(torn):
             return better
         pixels, tried, tried_places = pixels[torn], [candidates[torn]], [places[torn]]
-        there, rest = neighbours.of(pixels)
-        # what the neighbours' copies show at the offsets themselves, beside which their centres lie
-        shown = exemplar.colour[exemplar.at(source[there] - rest)]
+        there, rest = neighbors.of(pixels)
+        # what the neighbors' copies show at the offsets themselves, beside which their centers lie
+        shown = exemplar.color[exemplar.at(source[there] - rest)]
         looks = projected(shown.reshape(len(pixels), -1), exemplar.basis)
         for which, reach in enumerate(reaches):
             chance = hash_at(seed, step + which, rows[pixels], columns[pixels])
@@ -258,7 +258,7 @@ def _with_gutters(surface: Surface, source: np.ndarray, exemplar: PhotoLevel) ->
     outside = np.flatnonzero(surface.index.reshape(-1) < 0)
     owner = nearest.reshape(-1)[outside]
     y, x = np.divmod(outside, surface.shape[1])
-    moves = np.stack([x, y], -1) + 0.5 - surface.centres(owner)
+    moves = np.stack([x, y], -1) + 0.5 - surface.centers(owner)
     close = np.flatnonzero((moves**2).sum(1) <= GUTTER**2)
     for start in range(0, len(close), _AT_ONCE * 4):
         some = close[start : start + _AT_ONCE * 4]

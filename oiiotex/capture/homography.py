@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A plane in perspective: the matrix by four points, and how wide it is for its height.
 
-Points are (x, y) in px, pixel centres at halves, y down; matrices map row vectors (x, y, 1), as OpenImageIO's do.
+Points are (x, y) in px, pixel centers at halves, y down; matrices map row vectors (x, y, 1), as OpenImageIO's do.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ..color.config import as_float, colour_space
+from ..color.config import as_float, color_space
 from ..color.lab import count_broken, lens_for
 from ..core.attributes import TAG
 from ..core.demand import bands
@@ -81,7 +81,7 @@ def check_material(
     Parameters
     ----------
     kinds : list of str
-        What each is: colour, data, normal or height.
+        What each is: color, data, normal or height.
     convention : str
         Which way green of normals shall point: opengl (up) or directx (down).
 
@@ -96,14 +96,14 @@ def check_material(
     by_kind = {one.kind: one for one in reversed(maps)}
     for one in maps:
         findings += _alone(one, resources, progress)
-        if one.kind != "colour":
+        if one.kind != "color":
             findings += _tagged(one, resources)
     together = [one for one in by_kind.values() if one.usable and one.image.first.window == maps[0].image.first.window]
     usable = {one.kind: one for one in together}
     if "normal" in usable:
         findings += _handedness(usable["normal"], usable.get("height"), convention)
-    if "colour" in usable and len(usable) > 1:
-        findings += _baked(usable["colour"], usable.get("normal"), usable.get("height"), resources)
+    if "color" in usable and len(usable) > 1:
+        findings += _baked(usable["color"], usable.get("normal"), usable.get("height"), resources)
     facts = [
         {"name": one.image.source, "kind": one.kind, "width": width, "height": height, "measures": one.measures}
         for one in maps
@@ -135,7 +135,7 @@ def _sizes(maps: list[_Map]) -> Iterator[Fault]:
 def _alone(one: _Map, resources: Resources, progress: Progress) -> Iterator[Fault]:
     try:
         _require_finite(one)
-        if one.kind == "colour":
+        if one.kind == "color":
             yield from _albedo(one, resources, progress)
         else:
             yield from {"normal": _normals, "height": _heights, "data": _data}[one.kind](one)
@@ -145,7 +145,7 @@ def _alone(one: _Map, resources: Resources, progress: Progress) -> Iterator[Faul
 
 
 def _require_finite(one: _Map) -> None:
-    channels, counts = list(channels_of(one.image.first.spec).colour), np.zeros(2, np.int64)
+    channels, counts = list(channels_of(one.image.first.spec).color), np.zeros(2, np.int64)
     for band in bands(one.image.first):
         counts += count_broken(as_float(one.image.first.read(band)[..., channels]))
     if counts.any():
@@ -153,13 +153,13 @@ def _require_finite(one: _Map) -> None:
 
 
 def _tagged(one: _Map, resources: Resources) -> Iterator[Fault]:
-    """A colour space that a map of data says; not what readers of JPEG and PNG assume of files that say none."""
+    """A color space that a map of data says; not what readers of JPEG and PNG assume of files that say none."""
     spec, path = one.image.first.spec, one.image.source
     tag, format_name = spec.get_string_attribute(TAG), _FORMATS.get(os.path.splitext(path)[1].lower())
     assumed = format_name is not None and os.path.isfile(path) and not is_tagged(spec, format_name, path)
     if tag and not assumed and not resources.color.is_data(tag):
-        text = f"says '{tag}': a renderer that believes it decodes what is no colour: {IS_DATA}"
-        yield Fault(WARNING, path, "colourspace", text)
+        text = f"says '{tag}': a renderer that believes it decodes what is no color: {IS_DATA}"
+        yield Fault(WARNING, path, "colorspace", text)
 
 
 # --- albedo ---
@@ -167,15 +167,15 @@ def _tagged(one: _Map, resources: Resources) -> Iterator[Fault]:
 
 def _albedo(one: _Map, resources: Resources, progress: Progress) -> Iterator[Fault]:
     name, part = one.image.source, one.image.first
-    count = len(channels_of(part.spec).colour)
+    count = len(channels_of(part.spec).color)
     if count not in (1, 3):
-        raise _Unusable("channels", f"has {count} channels beside alpha: colours have one or three")
+        raise _Unusable("channels", f"has {count} channels beside alpha: colors have one or three")
     try:
-        space = colour_space(one.image, resources.color, resources.settings.autocc)
+        space = color_space(one.image, resources.color, resources.settings.autocc)
     except (ColorError, ImageError) as error:
-        raise _Unusable("colourspace", spelled(error.problem)) from None
+        raise _Unusable("colorspace", spelled(error.problem)) from None
     if space is None:
-        raise _Unusable("colourspace", f"is tagged as data: say {COLORSPACE} if it is colour")
+        raise _Unusable("colorspace", f"is tagged as data: say {COLORSPACE} if it is color")
     counts = np.zeros(4, np.int64)
 
     def look(values: np.ndarray, opaque: np.ndarray | None, _: Window) -> np.ndarray:
@@ -221,7 +221,7 @@ def _percent(share: float) -> str:
 def _decoder(one: _Map) -> Callable[[np.ndarray], np.ndarray]:
     """What makes vectors (height, width, 2 or 3) of pixels: from 0 .. 1 where none of their values is negative."""
     part = one.image.first
-    channels = list(channels_of(part.spec).colour)
+    channels = list(channels_of(part.spec).color)
 
     def plain(rows: np.ndarray) -> np.ndarray:
         return as_float(rows[..., channels])
@@ -232,7 +232,7 @@ def _decoder(one: _Map) -> Callable[[np.ndarray], np.ndarray]:
 
 def _normals(one: _Map) -> Iterator[Fault]:
     part, name = one.image.first, one.image.source
-    count = len(channels_of(part.spec).colour)
+    count = len(channels_of(part.spec).color)
     if count not in (2, 3):
         raise _Unusable("channels", f"has {count} channels beside alpha: normals have two or three")
     vectors, off, below, mean, total = _decoder(one), 0, 0, np.zeros(3, np.int64), 0
@@ -278,7 +278,7 @@ def _data(one: _Map) -> Iterator[Fault]:
 
 def _limits(one: _Map) -> tuple[float, float]:
     """The least and the largest value."""
-    part, channels = one.image.first, list(channels_of(one.image.first.spec).colour)
+    part, channels = one.image.first, list(channels_of(one.image.first.spec).color)
     limits = [
         (float(seen.min()), float(seen.max()))
         for seen in (as_float(part.read(band)[..., channels]) for band in bands(part))
@@ -302,7 +302,7 @@ def _slopes(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _handedness(normal: _Map, height: _Map | None, convention: str) -> Iterator[Fault]:
     """Which way green points, by the curl of slopes and by heights."""
     part, vectors, measures = normal.image.first, _decoder(normal), normal.measures
-    channel = None if height is None else channels_of(height.image.first.spec).colour[0]
+    channel = None if height is None else channels_of(height.image.first.spec).color[0]
     low, high = (0.0, 1.0) if height is None else _limits(height)
     sums = np.zeros((3, 3), np.int64)
     for band in bands(part):
@@ -342,7 +342,7 @@ def _along(values: np.ndarray, axis: int) -> np.ndarray:
 def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, resources: Resources) -> Iterator[Fault]:
     """How much of the lightness follows from normals, and from heights."""
     part, name = albedo.image.first, albedo.image.source
-    space = present(colour_space(albedo.image, resources.color, resources.settings.autocc))  # `_albedo` has it
+    space = present(color_space(albedo.image, resources.color, resources.settings.autocc))  # `_albedo` has it
     lens = lens_for(albedo.image, resources, space)
     vectors = None if normal is None else _decoder(normal)
     # products of 1, L, normal x and y, height: whole numbers, which add up in any order
@@ -354,7 +354,7 @@ def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, resources: Re
         if normal is not None and vectors is not None:
             layers[2:4] = np.moveaxis(vectors(normal.image.first.read(band))[..., :2], -1, 0)
         if height is not None:
-            layers[4] = as_float(height.image.first.read(band)[..., channels_of(height.image.first.spec).colour[0]])
+            layers[4] = as_float(height.image.first.read(band)[..., channels_of(height.image.first.spec).color[0]])
         values = np.rint((layers.reshape(5, -1) if opaque is None else layers[:, opaque]) * steps)
         sums += values @ values.T
     count = max(sums[0, 0], 1.0)
@@ -375,4 +375,4 @@ def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, resources: Re
             yield Fault(WARNING, name, "occluded", text)
 
 
-_LOOKS = {"colour": _albedo, "normal": _normals, "height": _heights, "data": _data}
+_LOOKS = {"color": _albedo, "normal": _normals, "height": _heights, "data": _data}

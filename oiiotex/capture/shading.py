@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Relief from one photo's shading: heights whose slopes would shade a matt surface of one colour as the photo is.
+"""Relief from one photo's shading: heights whose slopes would shade a matt surface of one color as the photo is.
 
 Of light from one direction, shading is the slope along it (Pentland, Linear shape from shading, IJCV 4, 1990); under an
 overcast sky what is deep is dark (Langer and Zucker, Shape-from-shading on a cloudy day, JOSA A 11, 1994). Heights are
@@ -66,7 +66,7 @@ def relief(
     opaque : (height, width) bool or None
         Pixels that count, one at least; None: all.
     sigma : float
-        px; what is larger is colour or uneven light, and no relief.
+        px; what is larger is color or uneven light, and no relief.
     light : float or None
         Degrees counterclockwise from the right; None: as the shading itself says, from above rather than below.
     overcast : bool

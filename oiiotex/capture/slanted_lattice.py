@@ -33,7 +33,7 @@ _LEAST = 0.5  # of the photo must be seen from the front
 _FITS = 2  # where parts are far from the front their lattices are not all found at once
 _PARTS, _SHARE = 4, 0.45  # parts along each side, and the share of the side that each has
 _FEWEST = 4  # parts with a lattice: less say nothing of perspective
-_ALIKE = 0.25  # of a cell, by which frequencies of parts may be off whole combinations of their neighbours'
+_ALIKE = 0.25  # of a cell, by which frequencies of parts may be off whole combinations of their neighbors'
 _UPRIGHT = math.radians(35)  # a side of the cell is at most so far from the photo's own
 # Bricks and square tiles may have one lattice. By this, courses that rise by up to 13 degrees in the photo, and tiles
 # turned by up to 30, have their own sides
@@ -90,7 +90,7 @@ def slanted_lattice(values: SomeRows, opaque: np.ndarray | None = None) -> Slant
     if lattice is None or lattice.rank != 2:
         return None
     frequencies = lattice.frequencies
-    if of_parts is not None:  # far apart chance may favour some of the cells, whose lattice is then found
+    if of_parts is not None:  # far apart chance may favor some of the cells, whose lattice is then found
         combination = of_parts @ np.linalg.inv(frequencies)
         whole = np.rint(combination)
         if abs(np.linalg.det(whole)) > 0.5 and np.abs(combination - whole).max() < _ALIKE:
@@ -213,7 +213,7 @@ def _named_alike(x: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, np
     """Those parts that have the same lattice, each with the same pair of frequencies: reduced pairs are not the same.
 
     From the part nearest to the middle outwards, each in the whole combinations that are nearest to those of its
-    nearest neighbour.
+    nearest neighbor.
     """
     order = np.argsort((x**2).sum(1), kind="stable")
     kept, named = [order[0]], [frequencies[order[0]]]

@@ -10,13 +10,13 @@ from ..core.image import Part
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..labels.content_scan import Contents
-from ..labels.legend import colours_of
+from ..labels.legend import colors_of
 from .drawing import TEXT, Sheet, eight_bits
 
 log = logging.getLogger("oiiotex")
 
 _ROWS, _ROW_BYTES = 16, 120  # that are drawn at once, and bytes of a pixel meanwhile
-_CENTRE, _OUTLINE = (1.0, 0.25, 0.1), (0.1, 0.5, 1.0)
+_CENTER, _OUTLINE = (1.0, 0.25, 0.1), (0.1, 0.5, 1.0)
 _CELL, _GAP, _HEAD = 72, 4, 48  # px of the table
 _MOST = 24  # rows and columns of it
 
@@ -27,16 +27,16 @@ def drawing_bytes(width: int) -> int:
 
 
 def marked(photo: Part, picture: Callable[[Window], np.ndarray], contents: Contents, place: tuple[int, int]) -> Part:
-    """The photo, dimmed but where a patch of the key has its centre, and the patch at (left, top) outlined; `picture`
+    """The photo, dimmed but where a patch of the key has its center, and the patch at (left, top) outlined; `picture`
     gives a window of the data window, (height, width, 3) float32 sRGB."""
     left, top = place
     width, height, side = photo.spec.width, photo.spec.height, contents.side
     thick = max(1, min(width, height) // 300)
 
     def rows(window: Window) -> np.ndarray:  # full ones: products of matrices may round by how wide they are
-        seen, centre = picture(window), contents.centres(range(window.top, window.bottom))
+        seen, center = picture(window), contents.centers(range(window.top, window.bottom))
         gray = (seen @ np.array([0.2126, 0.7152, 0.0722], np.float32))[..., None]
-        out = np.where(centre[..., None], 0.5 * seen + np.multiply(0.5, _CENTRE), 0.3 * seen + 0.5 * gray)
+        out = np.where(center[..., None], 0.5 * seen + np.multiply(0.5, _CENTER), 0.3 * seen + 0.5 * gray)
         y, x = np.arange(window.top, window.bottom)[:, None] - top, np.arange(width) - left
         inside, within = ((y >= n) & (y < side - n) & (x >= n) & (x < side - n) for n in (0, thick))
         out[inside & ~within] = _OUTLINE
@@ -50,7 +50,7 @@ def marked(photo: Part, picture: Callable[[Window], np.ndarray], contents: Conte
 
 
 def key_table(picture: Callable[[Window], np.ndarray], contents: Contents) -> np.ndarray:
-    """One patch of every key: first label down, second across, the labels' colours at the heads; sRGB float32."""
+    """One patch of every key: first label down, second across, the labels' colors at the heads; sRGB float32."""
     labels = np.unique(list(contents.counts))
     if len(labels) > _MOST:
         area = np.array([contents.areas[label] for label in labels.tolist()])
@@ -65,9 +65,9 @@ def key_table(picture: Callable[[Window], np.ndarray], contents: Contents) -> np
     for key, (top, left) in sorted(shown.items(), key=lambda item: item[1]):  # as the photo lies in its file
         patch = picture(Window.sized(left, top, side, side))
         sheet.paste(patch[at][:, at], place[key[1]], place[key[0]])
-    for begin, colour in zip(place.values(), colours_of(labels), strict=True):
-        sheet.box(_HEAD - 12, begin, _HEAD - 5, begin + _CELL - 1, colour)
-        sheet.box(begin, _HEAD - 12, begin + _CELL - 1, _HEAD - 5, colour)
+    for begin, color in zip(place.values(), colors_of(labels), strict=True):
+        sheet.box(_HEAD - 12, begin, _HEAD - 5, begin + _CELL - 1, color)
+        sheet.box(begin, _HEAD - 12, begin + _CELL - 1, _HEAD - 5, color)
     for label, begin in place.items():
         sheet.text(str(label), 2, begin + _CELL // 2)
         sheet.text(str(label), begin, TEXT)

@@ -11,7 +11,7 @@ from .drawing import INK, PAPER, TEXT, Sheet
 if TYPE_CHECKING:
     from ..dominant.diffusion import Dominance as DominantTexture
 
-COLOURS = ((0.10, 0.45, 0.85), (0.85, 0.35, 0.05), (0.55, 0.35, 0.65), (0.55, 0.55, 0.55))  # types 0 to III
+COLORS = ((0.10, 0.45, 0.85), (0.85, 0.35, 0.05), (0.55, 0.35, 0.65), (0.55, 0.55, 0.55))  # types 0 to III
 WIDTH, HEIGHT = 400, 320  # px of a panel
 _MARGIN, _TOP = 44, 40
 _LINE = (0.75, 0.05, 0.15)
@@ -99,10 +99,10 @@ def heat_panel(texture: DominantTexture) -> Plot:
     row, column = panel.place(heat, density)
     for kind in (3, 2, 1, 0):
         here = texture.types == kind
-        panel.pixels[row[here], column[here]] = COLOURS[kind]
+        panel.pixels[row[here], column[here]] = COLORS[kind]
     left = _MARGIN
     for kind, name in enumerate(_NAMES):
-        panel.pixels[_TOP - 14 : _TOP - 6, left : left + 8] = COLOURS[kind]
+        panel.pixels[_TOP - 14 : _TOP - 6, left : left + 8] = COLORS[kind]
         panel.texts.append((name, left + 12, _TOP - 6))
         left += 92
     if texture.rounds:

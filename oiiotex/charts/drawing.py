@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures for people: pixels as screens show them, labels in colours that stay apart, sheets that are drawn on."""
+"""Pictures for people: pixels as screens show them, labels in colors that stay apart, sheets that are drawn on."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..core.image import Part, channels_of, pixels_of
 from ..core.label_map import LabelMap
 from ..core.window import Window
 from ..deferred import np, oiio
-from ..labels.legend import colours_of
+from ..labels.legend import colors_of
 from ..session.resources import Resources
 
 GAP, TEXT = 12, 16  # px of a sheet
@@ -51,13 +51,13 @@ class Sheet:
         window = Window.sized(left, top, picture.shape[1], picture.shape[0])
         self._buffer.set_pixels(window.roi(3), np.ascontiguousarray(picture, np.float32))
 
-    def box(self, left: int, top: int, right: int, bottom: int, colour: Sequence[float] | np.ndarray) -> None:
+    def box(self, left: int, top: int, right: int, bottom: int, color: Sequence[float] | np.ndarray) -> None:
         """Fill a rectangle up to its outermost pixels; sRGB, 0 to 1."""
-        oiio.ImageBufAlgo.render_box(self._buffer, left, top, right, bottom, tuple(map(float, colour)), True)
+        oiio.ImageBufAlgo.render_box(self._buffer, left, top, right, bottom, tuple(map(float, color)), True)
 
-    def line(self, x: int, y: int, to_x: int, to_y: int, colour: tuple[float, float, float]) -> None:
+    def line(self, x: int, y: int, to_x: int, to_y: int, color: tuple[float, float, float]) -> None:
         """Draw a line between two pixels, one pixel wide; sRGB, 0 to 1."""
-        oiio.ImageBufAlgo.render_line(self._buffer, x, y, to_x, to_y, colour, True)
+        oiio.ImageBufAlgo.render_line(self._buffer, x, y, to_x, to_y, color, True)
 
     def text(
         self, text: str, left: int, baseline: int, size: int = TEXT - 2, ink: tuple[float, float, float] = (INK,) * 3
@@ -88,18 +88,18 @@ def sampled(part: Part, step: int) -> np.ndarray:
 
 
 def shown_pixels(pixels: np.ndarray, part: Part, resources: Resources) -> np.ndarray:
-    """Pixels as sRGB, (h, w, 3) float: by their colour space where it is known, else as they are."""
+    """Pixels as sRGB, (h, w, 3) float: by their color space where it is known, else as they are."""
     channels = channels_of(part.spec)
     values: np.ndarray = pixels.astype(np.float32)
     if pixels.dtype.kind in "ui":
         values = values / np.iinfo(pixels.dtype).max
     space = part.spec.get_string_attribute(TAG)
-    three = list(channels.colour) if len(channels.colour) == 3 else [channels.colour[0]] * 3
-    colour = np.nan_to_num(np.ascontiguousarray(values[..., three]))
+    three = list(channels.color) if len(channels.color) == 3 else [channels.color[0]] * 3
+    color = np.nan_to_num(np.ascontiguousarray(values[..., three]))
     if space and not resources.color.is_data(space):
-        resources.color.to_lab(space)(colour)
-        colour = srgb_of(colour)
-    return np.clip(colour, 0, 1)
+        resources.color.to_lab(space)(color)
+        color = srgb_of(color)
+    return np.clip(color, 0, 1)
 
 
 def srgb_of(lab: np.ndarray) -> np.ndarray:
@@ -112,9 +112,9 @@ def srgb_of(lab: np.ndarray) -> np.ndarray:
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
-def coloured(ids: np.ndarray, lightness: np.ndarray | None, strength: float) -> np.ndarray:
-    """Labels (h, w) in colours over the photo's lightness (h, w), their borders dark; 0 is black. (h, w, 3)."""
-    shown = colours_of(ids)
+def colored(ids: np.ndarray, lightness: np.ndarray | None, strength: float) -> np.ndarray:
+    """Labels (h, w) in colors over the photo's lightness (h, w), their borders dark; 0 is black. (h, w, 3)."""
+    shown = colors_of(ids)
     if lightness is not None:
         shown = shown * (strength + (1 - strength) * 1.6 * lightness[..., None])
     border = np.zeros(ids.shape, bool)
@@ -139,8 +139,8 @@ def label_tree(labels: list[LabelMap], maps: list[np.ndarray]) -> Sheet:
             if parents[label - 1] in above:
                 start = round(sum(above[parents[label - 1]]) / 2)
                 sheet.line(start, top - row + _NODE, round((left + right) / 2), top, (0.6,) * 3)
-            colour = colours_of(np.array(label))
-            sheet.box(int(left), top, max(int(left), int(right) - 2), top + _NODE, colour)
+            color = colors_of(np.array(label))
+            sheet.box(int(left), top, max(int(left), int(right) - 2), top + _NODE, color)
         above = places
     return sheet
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chips of paint: every label's colour with its id and name in it."""
+"""Chips of paint: every label's color with its id and name in it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _LARGEST, _LEAST = 14, 8  # px; smaller text cannot be read
 
 
 def paint_chips(chips: Sequence[tuple[dict[str, Any], Window]], width: int, height: int) -> np.ndarray:
-    """A palette's colours in their places, with ids and names where there is room: (height, width, 3) float32 sRGB."""
+    """A palette's colors in their places, with ids and names where there is room: (height, width, 3) float32 sRGB."""
     sheet = Sheet(width, height)
     for entry, place in chips:
-        colour = np.array([int(n) for n in entry["colour"].split(",")]) / 255
-        sheet.box(place.left, place.top, place.right - 1, place.bottom - 1, colour)
-        ink = (0.0, 0.0, 0.0) if colour @ (0.299, 0.587, 0.114) > 0.5 else (1.0, 1.0, 1.0)
+        color = np.array([int(n) for n in entry["color"].split(",")]) / 255
+        sheet.box(place.left, place.top, place.right - 1, place.bottom - 1, color)
+        ink = (0.0, 0.0, 0.0) if color @ (0.299, 0.587, 0.114) > 0.5 else (1.0, 1.0, 1.0)
         size = min(_LARGEST, (place.height - 3 * _MARGIN) // 2)
         if size < _LEAST:
             continue

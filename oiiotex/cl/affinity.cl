@@ -7,7 +7,7 @@
 
 #define FAR 2147483647
 #define BLOCK 32   // points that are looked at together: affinity_graph.py pads to it
-#define LOCAL 6    // which neighbour's distance is the local scale: LSA16 eq. 4
+#define LOCAL 6    // which neighbor's distance is the local scale: LSA16 eq. 4
 
 // Squared distances from point i to all, those beyond `count` FAR. Points lie in pairs of coordinates, (pair, point).
 static inline void measure(const __global short *points, __global int *away, int i, int count, int padded,
@@ -89,7 +89,7 @@ __kernel void affinity_nearest(const __global short *restrict points, const __gl
   scales[i] = scale;
 }
 
-// Whether each of two is among the other's nearest, for all pairs (point, neighbour).
+// Whether each of two is among the other's nearest, for all pairs (point, neighbor).
 __kernel void affinity_mutual(const __global int *restrict index, __global uchar *restrict mutual, int count,
                               int wanted) {
   int k = get_global_id(0), i = get_global_id(1);

@@ -1,4 +1,4 @@
-// Candidate sets of stack texels: HRRG08 eq. 2, searched as PatchMatch does (BSFG09): good matches of neighbours are
+// Candidate sets of stack texels: HRRG08 eq. 2, searched as PatchMatch does (BSFG09): good matches of neighbors are
 // carried over, and places around the best one are tried at random. Belongs to multiscale/candidate_sets.py.
 //
 // On a CPU an item does RUN texels of a row: all of them say what they try, which is fetched, before they look at it.
@@ -22,7 +22,7 @@ static inline int near_excluded(uint texel, uint excluded, int disc, int side) {
   return dx * dx + dy * dy < disc;
 }
 
-// Each of RUN texels takes what it tries where that is better; `own` are their neighbourhoods, `excluded` theirs.
+// Each of RUN texels takes what it tries where that is better; `own` are their neighborhoods, `excluded` theirs.
 static inline void try_all(found *best, const uint *tried, const __global short *own, const __global short *projections,
                     const __global uchar *usable, const __global uint *excluded, int disc, int side) {
   for (int m = 0; m < RUN; m++) PREFETCH(projections + DIMS * (size_t)tried[m]);
@@ -72,7 +72,7 @@ __kernel void candidates_start(const __global short *restrict projections, const
   }
 }
 
-// One Jacobi pass: the targets of the four neighbours `jump` texels away, shifted back. One texel of this level is as
+// One Jacobi pass: the targets of the four neighbors `jump` texels away, shifted back. One texel of this level is as
 // wide as 2^r of a level that is r finer.
 __kernel void candidates_propagate(const __global short *restrict projections, const __global uchar *restrict usable,
                                    const __global int *restrict admissible, int count,

@@ -32,7 +32,7 @@ __kernel void filter_bank_down(const __global float *restrict across, __global f
   down[AT(layer * height + y, x, width)] = sum;
 }
 
-// The centre that is nearest to a pixel's PLANES numbers, the first of equal ones: |v - c|^2 less |v|^2, of which
+// The center that is nearest to a pixel's PLANES numbers, the first of equal ones: |v - c|^2 less |v|^2, of which
 // `squares` holds |c|^2 and `doubled` 2 c.
 __kernel void filter_bank_nearest(const __global short *restrict planes, __constant int *doubled,
                                   __constant int *squares, __global uchar *restrict nearest, int pixels, int count) {

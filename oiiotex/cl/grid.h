@@ -19,16 +19,16 @@ static inline int floor_int(float v) { int i = (int)v; return i - (v < (float)i)
 #define HELD(y) WRAPPED((y) - first, height)
 
 // Each pixel is shared bilinearly among the four cells around it. Seen from a cell along one axis: it gathers pixels
-// less than a pitch from its centre, weighted by a tent.
-typedef struct { float pitch, centre; int first; } tent;
+// less than a pitch from its center, weighted by a tent.
+typedef struct { float pitch, center; int first; } tent;
 static inline tent tent_of(int cell, int size, int cells) {
-  float pitch = (float)size / (float)cells, centre = ((float)cell + 0.5f) * pitch - 0.5f;
-  tent t = {pitch, centre, floor_int(centre - pitch) + 1};
+  float pitch = (float)size / (float)cells, center = ((float)cell + 0.5f) * pitch - 0.5f;
+  tent t = {pitch, center, floor_int(center - pitch) + 1};
   return t;
 }
-static inline int tent_covers(tent t, int at) { return (float)at < t.centre + t.pitch; }
+static inline int tent_covers(tent t, int at) { return (float)at < t.center + t.pitch; }
 static inline float tent_at(tent t, int at) {
-  float away = (float)at < t.centre ? t.centre - (float)at : (float)at - t.centre;
+  float away = (float)at < t.center ? t.center - (float)at : (float)at - t.center;
   return 1.0f - away / t.pitch;
 }
 

@@ -63,8 +63,8 @@ __kernel void histograms_gather(const __global short *restrict image, __global f
                                 int top, int count, int at, HELD_ARGS, GRID_ARGS) {
   int own = get_local_id(0), cx = get_global_id(0) / BINS, row_of_cells = get_global_id(1), c = get_global_id(2);
   tent across = tent_of(cx, width, cells_x), down = tent_of(top + row_of_cells, height, cells_y);
-  int columns = first_from(across.centre + across.pitch) - across.first;
-  int last = first_from(down.centre + down.pitch), from = down.first < begin ? begin : down.first;
+  int columns = first_from(across.center + across.pitch) - across.first;
+  int last = first_from(down.center + down.pitch), from = down.first < begin ? begin : down.first;
   int pixels = ((last < end ? last : end) - from) * columns;
   __global float *histogram = grid + CELL(c, at + row_of_cells, cx) * BINS;
   __local int bin[BINS];
@@ -124,7 +124,7 @@ __kernel void histograms_row_sums(const __global float *restrict grid, __global 
   *(__global bin_lane *)(sums + AT(row, part, BINS)) = sum;
 }
 
-// Histogram -> its cumulative, normalised: value b is the share below the lower border of bin b.
+// Histogram -> its cumulative, normalized: value b is the share below the lower border of bin b.
 __kernel void histograms_cumulate(__global float *restrict grid, int cells_x, int rows) {
   int cx = get_global_id(0), row = get_global_id(1);
   if (cx >= cells_x || row >= rows) return;

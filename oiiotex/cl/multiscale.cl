@@ -1,5 +1,5 @@
 // Multiscale synthesis, HRRG08 section 4 and 5: pixels are texels of stack levels (projected.h says how they are
-// named) with an accumulated transfer function R, an offset in steps of the colour grid. Belongs to
+// named) with an accumulated transfer function R, an offset in steps of the color grid. Belongs to
 // multiscale/synthesizer.py, which says which pixels of a window each pass may look at.
 #include "hash.h"
 #include "projected.h"
@@ -7,9 +7,9 @@
 #include "lattice.h"
 
 #define BITS 12           // of the fraction of the basis
-#define SIDE_TAPS 5       // of a neighbourhood
+#define SIDE_TAPS 5       // of a neighborhood
 #define NEAR 9            // pixels whose candidates are tried
-#define RECORD (2 * DIMS) // of a texel: its two candidates' neighbourhoods, a cache line
+#define RECORD (2 * DIMS) // of a texel: its two candidates' neighborhoods, a cache line
 #define MOST_OFFSET 8191  // steps; sums of products stay within 31 bits
 
 static inline short4 offset_sum(int4 r) {
@@ -48,7 +48,7 @@ static inline uint in_step(uint texel, int px, int py, __constant uint *phases, 
 // exemplar's lattice.
 __kernel void multiscale_upsample(const __global uint *restrict parent, const __global short4 *restrict parent_r,
                                   __global uint *restrict texel, __global short4 *restrict r,
-                                  __global short4 *restrict colour, const __global short4 *restrict stack,
+                                  __global short4 *restrict color, const __global short4 *restrict stack,
                                   const __global int *restrict finer, const __global int *restrict spacing, int side,
                                   int parent_width, int from_x, int from_y, int width, int height, long left, long top,
                                   long around_x, long around_y, uint level, uint seed, int rho, int keep,
@@ -82,7 +82,7 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
   short4 own = offset_sum((inherited * keep + 2048) >> 12);
   texel[q] = made;
   r[q] = own;
-  colour[q] = stack[made] + own;
+  color[q] = stack[made] + own;
 }
 
 // --- correction (section 4.4) ---
@@ -135,15 +135,15 @@ static inline void scale(const sums *s, projected *found) {
 }
 #endif
 
-// The neighbourhood of pixel p less its own R, projected (section 6): R_p^-1 (R_(p+d) (*S[p + d])) of eq. 5. R_p stands
-// for the whole neighbourhood, so that the candidates' transformed neighbourhoods are looked up as they are. A pixel is
+// The neighborhood of pixel p less its own R, projected (section 6): R_p^-1 (R_(p+d) (*S[p + d])) of eq. 5. R_p stands
+// for the whole neighborhood, so that the candidates' transformed neighborhoods are looked up as they are. A pixel is
 // two pairs, (L, a) and (b, 0); `basis` holds rows for the pairs of each tap, and of their sums, by which R_p counts.
-static inline void project_around(projected *found, const __global int *colour, size_t p, int width, short4 own,
+static inline void project_around(projected *found, const __global int *color, size_t p, int width, short4 own,
                            const __global short *basis) {
   sums total;
   clear(&total);
   for (int dy = -SIDE_TAPS / 2; dy <= SIDE_TAPS / 2; dy++) {
-    const __global int *pairs = colour + 2 * ((long)p + dy * (long)width - SIDE_TAPS / 2);
+    const __global int *pairs = color + 2 * ((long)p + dy * (long)width - SIDE_TAPS / 2);
     #pragma unroll
     for (int n = 0; n < 2 * SIDE_TAPS; n++, basis += 2 * DIMS) add_pair(&total, pairs[n], basis);
   }
@@ -153,7 +153,7 @@ static inline void project_around(projected *found, const __global int *colour, 
   scale(&total, found);
 }
 
-// The texels whose candidates pixel p may take: what its 3 x 3 neighbours expect in its place, its own first.
+// The texels whose candidates pixel p may take: what its 3 x 3 neighbors expect in its place, its own first.
 static inline void expected(uint *found, const __global uint *texel, size_t p, int width, const __global int *spacing, int side) {
   #pragma unroll
   for (int n = 0; n < NEAR; n++) {
@@ -180,13 +180,13 @@ static inline uint best_candidate(const uint *texels, projected wanted, const __
   return second < best ? 2 * second_at + 1 : 2 * best_at;
 }
 
-// One subpass: pixels (first_x + 2 i, first_y + 2 j) take the candidate of their 3 x 3 neighbours (eq. 3) that fits
-// best by eq. 5. They look at the texels of neighbours of other parities and at colours that change only in
-// multiscale_colour, so their order does not matter. An item does RUN pixels of a row.
-// Departures: a neighbour's texel is shifted before its candidates are looked up, so that they need no correction of
+// One subpass: pixels (first_x + 2 i, first_y + 2 j) take the candidate of their 3 x 3 neighbors (eq. 3) that fits
+// best by eq. 5. They look at the texels of neighbors of other parities and at colors that change only in
+// multiscale_color, so their order does not matter. An item does RUN pixels of a row.
+// Departures: a neighbor's texel is shifted before its candidates are looked up, so that they need no correction of
 // their own; the second candidates' costs count (16 + penalty) / 16 times.
 __kernel void multiscale_correct(__global uint *restrict texel, __global short4 *restrict r,
-                                 const __global int *restrict colour, const __global uint *restrict links,
+                                 const __global int *restrict color, const __global uint *restrict links,
                                  const __global short *restrict records, const __global short4 *restrict offsets,
                                  const __global short *restrict basis, const __global int *restrict spacing, int side,
                                  int width, int first_x, int first_y, int count_x, int count_y, int penalty) {
@@ -201,7 +201,7 @@ __kernel void multiscale_correct(__global uint *restrict texel, __global short4 
   }
   for (int m = 0; m < count; m++) {
     projected wanted;
-    project_around(&wanted, colour, first + 2 * m, width, r[first + 2 * m], basis);
+    project_around(&wanted, color, first + 2 * m, width, r[first + 2 * m], basis);
     chosen[m] = best_candidate(near + NEAR * m, wanted, records, penalty);
   }
   for (int m = 0; m < count; m++) {
@@ -212,11 +212,11 @@ __kernel void multiscale_correct(__global uint *restrict texel, __global short4 
 }
 
 // What the pixels of a subpass look like now: R(*S).
-__kernel void multiscale_colour(const __global uint *restrict texel, const __global short4 *restrict r,
-                                const __global short4 *restrict stack, __global short4 *restrict colour,
+__kernel void multiscale_color(const __global uint *restrict texel, const __global short4 *restrict r,
+                                const __global short4 *restrict stack, __global short4 *restrict color,
                                 int width, int first_x, int first_y, int count_x, int count_y) {
   int i = get_global_id(0), j = get_global_id(1);
   if (i >= count_x || j >= count_y) return;
   size_t p = AT(first_y + 2 * j, first_x + 2 * i, width);
-  colour[p] = stack[texel[p]] + r[p];
+  color[p] = stack[texel[p]] + r[p];
 }

@@ -159,7 +159,7 @@ static inline match better_match(match best, int ex, int ey, int extra, const __
   return found;
 }
 
-// What a patch at (x, y) is offered by its neighbour k of four, `jump` pixels away: that one's match, shifted back.
+// What a patch at (x, y) is offered by its neighbor k of four, `jump` pixels away: that one's match, shifted back.
 #define NOTHING 0xffffffffu
 static inline uint offered(const __global uint *restrict field, int x, int y, int k, int jump, int columns, int rows,
                            int wrap_x, int wrap_y, int e_columns, int e_rows) {
@@ -178,7 +178,7 @@ static inline uint offered(const __global uint *restrict field, int x, int y, in
   return ex < 0 || ey < 0 || ex >= e_columns || ey >= e_rows ? NOTHING : corner(ey, ex);
 }
 
-// One Jacobi pass of propagation: every patch is offered the matches of its four neighbours. Columns and rows of the
+// One Jacobi pass of propagation: every patch is offered the matches of its four neighbors. Columns and rows of the
 // field wrap where the target does (MJH17 section 4.2, toroidal boundary conditions). Rows `from` to `to` of a band are
 // made; `rows` are held, which wrap where they are all of `all_rows`.
 __kernel void patchmatch_propagate(const __global short *restrict target, const __global short *restrict exemplar,
@@ -384,7 +384,7 @@ __kernel void patchmatch_vote(const __global short *restrict exemplar, const __g
 #endif
 
 // The last vote picks, for every target pixel, the exemplar pixel with the most votes; a patch votes the stronger
-// the nearer its centre lies. Means would blur here (MJH17 section 4.2: the original pixel values of the source
+// the nearer its center lies. Means would blur here (MJH17 section 4.2: the original pixel values of the source
 // make the final image). Ties go to the lower address.
 #if LANES == 1
 // Votes are counted anew for every candidate: two numbers of the best one are all that an item keeps. Where the field is

@@ -11,15 +11,15 @@ static inline float reciprocal(float x) {
   return y;
 }
 
-// The mean of what a place's neighbours are: those of place i stand from starts[i] on.
-__kernel void potts_around(const __global int *restrict starts, const __global int *restrict neighbours,
+// The mean of what a place's neighbors are: those of place i stand from starts[i] on.
+__kernel void potts_around(const __global int *restrict starts, const __global int *restrict neighbors,
                            const __global float *restrict member, __global float *restrict around, int places,
                            int labels) {
   int i = get_global_id(0), k = get_global_id(1);
   if (i >= places || k >= labels) return;
   float sum = 0.0f;
   int count = starts[i + 1] - starts[i];
-  for (int p = starts[i]; p < starts[i + 1]; p++) sum += member[AT(k, neighbours[p], places)];
+  for (int p = starts[i]; p < starts[i + 1]; p++) sum += member[AT(k, neighbors[p], places)];
   around[AT(k, i, places)] = count > 1 ? sum * reciprocal((float)count) : sum;
 }
 

@@ -1,4 +1,4 @@
-// Neighbourhoods of 5 x 5 pixels projected to DIMS dimensions: DIMS 16-bit integers within +- 5790, so that a squared
+// Neighborhoods of 5 x 5 pixels projected to DIMS dimensions: DIMS 16-bit integers within +- 5790, so that a squared
 // distance fits 31 bits (16 (2 * 5790)^2 < 2^31). All sums are over integers: any number of lanes gives the same bits.
 #include "lanes.h"
 #define DIMS 16

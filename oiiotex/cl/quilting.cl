@@ -45,7 +45,7 @@ static inline int right_of(__constant facts *f, int j) { return j + 1 < f->colum
 static inline int above(__constant facts *f, int i) { return i > 0 ? i - 1 : f->wrap_y ? f->rows - 1 : -1; }
 static inline int below(__constant facts *f, int i) { return i + 1 < f->rows ? i + 1 : f->wrap_y ? 0 : -1; }
 
-// How far column b lies to the right of its left neighbour a; rows likewise.
+// How far column b lies to the right of its left neighbor a; rows likewise.
 static inline int step_x(const plan *p, int a, int b) { return p->xs[b] - p->xs[a] + (b <= a ? p->f->width : 0); }
 static inline int step_y(const plan *p, int a, int b) { return p->ys[b] - p->ys[a] + (b <= a ? p->f->height : 0); }
 
@@ -319,7 +319,7 @@ static inline long step_cost(const place *at, uint candidate) {
                                          corner_y(candidate));
 }
 
-// What speaks against a candidate beside its colours: labels of finer levels that its overlaps have too many of
+// What speaks against a candidate beside its colors: labels of finer levels that its overlaps have too many of
 // (those it has too many are as many as it lacks), and samples whose label is not the guide's.
 MEETING long label_cost(const place *at, int ey, int ex, int bottom, int right, counts bins) {
   __constant facts *f = at->p->f;

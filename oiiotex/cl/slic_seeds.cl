@@ -9,10 +9,10 @@ typedef int4 candidate;   // as in superpixels.cl
 
 static inline int middle_of(const __global int *edges, int i) { return (edges[i] + edges[i + 1]) / 2; }
 
-// Centres (L, a, b, x, y) of seeds whose pixels' mean is further away than `still`, squared, become that mean; `start`:
+// Centers (L, a, b, x, y) of seeds whose pixels' mean is further away than `still`, squared, become that mean; `start`:
 // all do, and those without pixels become NaN.
 __kernel void slic_seeds_move(const __global long *restrict totals, const __global int *restrict row_edges,
-                              const __global int *restrict edges, __global double *restrict centres,
+                              const __global int *restrict edges, __global double *restrict centers,
                               __global uchar *restrict moved, int across, int down, double weight, double still,
                               int start) {
   int gx = get_global_id(0), gy = get_global_id(1);
@@ -30,20 +30,20 @@ __kernel void slic_seeds_move(const __global long *restrict totals, const __glob
   double n = (double)sum[0], mean[5], squared[5];
   for (int k = 0; k < 5; k++) {
     mean[k] = (double)sum[k + 1] / n;
-    double away = mean[k] - centres[5 * seed + k];
+    double away = mean[k] - centers[5 * seed + k];
     squared[k] = away * away;
   }
   double away = squared[0] + squared[1] + squared[2] + weight * (squared[3] + squared[4]);
   moved[seed] = start || (sum[0] > 0 && away > still);
   if (moved[seed])
-    for (int k = 0; k < 5; k++) centres[5 * seed + k] = sum[0] > 0 ? mean[k] : (double)NAN;
+    for (int k = 0; k < 5; k++) centers[5 * seed + k] = sum[0] > 0 ? mean[k] : (double)NAN;
 }
 
 // Candidates of cells of whose nine seeds one has moved; a cell is active where they have changed, and at the `start`.
-__kernel void slic_seeds_follow(const __global double *restrict centres, const __global uchar *restrict moved,
+__kernel void slic_seeds_follow(const __global double *restrict centers, const __global uchar *restrict moved,
                                  const __global int *restrict row_edges, const __global int *restrict edges,
                                  __global candidate *restrict candidates, __global uchar *restrict active, int across,
-                                 int down, int absent, double per_colour, double per_place, double colour_unit,
+                                 int down, int absent, double per_color, double per_place, double color_unit,
                                  double place_unit, int start) {
   int gx = get_global_id(0), gy = get_global_id(1);
   if (gx >= across || gy >= down) return;
@@ -54,11 +54,11 @@ __kernel void slic_seeds_follow(const __global double *restrict centres, const _
   for (int t = 0; some && t < 9; t++) {
     int x = gx + t % 3 - 1, y = gy + t / 3 - 1;
     candidate c = (candidate)(absent, 0, 0, 0);
-    const __global double *v = centres + 5 * AT(y, x, across);
+    const __global double *v = centers + 5 * AT(y, x, across);
     if (x >= 0 && x < across && y >= 0 && y < down && v[0] == v[0]) {
-      double L = rint(v[0] * per_colour), a = rint(v[1] * per_colour), b = rint(v[2] * per_colour);
+      double L = rint(v[0] * per_color), a = rint(v[1] * per_color), b = rint(v[2] * per_color);
       double i = rint((v[3] - middle_of(edges, gx)) * per_place), j = rint((v[4] - middle_of(row_edges, gy)) * per_place);
-      double base = (L * L + a * a + b * b) / colour_unit;
+      double base = (L * L + a * a + b * b) / color_unit;
       base += (i * i + j * j) * place_unit;
       c.x = (int)rint(base);
       c.y = ((int)L & 0xffff) | (int)a << 16;

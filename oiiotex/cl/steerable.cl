@@ -3,7 +3,7 @@
 // Images are interleaved, so a row is CHANNELS * width values and a tap lies CHANNELS values further. `rows` holds four planes of
 // floats, one for every order of the derivative along x. A band keeps the root of a response, with its sign: a
 // histogram of roots has fine bins where responses are small, and matching does not care how values are spaced.
-// An item makes WIDE neighbouring values; all widths do the same sums in the same order.
+// An item makes WIDE neighboring values; all widths do the same sums in the same order.
 //
 // Buffers may hold bands of rows. A kernel makes `count` rows from row `top` of the image on, counted on beyond its border
 // where that wraps; `first` is the row at the start of what it looks at above and below. What it makes of a row, and what it

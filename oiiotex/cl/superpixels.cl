@@ -1,7 +1,7 @@
 // SLIC and statistics of superpixels: LSA16 section 3.
 //
 // Pixels are four 16-bit numbers: L, a, b in steps, and 1 where the pixel is opaque. The image is cut into the cells of
-// the seed grid; a pixel belongs to one of the nine seeds of its own and the neighbouring cells. Its squared distance
+// the seed grid; a pixel belongs to one of the nine seeds of its own and the neighboring cells. Its squared distance
 // (LSA16 eq. 1) to each of them, less a term that all nine share, is a linear function of (L, a, b, x, y) whose integer
 // coefficients the host makes: a candidate. x and y count from the cell's reference pixel, shifted left by `shift`.
 // All of it, sums included, is whole numbers: no order, width of registers, cut into bands or device changes a bit.

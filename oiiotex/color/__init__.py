@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colour spaces, CIE Lab, and the integer grid of Lab."""
+"""Color spaces, CIE Lab, and the integer grid of Lab."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colour spaces: the only room that knows OpenColorIO. Names of spaces; file colour space <-> CIE Lab D65."""
+"""Color spaces: the only room that knows OpenColorIO. Names of spaces; file color space <-> CIE Lab D65."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ _SPACES_OF_FORMATS |= dict.fromkeys((".ppm", ".pnm"), "Rec709")
 
 
 class ColorConfig:
-    """The user's colour config: `path`, else $OCIO, else a built-in one.
+    """The user's color config: `path`, else $OCIO, else a built-in one.
 
     `interchange` is for configs that do not say how they meet others (OCIO v1): one of their spaces, and that of
-    `INTERCHANGE_SPACES` which means the same colours.
+    `INTERCHANGE_SPACES` which means the same colors.
 
     Raises
     ------
@@ -52,7 +52,7 @@ class ColorConfig:
             if os.path.exists(self.path) and not self.path.endswith(".ocioz"):
                 Path(self.path).read_text("utf-8")  # bindings fail later, at the first name that is not UTF-8
         except (ocio.Exception, ocio.ExceptionMissingFile, UnicodeDecodeError) as error:
-            raise ColorError(f"{self.path}: not a colour config that can be used: {one_line(str(error))}") from error
+            raise ColorError(f"{self.path}: not a color config that can be used: {one_line(str(error))}") from error
         self._names = oiio.ColorConfig(self.path)  # knows the names that OpenImageIO tags files with
         if interchange is not None and interchange[1] not in INTERCHANGE_SPACES:
             allowed = ", ".join(INTERCHANGE_SPACES)
@@ -61,7 +61,7 @@ class ColorConfig:
         self._interchange = (self.resolve(interchange[0]), interchange[1]) if interchange else None
 
     def resolve(self, name: str) -> str:
-        """The config's own name of a colour space, role or alias, or of what OCIO's own configs call by that name.
+        """The config's own name of a color space, role or alias, or of what OCIO's own configs call by that name.
 
         So 'Utility - sRGB - Texture' of ACES' older configs is found in one that has srgb_rec709_scene, and the other
         way round.
@@ -74,7 +74,7 @@ class ColorConfig:
         space = self._space(name) or self._space_called(name)
         if space is None:
             raise ColorError(
-                f"colour space '{name}' is not in {self.path}{nearest(name, self._all_names())}"
+                f"color space '{name}' is not in {self.path}{nearest(name, self._all_names())}"
                 f"{either('; oiiotex --colorconfiginfo lists them', '')}"
             )
         return space.getName()
@@ -90,7 +90,7 @@ class ColorConfig:
 
     def _space_called(self, name: str) -> ocio.ColorSpace | None:
         """The config's space that has another of its names in OCIO's own configs."""
-        if name == "data":  # as OpenImageIO calls what is no colour
+        if name == "data":  # as OpenImageIO calls what is no color
             return next((space for space in self._config.getColorSpaces() if space.isData()), None)
         known = None if _builtin().hasRole(name) else _builtin().getColorSpace(name)
         names = (known.getName(), *known.getAliases()) if known else ()
@@ -104,7 +104,7 @@ class ColorConfig:
         return [*known, *names, *self._config.getRoleNames()]
 
     def warn_once(self, image: Image) -> None:
-        """Warn of an image that is about to be taken for colours, and seems to be none."""
+        """Warn of an image that is about to be taken for colors, and seems to be none."""
         if self._doubted is not None and image.source not in self._doubted and warn_of_normals(image):
             self._doubted.add(image.source)
 
@@ -125,7 +125,7 @@ class ColorConfig:
         return self._names
 
     def is_data(self, name: str) -> bool:
-        """Whether the space says that its values are no colours."""
+        """Whether the space says that its values are no colors."""
         return self._config.getColorSpace(self.resolve(name)).isData()
 
     def space_by_file_rules(self, path: str) -> str | None:
@@ -143,7 +143,7 @@ class ColorConfig:
         return space.getName() if space else None
 
     def same(self, a: str, b: str) -> bool:
-        """Whether two names mean the same colours."""
+        """Whether two names mean the same colors."""
         return self._names.equivalent(a, b)
 
     def space_in_name(self, path: str) -> str | None:
@@ -165,7 +165,7 @@ class ColorConfig:
     def to_lab(self, name: str) -> Callable[[np.ndarray], None]:
         """A function that turns contiguous (..., 3) float32 of that space into Lab in place.
 
-        Lossless: OCIO's default optimisation is forty times less exact on this path. Arrays of (..., 4), whose last
+        Lossless: OCIO's default optimization is forty times less exact on this path. Arrays of (..., 4), whose last
         value stays as it is, go twice as fast and come to the same bits.
         """
         return self._converter(name, forward=True)
@@ -209,27 +209,27 @@ def _lab_config() -> ocio.Config:
 
 
 def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:
-    """The image's colour space: its tag, else the config's file rules where `autocc` asks for them."""
+    """The image's color space: its tag, else the config's file rules where `autocc` asks for them."""
     tag = image.first.spec.get_string_attribute(TAG)
     if tag:
         return config.resolve(tag)
     by_name = config.space_by_file_rules(image.source) if autocc else None
     if by_name is None:
         raise ColorError(
-            f"does not say its colour space: add {COLORSPACE}{either(' after it', '')}"
-            f" (or set the attribute '{TAG}'), or {IS_DATA} where its channels are no colours",
+            f"does not say its color space: add {COLORSPACE}{either(' after it', '')}"
+            f" (or set the attribute '{TAG}'), or {IS_DATA} where its channels are no colors",
             subject=image.source,
         )
     return by_name
 
 
-def colour_space(image: Image, config: ColorConfig | None, autocc: bool = False) -> str | None:
-    """The image's colour space, or None where its channels are data: without a config, or because the space says so.
+def color_space(image: Image, config: ColorConfig | None, autocc: bool = False) -> str | None:
+    """The image's color space, or None where its channels are data: without a config, or because the space says so.
 
     Raises
     ------
     ImageError
-        Two channels that are to be taken as colour.
+        Two channels that are to be taken as color.
     ColorError
         As by `space_of`.
     """
@@ -239,9 +239,9 @@ def colour_space(image: Image, config: ColorConfig | None, autocc: bool = False)
     if config.is_data(space):
         return None
     config.warn_once(image)
-    count = len(channels_of(image.first.spec).colour)
+    count = len(channels_of(image.first.spec).color)
     if count not in (1, 3):
-        raise ImageError(f"has {count} channels beside alpha: no colour; say {IS_DATA}", subject=image.source)
+        raise ImageError(f"has {count} channels beside alpha: no color; say {IS_DATA}", subject=image.source)
     return space
 
 

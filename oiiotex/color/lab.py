@@ -21,9 +21,9 @@ from ..deferred import np
 from ..errors import BrokenValues
 from ..scan import scan
 from ..session.resources import Resources
-from .config import as_float, colour_space
+from .config import as_float, color_space
 
-DATA = "the channels are no colours: compare them as they are"
+DATA = "the channels are no colors: compare them as they are"
 _SMALL = ("uint8", "uint16", "float16", "float32")  # types whose values are the same after a visit to float
 _MOST_LAB = 1e6
 _TINY = 2.0**-126  # the least normal number of 32 bits
@@ -39,7 +39,7 @@ class Lens:
         The image's, for messages.
     channels : Channels
     space : str or None
-        The image's colour space; None: the channels are data.
+        The image's color space; None: the channels are data.
     to_lab, from_lab : callable or None
         As `ColorConfig` gives them; None for data.
     low, scale : float
@@ -57,7 +57,7 @@ class Lens:
     @property
     def count(self) -> int:
         """How many of the values mean something: 3 of Lab, as many as there are of data."""
-        return len(self.channels.colour) if self.space is None else 3
+        return len(self.channels.color) if self.space is None else 3
 
     def values(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Rows of the image -> what the filter works on.
@@ -70,7 +70,7 @@ class Lens:
         Returns
         -------
         values : (height, width, 4) float32
-            Lab of unpremultiplied colour, or scaled data, and a fourth value that is not to be changed. Gray is there
+            Lab of unpremultiplied color, or scaled data, and a fourth value that is not to be changed. Gray is there
             three times; the third of two channels of data is 0.
         opaque : (height, width) bool or None
             Where alpha is not 0; None: everywhere.
@@ -78,22 +78,22 @@ class Lens:
         Raises
         ------
         ImageError
-            NaN or Inf in colour or alpha.
+            NaN or Inf in color or alpha.
         """
         values, alpha = self._unpremultiplied(rows)
         if self.to_lab is not None:
             self.to_lab(values)
-            if not _all_finite(values):  # colour over next to no alpha, in a space that takes powers of it
+            if not _all_finite(values):  # color over next to no alpha, in a space that takes powers of it
                 np.nan_to_num(values, copy=False, nan=0.0, posinf=_MOST_LAB, neginf=-_MOST_LAB)
         else:
-            colour = values[..., : 3 if len(self.channels.colour) == 1 else len(self.channels.colour)]
-            colour -= np.float32(self.low)
-            colour *= np.float32(self.scale)
+            color = values[..., : 3 if len(self.channels.color) == 1 else len(self.channels.color)]
+            color -= np.float32(self.low)
+            color *= np.float32(self.scale)
         opaque = None if alpha is None or alpha.all() else alpha != 0
         return values, opaque
 
     def replaced(self, rows: np.ndarray, values: np.ndarray, opaque: np.ndarray | None) -> np.ndarray:
-        """A copy of `rows` whose colour is that of `values`, premultiplied again; where alpha is 0 nothing changes.
+        """A copy of `rows` whose color is that of `values`, premultiplied again; where alpha is 0 nothing changes.
 
         `values` is used up. Gray takes the mean of what the three channels have become.
         """
@@ -102,7 +102,7 @@ class Lens:
         else:
             values[..., :3] *= np.float32(1.0 / self.scale)
             values[..., :3] += np.float32(self.low)
-        colour = self.channels.colour
+        color = self.channels.color
         if self._is_rgba(rows) and opaque is None and rows.dtype in _SMALL:  # alpha has come along in the fourth value
             if not (values[..., 3] == 1).all():
                 values[..., :3] *= divisor(values[..., 3])[..., None]
@@ -110,11 +110,11 @@ class Lens:
         if self.channels.alpha is not None:
             values *= divisor(as_float(rows[..., self.channels.alpha]))[..., None]
         out = rows.copy()
-        if len(colour) == 1 and self.space is not None:
+        if len(color) == 1 and self.space is not None:
             # the weights are those of no space: the three are equal but for rounding, unless a and b were moved
             values[..., 0] = (values[..., 0] + values[..., 1] + values[..., 2]) * np.float32(1.0 / 3.0)
         stored = in_type(values, rows.dtype)
-        for n, channel in enumerate(colour):
+        for n, channel in enumerate(color):
             plane = stored[..., n]
             out[..., channel] = plane if opaque is None else np.where(opaque, plane, rows[..., channel])
         return out
@@ -123,8 +123,8 @@ class Lens:
         return rows.shape[2] == 4 and self.channels == Channels((0, 1, 2), 3)
 
     def _unpremultiplied(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Colour (height, width, 4) as floats without alpha, and alpha where there is one."""
-        colour, alpha = self.channels.colour, self.channels.alpha
+        """Color (height, width, 4) as floats without alpha, and alpha where there is one."""
+        color, alpha = self.channels.color, self.channels.alpha
         share: np.ndarray | None
         if self._is_rgba(rows):
             values = as_float(rows)
@@ -132,20 +132,20 @@ class Lens:
             share = values[..., 3]
         else:
             values = np.zeros((*rows.shape[:2], 4), np.float32)
-            for n, channel in enumerate(colour):
+            for n, channel in enumerate(color):
                 values[..., n] = as_float(rows[..., channel])
             share = None if alpha is None else as_float(rows[..., alpha])
-            self._check(values[..., : len(colour)], share)
-            if len(colour) == 1:
+            self._check(values[..., : len(color)], share)
+            if len(color) == 1:
                 values[..., 1:3] = values[..., :1]
         if share is not None and not (share == 1).all():
             values[..., :3] /= divisor(share)[..., None]
         return values, share
 
     def broken(self, rows: np.ndarray) -> np.ndarray:
-        """How many NaN and how many Inf there are in colour and alpha: (2,) int64."""
+        """How many NaN and how many Inf there are in color and alpha: (2,) int64."""
         alpha = () if self.channels.alpha is None else (self.channels.alpha,)
-        return count_broken(as_float(rows[..., [*self.channels.colour, *alpha]]))
+        return count_broken(as_float(rows[..., [*self.channels.color, *alpha]]))
 
     def _check(self, *seen: np.ndarray | None) -> None:
         given = [s for s in seen if s is not None]
@@ -163,7 +163,7 @@ def _all_finite(values: np.ndarray) -> bool:
 
 
 def divisor(alpha: np.ndarray) -> np.ndarray:
-    """What premultiplied colour is divided by: alpha, but 1 where there is none."""
+    """What premultiplied color is divided by: alpha, but 1 where there is none."""
     return np.where(np.abs(alpha) < _TINY, np.float32(1.0), alpha)
 
 
@@ -200,11 +200,11 @@ def lens_of(image: Image, resources: Resources, space: Space = Space.LAB) -> Len
     Raises
     ------
     ImageError
-        NaN or Inf in data or their alpha, or two channels that are to be taken as colour.
+        NaN or Inf in data or their alpha, or two channels that are to be taken as color.
     ColorError
         As by `config.space_of`.
     """
-    named = colour_space(image, resources.color, resources.settings.autocc) if space is Space.LAB else None
+    named = color_space(image, resources.color, resources.settings.autocc) if space is Space.LAB else None
     if named is not None:
         return lens_for(image, resources, named)
     plain = Lens(image.source, channels_of(image.first.spec))
@@ -212,7 +212,7 @@ def lens_of(image: Image, resources: Resources, space: Space = Space.LAB) -> Len
 
 
 def lens_for(image: Image, resources: Resources, space: str) -> Lens:
-    """How an image of that colour space is seen in Lab."""
+    """How an image of that color space is seen in Lab."""
     config = resources.color
     return Lens(image.source, channels_of(image.first.spec), space, config.to_lab(space), config.from_lab(space))
 
@@ -251,7 +251,7 @@ def working_values(
     Raises
     ------
     ImageError, ColorError
-        As by `lens_of`; NaN or Inf in colour or alpha.
+        As by `lens_of`; NaN or Inf in color or alpha.
     """
     part, lens = image.first, lens_of(image, resources, space)
     values = empty_rows((part.spec.height, part.spec.width, 3), np.float32, in_memory)
@@ -269,7 +269,7 @@ def working_values(
 
 @dataclass(frozen=True, kw_only=True)
 class InLab(Op):
-    """What looks at colour in CIE Lab, and with `data` at channels as they are."""
+    """What looks at color in CIE Lab, and with `data` at channels as they are."""
 
     space: ClassVar[Space] = Space.LAB
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Maps of normals that are about to be taken for colours, because their file does not say what it holds."""
+"""Maps of normals that are about to be taken for colors, because their file does not say what it holds."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LENGTH = 0.1  # by how far one may be off 1, of most
 
 
 def warn_of_normals(image: Image) -> bool:
-    """Warn of a file without a colour space of its own that looks like normals or is named so; True where it did.
+    """Warn of a file without a color space of its own that looks like normals or is named so; True where it did.
 
     Of one that says sRGB, where it looks like them and is named so: OpenImageIO's tools say it of every PNG they write.
     """
@@ -39,9 +39,9 @@ def warn_of_normals(image: Image) -> bool:
     if not (named and alike if tagged else named or alike):
         return False
     log.warning(
-        "%s %s a normal map, says %s and is taken for sRGB colours: data=1 takes it as data, --iscolorspace sRGB behind"
-        " it says that they are colours", image.source, "looks like" if alike else "is named like",
-        "sRGB" if tagged else "no colour space",
+        "%s %s a normal map, says %s and is taken for sRGB colors: data=1 takes it as data, --iscolorspace sRGB behind"
+        " it says that they are colors", image.source, "looks like" if alike else "is named like",
+        "sRGB" if tagged else "no color space",
     )  # fmt: skip
     return True
 
@@ -54,14 +54,14 @@ def named_as_normals(path: str) -> bool:
 
 
 def looks_like_normals(part: Part) -> bool:
-    """Whether colours, decoded from 0 .. 1, are vectors of length 1 that point up, in the first rows."""
-    colour, whole = channels_of(part.spec).colour, part.window
-    if len(colour) != 3:
+    """Whether colors, decoded from 0 .. 1, are vectors of length 1 that point up, in the first rows."""
+    color, whole = channels_of(part.spec).color, part.window
+    if len(color) != 3:
         return False
     rows = max(1, _PIXELS // whole.width)
     pixels = part.read(Window(whole.left, whole.top, whole.right, min(whole.bottom, whole.top + rows)))
     largest = np.iinfo(pixels.dtype).max if pixels.dtype.kind in "ui" else 1
-    values = pixels[..., list(colour)].reshape(-1, 3).astype(np.float32) / np.float32(largest)
+    values = pixels[..., list(color)].reshape(-1, 3).astype(np.float32) / np.float32(largest)
     values = values[values.any(axis=-1)]
     if len(values) < _FEWEST:
         return False

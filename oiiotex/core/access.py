@@ -75,10 +75,10 @@ class Pointwise(_Mapped):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Neighbourhood(_Mapped):
+class Neighborhood(_Mapped):
     """A pixel of the result follows from those around its place, as far as `halo` says."""
 
-    reach: ClassVar[str] = "looks at a neighbourhood, and streams"
+    reach: ClassVar[str] = "looks at a neighborhood, and streams"
 
     def halo(self) -> tuple[int, int]:
         """How many pixels it looks to each side: (x, y)."""

@@ -17,13 +17,13 @@ COUNT = "oiiotex:labels"  # of a label part: how many labels it has
 RHO, PARENTS = "oiiotex:rho", "oiiotex:parents"  # its scale, px; of each label the one it is part of, a level coarser
 NAMES = "oiiotex:names"  # what its labels are called, a JSON list in order
 SUPERPIXELS, SIGMA = "oiiotex:superpixels", "oiiotex:sigma"  # of superpixels: how many, and their scale, px
-EDGES = "oiiotex:edges"  # of a Wang tile: the colours of its edges
+EDGES = "oiiotex:edges"  # of a Wang tile: the colors of its edges
 ESTIMATE = "oiiotex:estimate"  # of what was guessed and not measured: how
 HEIGHT_PX = "oiiotex:heightpx"  # of a height map: how many px a height of 1 rises above one of 0
 WINDOW = "oiiotex:window"  # of a plane without end, of which the image is a part
 PLANE = "oiiotex:plane"  # of a share of one: what its pixels follow from
 
-_OF_COLOURS = ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile")  # nothing of data
+_OF_COLORS = ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile")  # nothing of data
 _MOST_VALUES = 65536  # of an attribute
 _INT = re.compile(r"\s*[+-]?\d+\s*")
 _FLOAT = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
@@ -37,8 +37,8 @@ def note(spec: oiio.ImageSpec, name: str, value: str | float) -> None:
 
 
 def mark_as_data(spec: oiio.ImageSpec) -> None:
-    """Say that the channels are no colours, and forget what said that they were."""
-    for attribute in _OF_COLOURS:
+    """Say that the channels are no colors, and forget what said that they were."""
+    for attribute in _OF_COLORS:
         spec.erase_attribute(attribute)
     spec.attribute(TAG, "data")
 

@@ -2,7 +2,7 @@
 """Plan tiles, keep what will be asked for again, stream.
 
 Images are pulled: a writer asks the last part of a chain for one window after another, each part asks those before it.
-Nothing here knows files or colours.
+Nothing here knows files or colors.
 """
 
 from __future__ import annotations

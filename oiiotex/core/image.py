@@ -162,14 +162,14 @@ class Image:
 
 @dataclass(frozen=True)
 class Channels:
-    """Which channels are colour (R, G, B, or one gray) and which is alpha."""
+    """Which channels are color (R, G, B, or one gray) and which is alpha."""
 
-    colour: tuple[int, ...]
+    color: tuple[int, ...]
     alpha: int | None
 
 
 def channels_of(spec: oiio.ImageSpec) -> Channels:
-    """Colour is R, G, B or Y by name, else the first three that are not alpha, or the one there is."""
+    """Color is R, G, B or Y by name, else the first three that are not alpha, or the one there is."""
     names = [n.upper() for n in spec.channelnames]
     alpha = spec.alpha_channel if spec.alpha_channel >= 0 else names.index("A") if "A" in names else None
     if all(c in names for c in "RGB"):
@@ -290,7 +290,7 @@ def measure_spec(spec: oiio.ImageSpec, channels: tuple[str, ...] = ("Y",)) -> oi
 def from_array(pixels: np.ndarray, name: str = "array") -> Image:
     """An array as an image: (height, width) or (height, width, channels), the first row on top.
 
-    One channel is gray, three are R, G, B, four with alpha, by which colour is taken to be multiplied. Truth values
+    One channel is gray, three are R, G, B, four with alpha, by which color is taken to be multiplied. Truth values
     become 0 and 1; integers of 64 bits, as they come for labels, 32-bit ids.
 
     Raises

@@ -34,7 +34,7 @@ class Space(enum.Enum):
 
 
 class Kind(enum.Enum):
-    """What an output is: its pixel type, its colour tag and how it leaves follow from it (`run.run`)."""
+    """What an output is: its pixel type, its color tag and how it leaves follow from it (`run.run`)."""
 
     PIXELS = "pixels"
     IDS = "32-bit ids"
@@ -51,7 +51,7 @@ class Kind(enum.Enum):
 
     @property
     def is_data(self) -> bool:
-        """Whether its values are no colours, whatever the image was."""
+        """Whether its values are no colors, whatever the image was."""
         return self in (Kind.IDS, Kind.MASK, Kind.COORDINATES, Kind.MEASURE, Kind.CRYPTOMATTE)
 
     @property

@@ -30,7 +30,7 @@ _TRUE, _FALSE = ("1", "on", "true", "yes"), ("0", "off", "false", "no")
 
 
 class Numbers(tuple[float, ...]):
-    """Numbers separated by commas: a colour, a matrix, a list of coordinates."""
+    """Numbers separated by commas: a color, a matrix, a list of coordinates."""
 
     def __str__(self) -> str:
         return ",".join(f"{n:.9g}" for n in self)
@@ -76,9 +76,12 @@ class Parameter:
     ge: float | None = None
     le: float | None = None
     choices: tuple[Any, ...] = ()
-    positional: bool = False  # on the command line a word of its own behind the op; else a modifier
+    positional: bool = False  # on the command line a word of its own after the op; else a modifier
     many: bool = False  # an input that is a tuple of images, as many as the op takes
-    frame: bool = False  # where it is left out, a sequence of the command line says it: the frame's number
+    unset: str = ""  # what is used where the default is None, in words: "longer side / 8"
+    example: str = ""  # a value as on the command line, where `sample` cannot derive one
+    advanced: bool = False  # few people need it: help and docs list it last
+    frame: bool = False  # the frame number of a sequence is its default
     count: str = ""  # of such an input: the parameter that says how many images the op takes, the first input included
 
     @property
@@ -93,18 +96,55 @@ class Parameter:
 
     @property
     def expected(self) -> str:
-        """What a value may be, for help and errors: 'a number >= 1 px'; `spelled` says it for the line or Python."""
+        """The values it takes, for help and errors: 'a number >= 1 px'; `spelled` has them for the line or Python."""
         if self.kind is None:
-            return "1 (the next image of the stack), the name of a part of the first image, or a file name"
+            return "1 (the next image on the stack), the name of a part of the first image, or a file name"
         if self.choices:
-            line = " | ".join(str(choice) for choice in self.choices if choice not in ("", None))
-            return either(line, " | ".join(repr(choice) for choice in self.choices if choice is not None))
+            line = ", ".join(str(choice) for choice in self.choices if choice not in ("", None))
+            return f"one of {either(line, ', '.join(repr(choice) for choice in self.choices if choice is not None))}"
         text = " or ".join(_KINDS[k] for k in self.kind)
-        if self.ge is not None:
+        if self.ge is not None and self.le is not None:
+            text += f" from {self.ge:g} to {self.le:.10g}"
+        elif self.ge is not None:
             text += f" >= {self.ge:g}"
-        if self.le is not None:
-            text += f"{' and' if self.ge is not None else ''} <= {self.le:.10g}"
+        elif self.le is not None:
+            text += f" <= {self.le:.10g}"
         return f"{text} {self.unit}".rstrip()
+
+    @property
+    def default_text(self) -> str:
+        """The default in words, as on the command line; empty where a value is required."""
+        if self.required:
+            return ""
+        if self.unset or self.default in (None, ""):
+            return self.unset or "none"
+        return str(int(self.default)) if isinstance(self.default, bool) else str(self.default)
+
+    @property
+    def sample(self) -> str:
+        """A value as on the command line, not the default where that is possible; empty where none is known."""
+        if self.example:
+            return self.example
+        kinds = self.kind or ()
+        if self.kind is None:
+            return "1"
+        if self.choices:
+            return next(str(choice) for choice in self.choices if choice not in ("", None, self.default))
+        if bool in kinds:
+            return "0" if self.default is True else "1"
+        if SizeRule in kinds or Size in kinds:
+            return "1024x1024"
+        if not {int, float} & set(kinds):
+            return ""
+        least, most = (-_INTEGERS if self.ge is None else self.ge), (_INTEGERS if self.le is None else self.le)
+        twice = 2 * self.default if isinstance(self.default, (int, float)) else least
+        return f"{min(max(twice or 1, least), most):g}"
+
+    def described(self, help: str) -> str:
+        """`help` with the values that it takes and the default, in sentences."""
+        values = self.allowed()
+        text = f"{help} {values[:1].upper()}{values[1:]}."
+        return text if self.required else f"{text} Default: {self.default_text}."
 
     def allowed(self) -> str:
         """What a value may be on the command line."""
@@ -179,10 +219,10 @@ class Parameter:
 
 
 _KINDS = {
-    int: "a whole number", float: "a number", bool: either("0 or 1", "True or False"), Path: "a file name",
-    str: either("text", "a text"), Size: either("WIDTHxHEIGHT", "(width, height)"),
-    Numbers: either("comma-separated list of numbers", "a number or a sequence of them"),
-    Words: either("comma-separated list of words", "a sequence of texts"), SizeRule: either("pow2", "'pow2'"),
+    int: "an integer", float: "a number", bool: either("0 or 1", "True or False"), Path: "a file name",
+    str: either("text", "a string"), Size: either("WIDTHxHEIGHT", "(width, height)"),
+    Numbers: either("a comma-separated list of numbers", "a number or a sequence of numbers"),
+    Words: either("a comma-separated list of words", "a sequence of strings"), SizeRule: either("pow2", "'pow2'"),
 }  # fmt: skip
 
 
@@ -194,6 +234,9 @@ def param(
     ge: float | None = None,
     le: float | None = None,
     choices: Iterable[Any] = (),
+    unset: str = "",
+    example: str = "",
+    advanced: bool = False,
     frame: bool = False,
     positional: bool = False,
 ) -> Any:
@@ -202,32 +245,34 @@ def param(
     Parameters
     ----------
     default : optional
-        It must be given where there is none.
-    help, unit : str
-        For people.
+        Without one, a value is required.
+    help : str
+        Sentences, the first of which begins with a noun phrase. Values, range and default are added by the program.
     ge, le : float, optional
-        The least and the largest value; of both sides of a Size, of all of `Numbers`.
-    choices : iterable
-        All values that are allowed.
-    frame : bool
-        Where it is left out, --frames says it.
-    positional : bool
-        It is a word of its own behind the op: `--resize 50%`.
+        The smallest and the largest value; of both sides of a Size, of all of `Numbers`.
+    unit, choices, unset, example, advanced, frame, positional
+        As in `Parameter`.
     """
-    facts = {"help": help, "unit": unit, "ge": ge, "le": le, "frame": frame, "positional": positional}
-    return dataclasses.field(default=default, metadata={_FIELD: facts | {"choices": tuple(choices)}})
+    facts = {
+        "help": help, "unit": unit, "ge": ge, "le": le, "choices": tuple(choices), "unset": unset, "example": example,
+        "advanced": advanced, "frame": frame, "positional": positional,
+    }  # fmt: skip
+    return dataclasses.field(default=default, metadata={_FIELD: facts})
 
 
 argument = functools.partial(param, positional=True)
 
 
-def image(default: Any = dataclasses.MISSING, *, help: str, count: str = "") -> Any:
+def image(
+    default: Any = dataclasses.MISSING, *, help: str, count: str = "", example: str = "", advanced: bool = False
+) -> Any:
     """Declare an input image as a dataclass field.
 
     A field of type `tuple[Image, ...]` holds several. With `count` it follows the first input, and the parameter of
-    that name says how many images these are together.
+    that name is the number of all these images together.
     """
-    return dataclasses.field(default=default, metadata={_FIELD: {"help": help, "count": count}})
+    facts = {"help": help, "count": count, "example": example, "advanced": advanced}
+    return dataclasses.field(default=default, metadata={_FIELD: facts})
 
 
 def declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:

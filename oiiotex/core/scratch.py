@@ -65,7 +65,7 @@ class RowStore:
         return out if dtype is None else out.astype(dtype)
 
     def crossing(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """`array[np.ix_(rows, columns)]` of (rows, columns), for columns of which most are neighbours."""
+        """`array[np.ix_(rows, columns)]` of (rows, columns), for columns of which most are neighbors."""
         out = np.empty((len(rows), len(columns)), self.dtype)
         for n, into, offset in self._runs(rows, columns):
             self._read(out[n, into], offset)
@@ -77,7 +77,7 @@ class RowStore:
             self._write(values[n, into], offset)
 
     def _runs(self, rows: np.ndarray, columns: np.ndarray) -> Iterator[tuple[int, slice, int]]:
-        """Columns that are neighbours, row by row: (number of the row, where they stand, their place in the file)."""
+        """Columns that are neighbors, row by row: (number of the row, where they stand, their place in the file)."""
         begins = np.flatnonzero(np.diff(columns, prepend=-2) != 1).tolist()
         for begin, end in zip(begins, [*begins[1:], len(columns)], strict=True):
             for n, row in enumerate(rows.tolist()):

@@ -18,7 +18,7 @@ from .window import Window
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-COPIED = "pixels copied from the photo, all channels together, in its own colour space and type"
+COPIED = "pixels copied from the photo, all channels together, in its own color space and type"
 ST = Output("st", Kind.COORDINATES, "where every pixel comes from, as `warp` and `st_warp` read it", asked_by="stmap")
 STMAP = "1: source coordinates as part 'st' of the result; a file name: there"
 BITS = 16  # for x and for y, where one exemplar is spoken of: what kernels give and take (cl/offsets.h)
@@ -105,7 +105,7 @@ class SourceMap:
     def coordinates(self, spec: oiio.ImageSpec, corner: tuple[int, int] = (0, 0), factor: float = 1.0) -> np.ndarray:
         """(s, t) over the display window of an image with that spec: (..., 2) float32.
 
-        (0, 0) is the display window's top left corner and (1, 1) its bottom right, as --st_warp has it; pixel centres
+        (0, 0) is the display window's top left corner and (1, 1) its bottom right, as --st_warp has it; pixel centers
         lie half a pixel in. The exemplar may be cut out of the image's data window at a `corner` (x, y) after it was
         enlarged by a `factor`.
         """

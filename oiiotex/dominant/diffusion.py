@@ -23,8 +23,8 @@ from .patch_manifold import (
     kernel_of,
     landmark_squares,
     landmarks,
-    neighbour_squares,
-    neighbour_weights,
+    neighbor_squares,
+    neighbor_weights,
     patch_size,
     squared_distances,
     texels_of,
@@ -41,7 +41,7 @@ _BINS, _SMOOTH, _PROMINENCE = 64, 2.0, 0.03
 _DEPTH = 12.0  # decades of heat below the hottest texel that are told apart
 _LOW = 0.2  # quantile of density where it has no valley
 _BLOCK = 1024  # texels that are looked at together
-_EVEN = 0.1  # of the mean weight, added to all before a normalised cut
+_EVEN = 0.1  # of the mean weight, added to all before a normalized cut
 _MOST_KEPT = 0.75  # of the texels that are left, the hottest
 
 
@@ -92,7 +92,7 @@ def dominant_texture(
 
     `patch` is odd; `most` is how many texels there are at most where `step` is left out; `seed` chooses landmarks.
     """
-    with threadpool_limits(1, "blas"), resources.beside(lambda: neighbour_correlation(pixels)) as correlated:
+    with threadpool_limits(1, "blas"), resources.beside(lambda: neighbor_correlation(pixels)) as correlated:
         side = patch or patch_size(pixels.lab[..., 0], resources.spread)
         texels = texels_of(pixels, side, step or step_for(pixels.seen.shape, side, most), resources)
         nothing = np.full(texels.count, SCATTERED, np.int8), np.zeros(texels.count), np.zeros(texels.count)
@@ -112,33 +112,33 @@ def dominant_texture(
                 return Dominance(texels, *nothing, kernel, rejected=why)
             euclidean = mode == "euclidean"
             density = densities(texels, chosen, kernel.size, euclidean, resources)
-        with resources.stats.time("neighbours"):
-            squares = neighbour_squares(texels, resources)
+        with resources.stats.time("neighbors"):
+            squares = neighbor_squares(texels, resources)
         progress.advance(4, 6)
         with resources.stats.time("heat"):
-            weights = neighbour_weights(squares, kernel.size, euclidean)
+            weights = neighbor_weights(squares, kernel.size, euclidean)
             if mode == "spectral":
                 types = _larger_half(texels, chosen, kernel, resources)
                 dominant = Dominance(texels, types, density, np.zeros(texels.count), kernel)
             else:
                 dominant = _classified(texels, kernel, density, weights, rule)
             if dominant.rejected and mode == "diffusion" and rule != "paper":
-                # a pattern in regular order falls into groups, one of each phase, that no near neighbour joins: once
+                # a pattern in regular order falls into groups, one of each phase, that no near neighbor joins: once
                 # more with wider kernels, and with every texel beside a few others drawn from all
                 far = landmark_squares(texels, chosen[:: max(1, len(chosen) // _FAR)], resources)
                 for times in _WIDER:
                     if dominant.rejected:
                         wide = replace(kernel, size=times * kernel.size)
                         density = densities(texels, chosen, wide.size, euclidean, resources)
-                        joined = neighbour_weights(squares, wide.size, False)
-                        joined = joined.maximum(neighbour_weights(far, wide.size, False)).tocsr()
+                        joined = neighbor_weights(squares, wide.size, False)
+                        joined = joined.maximum(neighbor_weights(far, wide.size, False)).tocsr()
                         again = _classified(texels, wide, density, joined, rule)
                         dominant = dominant if again.rejected else again
         progress.advance(5, 6)
     return dominant
 
 
-def neighbour_correlation(pixels: LabPixels) -> float:
+def neighbor_correlation(pixels: LabPixels) -> float:
     """Of Lab with that of the next pixel to the right or below, the larger of the two.
 
     The paper does not say how noise is told from a texture; through heat it looks like one, of which every patch is as
@@ -183,7 +183,7 @@ def heat_from(matrix: csr_array, seed: int, steps: int) -> np.ndarray:
 def _classified(texels: Texels, kernel: Kernel, density: np.ndarray, weights: csr_array, rule: str) -> Dominance:
     """Step 6: groups are taken out until one is dominant."""
     count = texels.count
-    matrix = (diags_array(1 / weights.sum(1)) @ weights.astype(np.float64)).tocsr()  # Table 1: A is row-normalised
+    matrix = (diags_array(1 / weights.sum(1)) @ weights.astype(np.float64)).tocsr()  # Table 1: A is row-normalized
     steps = heat_steps(count, kernel.dimension)
     types, left = np.full(count, SCATTERED, np.int8), np.ones(count, bool)
     rounds: list[Round] = []
@@ -291,7 +291,7 @@ def _valleys(counts: np.ndarray, prominence: float) -> tuple[np.ndarray, np.ndar
 
 
 def _larger_half(texels: Texels, chosen: np.ndarray, kernel: Kernel, resources: Resources) -> np.ndarray:
-    """The larger of two segments of a normalised cut as Type 0, the other as Type I (LDR09 section 7.4).
+    """The larger of two segments of a normalized cut as Type 0, the other as Type I (LDR09 section 7.4).
 
     Of the landmarks, whose every pair is weighed; the other texels get the mean of the landmarks' eigenvector, by
     their weights. A tenth of the mean weight is added to all, or one patch alone would be the smaller segment.
@@ -322,7 +322,7 @@ def _larger_half(texels: Texels, chosen: np.ndarray, kernel: Kernel, resources: 
 
 
 def spread_over(texels: Texels, values: np.ndarray, shape: tuple[int, int], outside: float) -> np.ndarray:
-    """Values (N,) of texels at their centres, else at the pixels nearest: (h, w), `outside` where no whole patch is."""
+    """Values (N,) of texels at their centers, else at the pixels nearest: (h, w), `outside` where no whole patch is."""
     height, width = shape
     half, step = texels.patch // 2, texels.step
     down, across = (max(0, -(-(s - texels.patch + 1) // step)) for s in shape)
@@ -338,6 +338,6 @@ def spread_over(texels: Texels, values: np.ndarray, shape: tuple[int, int], outs
 
 
 def dominant_mask(dominant: Dominance, seen: np.ndarray) -> np.ndarray:
-    """LDR09 step 7: centres of dominant texels dilated by a patch, (h, w) bool; never where nothing is seen."""
-    centres = spread_over(dominant.texels, (dominant.types == DOMINANT).astype(np.uint8), seen.shape, 0)
-    return (maximum_filter(centres, dominant.texels.patch, mode="constant") > 0) & seen
+    """LDR09 step 7: centers of dominant texels dilated by a patch, (h, w) bool; never where nothing is seen."""
+    centers = spread_over(dominant.texels, (dominant.types == DOMINANT).astype(np.uint8), seen.shape, 0)
+    return (maximum_filter(centers, dominant.texels.patch, mode="constant") > 0) & seen

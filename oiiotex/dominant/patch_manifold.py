@@ -24,7 +24,7 @@ ENERGY = 0.999  # of the texels that the principal components keep: LDR09 sectio
 LANDMARKS = 0.7  # N' = N^0.7: LDR09 section 6.2
 LEAST_PATCH, MOST_PATCH = 5, 25  # px
 _BLOCK = 1024  # texels whose distances are looked at together
-_ROWS = 256  # texels whose neighbours are looked for together: what is found on the way stays in the cache
+_ROWS = 256  # texels whose neighbors are looked for together: what is found on the way stays in the cache
 _EVERY = 16  # of a row's distances, from which the k smallest of all are estimated
 _COVARIANCE = 4096  # texels that the components are learned from
 _PIECES = 8  # in which an image is blurred
@@ -88,10 +88,10 @@ class Texels:
     """N overlapping patches."""
 
     values: np.ndarray  # (N, d) float32: principal components
-    rows: np.ndarray  # (N,) int, of centres, as columns
+    rows: np.ndarray  # (N,) int, of centers, as columns
     columns: np.ndarray
     patch: int  # side, px
-    step: int  # distance of neighbouring centres, px
+    step: int  # distance of neighboring centers, px
 
     @property
     def count(self) -> int:
@@ -198,20 +198,20 @@ def densities(texels: Texels, chosen: np.ndarray, size: float, euclidean: bool, 
     return np.concatenate(list(resources.spread(density, range(0, texels.count, _BLOCK))))
 
 
-def neighbour_count(count: int) -> int:
+def neighbor_count(count: int) -> int:
     """k = log^2 N: LDR09 section 6.3; the natural logarithm."""
     return min(count, max(8, int(math.log(max(count, 2)) ** 2)))
 
 
-def neighbour_squares(texels: Texels, resources: Resources) -> csr_array:
+def neighbor_squares(texels: Texels, resources: Resources) -> csr_array:
     """Squared distances to the k nearest, itself among them (LDR09 section 6.3), rows of k entries each.
 
-    The paper's neighbours are approximate; these are exact. Distances are one product of blocks, in which the squares
+    The paper's neighbors are approximate; these are exact. Distances are one product of blocks, in which the squares
     are two further dimensions. Of every `_EVERY`th of a row, one is found that k of all should not exceed; only those
     that do not are sorted, unless they are fewer than k.
     """
     count = texels.count
-    k = neighbour_count(count)
+    k = neighbor_count(count)
     norms = (texels.values * texels.values).sum(1)[:, None]
     ones = np.ones_like(norms)
     left = np.concatenate([texels.values * np.float32(-2), norms, ones], 1)
@@ -225,13 +225,13 @@ def neighbour_squares(texels: Texels, resources: Resources) -> csr_array:
         squares[here, first + here] = 0
         bound = np.partition(squares[:, ::_EVERY], rank, axis=1)[:, rank]
         within = squares <= bound[:, None]
-        neighbours = np.empty((len(squares), k), np.int32)
+        neighbors = np.empty((len(squares), k), np.int32)
         for n, row in enumerate(squares):
             near = np.flatnonzero(within[n])
             if len(near) < k:
                 near = np.arange(count)
-            neighbours[n] = near[np.argpartition(row[near], k - 1)[:k]]
-        return neighbours, np.maximum(np.take_along_axis(squares, neighbours, 1), 0)
+            neighbors[n] = near[np.argpartition(row[near], k - 1)[:k]]
+        return neighbors, np.maximum(np.take_along_axis(squares, neighbors, 1), 0)
 
     pieces = list(resources.spread(nearest, range(0, count, _ROWS)))
     columns, values = (np.concatenate(p).ravel() for p in zip(*pieces, strict=True))
@@ -239,7 +239,7 @@ def neighbour_squares(texels: Texels, resources: Resources) -> csr_array:
 
 
 def landmark_squares(texels: Texels, chosen: np.ndarray, resources: Resources) -> csr_array:
-    """Squared distances of all texels to some, as `neighbour_squares` has them to near ones."""
+    """Squared distances of all texels to some, as `neighbor_squares` has them to near ones."""
 
     def away(first: int) -> np.ndarray:
         return squared_distances(texels.values[first : first + _BLOCK], texels.values[chosen])
@@ -250,8 +250,8 @@ def landmark_squares(texels: Texels, chosen: np.ndarray, resources: Resources) -
     return csr_array((values.ravel(), columns, rows), shape=(texels.count, texels.count))
 
 
-def neighbour_weights(squares: csr_array, size: float, euclidean: bool) -> csr_array:
-    """The symmetric sparse kernel: a weight where either of two is a near neighbour of the other."""
+def neighbor_weights(squares: csr_array, size: float, euclidean: bool) -> csr_array:
+    """The symmetric sparse kernel: a weight where either of two is a near neighbor of the other."""
     weights = weights_of(squares.data, size, euclidean)
     directed = csr_array((weights, squares.indices, squares.indptr), shape=squares.shape)
     return directed.maximum(directed.T).tocsr()
@@ -261,9 +261,9 @@ def memory_needed(pixels: int, texels: int, patch: int, threads: int) -> int:
     """Bytes that the search for a dominant texture holds at its height.
 
     Components may be as many as a patch has values: of grass nearly all are kept, and they are there three times while
-    neighbours are looked for.
+    neighbors are looked for.
     """
-    k, values = neighbour_count(texels), 3 * patch * patch
+    k, values = neighbor_count(texels), 3 * patch * patch
     marks = texels**LANDMARKS
     covariance = 20 * min(texels, _COVARIANCE) * values + 24 * values**2
     blocks = threads * max(8 * _ROWS * texels, 16 * _BLOCK * marks, 12 * _BLOCK * values)

@@ -123,17 +123,17 @@ def photo_mask(
     pixels = lab_pixels(photo, lens_of(photo, resources, space), resources, factor, allowed())
     progress.advance(1, 6)
 
-    def coloured() -> np.ndarray | None:
+    def colored() -> np.ndarray | None:
         """What refines the mask, found while texels are: to import k-means takes a fifteenth of a second."""
-        from .refinement import pixel_colours
+        from .refinement import pixel_colors
 
-        return None if rule == "paper" else pixel_colours(pixels)
+        return None if rule == "paper" else pixel_colors(pixels)
 
-    with resources.beside(coloured) as colours:
+    with resources.beside(colored) as colors:
         texture = dominant_texture(
             pixels, resources, progress, patch=side, step=step, most=TEXELS, mode=mode, rule=rule
         )
-        mask = _mask(texture, pixels, colours())
+        mask = _mask(texture, pixels, colors())
     if texture.rejected:
         if strict:
             raise ImageError(f"{photo.source} has no dominant texture: {texture.rejected}")
@@ -144,8 +144,8 @@ def photo_mask(
     return PhotoMask(photo.first, pixels, texture, mask)
 
 
-def _mask(texture: Dominance, pixels: LabPixels, colours: np.ndarray | None) -> np.ndarray:
-    """Where the texture is, (h, w) bool; by LDR09 where no colours are given."""
+def _mask(texture: Dominance, pixels: LabPixels, colors: np.ndarray | None) -> np.ndarray:
+    """Where the texture is, (h, w) bool; by LDR09 where no colors are given."""
     from .refinement import refined_mask
 
-    return dominant_mask(texture, pixels.seen) if colours is None else refined_mask(texture, pixels, colours)
+    return dominant_mask(texture, pixels.seen) if colors is None else refined_mask(texture, pixels, colors)

@@ -43,7 +43,7 @@ _RIDGE = 0.02  # of sigma^2, in the fit of a slope: nothing where there is somet
 class Drift:
     """Local and global statistics of an image.
 
-    `level` (down + 4, across + 4, channels) float: local level at the cells' centres, with the margin of
+    `level` (down + 4, across + 4, channels) float: local level at the cells' centers, with the margin of
     `grid_statistics.MARGIN`; `spots` (down + 4, across + 4) float: where a stain smaller than the disc was found, 0 to
     1: it may change contrast more than the texture does.
     """
@@ -244,7 +244,7 @@ class _Disc:
 
 
 class _LocalFit:
-    """Local means: the value at a cell's centre of a plane fitted to what lies around it.
+    """Local means: the value at a cell's center of a plane fitted to what lies around it.
 
     A plain weighted mean leans inwards at the border and away from holes, and would leave a part of a gradient of
     light there; a fitted plane does not. Inside, both are the same.

@@ -72,7 +72,7 @@ def sigmas_of(sigmamap: Image, width: int, height: int) -> np.ndarray:
 
 
 def _channel(part: Part) -> np.ndarray:
-    return as_float(part.pixels()[..., channels_of(part.spec).colour[0]])
+    return as_float(part.pixels()[..., channels_of(part.spec).color[0]])
 
 
 def remade_source(
@@ -81,7 +81,7 @@ def remade_source(
     """Where every pixel of a photo comes from when only the marked ones are made anew, by `run`.
 
     What is synthesized is the part of the photo around the marked pixels, as far as patches and local histograms look.
-    Recipe and constraints are for the whole photo; new pixels go with its colour where it is opaque.
+    Recipe and constraints are for the whole photo; new pixels go with its color where it is opaque.
     """
     height, width = marked.shape
     source = SourceMap.of(np.arange(height)[:, None], np.arange(width))

@@ -69,14 +69,14 @@ def laid_over(part: Part, exemplar: Image, name: str) -> Part:
 
 def mask_pixels(part: Part) -> np.ndarray:
     """A mask as (height, width) bool."""
-    channel, inside = channels_of(part.spec).colour[0], []
+    channel, inside = channels_of(part.spec).color[0], []
     for window in bands(part):
         values = part.read(window)[..., channel]
         inside.append(values != 0 if part.exact or values.dtype == np.uint32 else as_float(values) > 0.5)
     return np.concatenate(inside)
 
 
-def labelled_pixels(labels: LabelMap, label: int) -> np.ndarray:
+def labeled_pixels(labels: LabelMap, label: int) -> np.ndarray:
     """Where a map has that label: (height, width) bool, not nowhere."""
     inside, most = [], 0
     for window in bands(labels.part):

@@ -21,7 +21,7 @@ from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..io.disk_cache import hash_of
 from ..session.resources import Resources
-from .exemplar_masks import both, label_map, labelled_pixels, masked_pixels
+from .exemplar_masks import both, label_map, labeled_pixels, masked_pixels
 from .materials import KINDS_HELP, MATCH_HELP, kinds_of, read_material
 
 Found = TypeVar("Found")
@@ -53,7 +53,7 @@ class ExemplarPixels:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LabelledExemplar(Op):
+class LabeledExemplar(Op):
     """What is copied together from one photo, of which label maps may be known."""
 
     copies: ClassVar[bool] = True
@@ -70,7 +70,7 @@ class LabelledExemplar(Op):
 
     def read(self, resources: Resources, *also: np.ndarray | None) -> ExemplarPixels:
         """Values, usable pixels, and why the others are not; `also` are further (height, width) bool of usable ones."""
-        with resources.stats.time("read and colour"):
+        with resources.stats.time("read and color"):
             values, opaque = self.seen(resources)
             allowed = functools.reduce(both, also, self._allowed())
         why = ["transparent pixels"] if opaque is not None or allowed is None else []
@@ -99,7 +99,7 @@ class LabelledExemplar(Op):
         allowed = None if self.mask is None else masked_pixels(self.mask, self.exemplar)
         if self.label is not None:
             labels = label_map(self.exemplar, self.labels, self.level)
-            allowed = both(labelled_pixels(labels, self.label), allowed)
+            allowed = both(labeled_pixels(labels, self.label), allowed)
         if allowed is not None and not allowed.any():
             raise ImageError(f"the mask leaves no pixel of {self.exemplar.source}")
         return allowed
@@ -114,7 +114,7 @@ class LabelledExemplar(Op):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExemplarOp(LabelledExemplar):
+class ExemplarOp(LabeledExemplar):
     """What is copied together from one photo, or from one label in it."""
 
     mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
@@ -162,6 +162,6 @@ class MaterialOp(ExemplarOp):
         name, results = self.main().name, list[dict[str, Any]]()
         for one, kind in zip(maps, self.map_kinds, strict=True):
             parts = make(one, kind)
-            image = parts[name] if kind == "colour" else parts[name].respecced(mark_as_data)
+            image = parts[name] if kind == "color" else parts[name].respecced(mark_as_data)
             results.append({name: image} if results else parts | {name: image})
         return tuple(results)

@@ -77,7 +77,7 @@ def hint_that_it_tiles(flag: str, photo: Part) -> None:
     """Warn where a photo needs no synthesis."""
     if min(photo.window.size) < _LEAST:
         return
-    gray = as_float(photo.pixels()[..., list(channels_of(photo.spec).colour)]).mean(-1)
+    gray = as_float(photo.pixels()[..., list(channels_of(photo.spec).color)]).mean(-1)
     ratios = [seam_ratio(gray, axis) for axis in (1, 0)]
     if max(ratios) <= TILES and all(map(math.isfinite, ratios)):
         log.warning(

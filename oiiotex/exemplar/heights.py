@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Height maps that are copied in pieces: the steps between the pieces, and the constants that close them.
 
-A piece is what was copied in one: neighbours that were neighbours in the photo. Colours of two pieces that meet may be
+A piece is what was copied in one: neighbors that were neighbors in the photo. Colors of two pieces that meet may be
 alike while their heights are not, since a photo's relief goes on beyond what a patch sees; displaced, that is a cliff.
 """
 
@@ -27,7 +27,7 @@ RELEVEL = (
     " can: its pixels are then copies plus a constant; goes with kinds=...,height"
 )
 _LARGE = 0.1  # a step, as a share of the map's range
-_MUCH = 0.005  # of all neighbours, beyond twice what the photo has
+_MUCH = 0.005  # of all neighbors, beyond twice what the photo has
 _ANCHOR = 1e-6  # of a pair at a seam: how strongly a pixel holds its piece where it was; what has no seam stays
 _STILL = 1e6  # the same of a pixel that must stay
 _TOLERANCE, _MOST_ITERATIONS = 1e-7, 5000
@@ -48,8 +48,8 @@ def height_tile(
 
     It was copied from the image as `source` says; pixels that are `still`, (height, width) bool, keep their height.
     """
-    colour = list(channels_of(image.first.spec).colour)
-    heights = as_float(image.first.pixels()[..., colour[0]])
+    color = list(channels_of(image.first.spec).color)
+    heights = as_float(image.first.pixels()[..., color[0]])
     if not np.isfinite(heights).all():
         raise ImageError(f"{image.source} has {np.count_nonzero(~np.isfinite(heights))} NaN or Inf values")
     raised = source.gather(heights)
@@ -58,7 +58,7 @@ def height_tile(
         resources.require(_PIXEL_BYTES * source.packed.size, f"levelling {width}x{height} heights")
         constants = levels(source, wrap, heights, still)
         raised = raised + constants
-        tile = _raised(tile, constants, colour)
+        tile = _raised(tile, constants, color)
         cut = np.count_nonzero((raised < 0) | (raised > 1)) if dtype_of(tile.spec)(0).dtype.kind == "u" else 0
         if cut:
             beyond = f"{cut} levelled heights of {image.source} lie beyond {tile.spec.format}"
@@ -66,7 +66,7 @@ def height_tile(
     least = _LARGE * float(np.ptp(heights))
     own, shown = large_steps(heights, least), large_steps(raised, least, wrap)
     text = (
-        f"{100 * shown:.2f} % of the neighbours in {image.source} differ by more than a tenth of its range,"
+        f"{100 * shown:.2f} % of the neighbors in {image.source} differ by more than a tenth of its range,"
         f" {100 * own:.2f} % in the photo"
     )
     log.info("%s: %s", flag, text)
@@ -77,7 +77,7 @@ def height_tile(
 
 
 def large_steps(heights: np.ndarray, least: float, wrap: tuple[bool, bool] = (False, False)) -> float:
-    """The share of neighbours, right of and below each other, whose heights differ by more than `least`."""
+    """The share of neighbors, right of and below each other, whose heights differ by more than `least`."""
     large = total = 0
     for axis, wraps in ((1, wrap[0]), (0, wrap[1])):
         step = np.diff(heights, axis=axis, append=np.take(heights, [0], axis)) if wraps else np.diff(heights, axis=axis)
@@ -91,7 +91,7 @@ def large_steps(heights: np.ndarray, least: float, wrap: tuple[bool, bool] = (Fa
 
 @dataclass(frozen=True)
 class Pairs:
-    """All neighbours in one direction: each pixel of a tile, and the next one right of it or below.
+    """All neighbors in one direction: each pixel of a tile, and the next one right of it or below.
 
     The first's piece lies a step above the second's: the mean of what it lies above it at both pixels, where each piece
     goes on over the seam as the photo does.
@@ -99,12 +99,12 @@ class Pairs:
 
     first: np.ndarray  # (n,) int64: flat indices of the pixels, as second
     second: np.ndarray
-    together: np.ndarray  # (n,) bool: they were neighbours in the photo, too
+    together: np.ndarray  # (n,) bool: they were neighbors in the photo, too
     step: np.ndarray  # (n,) float64
 
 
-def neighbours(source: SourceMap, wrap: tuple[bool, bool], heights: np.ndarray) -> Iterator[Pairs]:
-    """Neighbours along x, then along y; parameters as of `levels`."""
+def neighbors(source: SourceMap, wrap: tuple[bool, bool], heights: np.ndarray) -> Iterator[Pairs]:
+    """Neighbors along x, then along y; parameters as of `levels`."""
     numbers = np.arange(source.packed.size).reshape(source.packed.shape)
     y, x = source.yx
 
@@ -128,7 +128,7 @@ def levels(
 ) -> np.ndarray:
     """What each pixel's piece is to be raised by, (height, width) float32, for the steps at seams to be least.
 
-    The constants c minimize the sum over all neighbours in different pieces a and b of (c_a - c_b + step)^2: a Poisson
+    The constants c minimize the sum over all neighbors in different pieces a and b of (c_a - c_b + step)^2: a Poisson
     equation on the graph of pieces, whose right side is the sum of steps along each seam. The mean height stays, or
     what is `still`, (height, width) bool.
     """
@@ -137,7 +137,7 @@ def levels(
     from scipy.sparse.linalg import cg
 
     shape = source.packed.shape
-    pairs = list(neighbours(source, wrap, heights))
+    pairs = list(neighbors(source, wrap, heights))
     p, q = (np.concatenate([getattr(one, end)[one.together] for one in pairs]) for end in ("first", "second"))
     graph = sparse.coo_array((np.ones(len(p), bool), (p, q)), shape=(source.packed.size, source.packed.size))
     count, piece = connected_components(graph, directed=False)
@@ -161,13 +161,13 @@ def levels(
     return constant[piece].reshape(shape).astype(np.float32)
 
 
-def _raised(tile: Part, constants: np.ndarray, colour: list[int]) -> Part:
+def _raised(tile: Part, constants: np.ndarray, color: list[int]) -> Part:
     """The tile with its heights raised, in its own type."""
 
     def fetch(window: Window) -> np.ndarray:
         pixels = tile.read(window).copy()
-        values = as_float(pixels[..., colour]) + constants[window.inside(tile.window)][..., None]
-        pixels[..., colour] = in_type(values, pixels.dtype)
+        values = as_float(pixels[..., color]) + constants[window.inside(tile.window)][..., None]
+        pixels[..., color] = in_type(values, pixels.dtype)
         return pixels
 
     return replace(tile, fetch=fetch)

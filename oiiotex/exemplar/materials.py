@@ -19,16 +19,16 @@ from .exemplar_masks import both
 
 log = logging.getLogger("oiiotex")
 
-KINDS = ("colour", "data", "normal", "height")
+KINDS = ("color", "data", "normal", "height")
 KINDS_HELP = (
-    "what the maps are, in their order: colour (or color), data, normal or height; when left out the first is as"
-    " without further maps, the others are data. What is no colour is tagged as data"
+    "what the maps are, in their order: color (or color), data, normal or height; when left out the first is as"
+    " without further maps, the others are data. What is no color is tagged as data"
 )
 MATCH_HELP = (
     "how much the maps count when patches are compared, in their order; 0: not at all; when left out 1"
     " for every map, 0.25 for a height"
 )
-# of a height where match is left out: more makes the steps at its seams fewer, and takes its large shapes away; colours
+# of a height where match is left out: more makes the steps at its seams fewer, and takes its large shapes away; colors
 # fit as well as without it up to there (tests/test_heights.py)
 _HEIGHT_WEIGHT = 0.25
 _SHORTEST = 0.05  # length of a normal: less is the rounding of none at all
@@ -42,7 +42,7 @@ def read_material(
 ) -> tuple[SomeRows, np.ndarray | None]:  # fmt: skip
     """The maps in a synthesis' working space, (height, width, channels) float32, and where all can be a source.
 
-    Colour is seen in CIE Lab. Data, heights among them, are never colour-managed: their range becomes 0 .. 100.
+    Color is seen in CIE Lab. Data, heights among them, are never color-managed: their range becomes 0 .. 100.
     Normals are vectors: decoded from 0 .. 1 where none of their values is negative, and brought to length 1 to be
     compared. They are never written: what a synthesis copies are the map's own pixels. Values are each times the root
     of their map's weight (1; 0.25 of a height among several), an array or, not `in_memory`, rows that lie in a file.
@@ -69,7 +69,7 @@ def _read(
                 resources.require(_NORMAL_BYTES * spec.width * spec.height, f"the normals of {image.source}")
             values, seen = _normals(image)
         else:
-            values, seen = _values(image, kind == "colour", resources, in_memory)
+            values, seen = _values(image, kind == "color", resources, in_memory)
         layers.append((values, np.float32(np.sqrt(weight))))
         opaque = both(opaque, seen)
     count = sum(layer.shape[2] for layer, _ in layers)
@@ -95,12 +95,11 @@ def _read(
 def kinds_of(kinds: Words | None, count: int, data: bool) -> list[str]:
     """What each of the maps is; raises ParameterError where `kinds` does not fit them."""
     if kinds is None:
-        return ["data" if data else "colour", *["data"] * (count - 1)]
-    named = ["colour" if word == "color" else word for word in kinds]
-    if len(named) != count or any(word not in KINDS for word in named):
+        return ["data" if data else "color", *["data"] * (count - 1)]
+    if len(kinds) != count or any(word not in KINDS for word in kinds):
         expected = f"one of {', '.join(KINDS)} for each of the {count} maps"
         raise ParameterError(parameter="kinds", value=kinds, expected=expected)
-    return named
+    return list(kinds)
 
 
 def _weights(match: Numbers | None, kinds: tuple[str, ...]) -> list[float]:
@@ -133,11 +132,11 @@ def _windows(image: Image) -> str:
 
 
 def _values(
-    image: Image, colour: bool, resources: Resources, in_memory: bool
+    image: Image, color: bool, resources: Resources, in_memory: bool
 ) -> tuple[SomeRows, np.ndarray | None]:  # fmt: skip
     """Lab or scaled data, without the copies that gray data come in."""
-    values, opaque = working_values(image, resources, Space.LAB if colour else Space.DATA, in_memory)
-    count = 3 if colour else len(channels_of(image.first.spec).colour)
+    values, opaque = working_values(image, resources, Space.LAB if color else Space.DATA, in_memory)
+    count = 3 if color else len(channels_of(image.first.spec).color)
     return first_channels(values, count), opaque
 
 
@@ -145,9 +144,9 @@ def _normals(image: Image) -> tuple[np.ndarray, np.ndarray | None]:
     """Unit vectors on the scale of data, -1 .. 1 as 0 .. 100, and where there are any."""
     part = image.first
     channels = channels_of(part.spec)
-    if len(channels.colour) not in (2, 3):
-        raise ImageError(f"{image.source} has {len(channels.colour)} channels beside alpha: normals have two or three")
-    vectors = as_float(part.pixels()[..., list(channels.colour)])
+    if len(channels.color) not in (2, 3):
+        raise ImageError(f"{image.source} has {len(channels.color)} channels beside alpha: normals have two or three")
+    vectors = as_float(part.pixels()[..., list(channels.color)])
     if not np.isfinite(vectors).all():
         raise ImageError(f"{image.source} has {np.count_nonzero(~np.isfinite(vectors))} NaN or Inf values")
     if vectors.min() >= 0:  # encoded; black, as it lies around UV islands, is none

@@ -17,7 +17,7 @@ from ..errors import ParameterError, modifier
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import require_memory
 from ..patchmatch.recipe import Recipe
-from ..patchmatch.wang_tiles import TWO_COLOURS_FROM
+from ..patchmatch.wang_tiles import TWO_COLORS_FROM
 from ..quality.report import REPORT, Quality
 from ..quality.reported_op import Reported
 from ..session import Session
@@ -58,7 +58,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         ge=1,
         le=64,
         help="so many different tiles that go beside each other: up to 7 any beside any; from 8 on edges have two"
-        " colours (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say",
+        " colors (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say",
     )
     patch: int | None = param(None, choices=(*_PATCHES, None), unit="px", help=_PATCH_HELP)
     iterations: int = param(
@@ -140,7 +140,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         self.all_maps()  # as many as n says
         self._check()
         size = self.asked_size
-        tiling = self.tiling if self.variants < TWO_COLOURS_FROM else "none"  # from there on a tile goes on in others
+        tiling = self.tiling if self.variants < TWO_COLORS_FROM else "none"  # from there on a tile goes on in others
         quality = Quality.of_copies(self, resources, progress, size, tiling, patch=self.side, losses=self.finds_losses)
         if self.within is None:
             self._require_memory(size, resources)

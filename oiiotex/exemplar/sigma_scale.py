@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How much of a photo's drift is seen to be gone at a sigma: perceptually motivated control, MJH17 section 4.4.
 
-Sigmas are sampled, a small tile is made with each, and neighbours are compared by the earth mover's distance between
+Sigmas are sampled, a small tile is made with each, and neighbors are compared by the earth mover's distance between
 their overall histograms, which does not mind where features have gone. Distances are summed up from the smallest sigma
 on; that sum, inverted, is a scale on which equal steps look equal.
 
@@ -42,7 +42,7 @@ class Scale:
     """Sigmas and what is seen of them."""
 
     sigmas: np.ndarray  # (n,) float, rising, px of the tile: spread evenly over what is seen
-    steps: np.ndarray  # (n - 1,) float: earth mover's distance between the tiles of neighbours, Lab
+    steps: np.ndarray  # (n - 1,) float: earth mover's distance between the tiles of neighbors, Lab
     first_sigmas: np.ndarray  # as they were before, and their steps: in equal ratios
     first_steps: np.ndarray
     curve: np.ndarray  # (257,) float: log sigma at equal steps of the amount, from 1 (the smallest sigma) to 0

@@ -47,7 +47,7 @@ class SynthesisRun:
             self._flat, self._drift = op.flattened(resources, next(self._stages))
         self._progress = next(self._stages)
         self._in_memory, self._budget = op.holds_photo(resources), op.budget_left(resources)
-        with resources.stats.time("read and colour"):
+        with resources.stats.time("read and color"):
             self._maps = [self._in_any_order(image.first) for image in self._flat.all_maps()]
             marked = None if op.within is None else marked_pixels(op.within, op.exemplar)
             weight = None if op.weight is None else weights_of(op.weight, op.exemplar)

@@ -50,9 +50,9 @@ def atlas(
     Dominant texture on objects is figure 7 of LDR09 (Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
     Manifolds, 2009): a mask of the dominant texture (`dominant`) keeps the photo's other things off the object. The
     pixels of the mesh's charts are synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture
-    synthesis, SIGGRAPH 2006, section 5), each beside those that are its neighbours on the surface: through shared
+    synthesis, SIGGRAPH 2006, section 5), each beside those that are its neighbors on the surface: through shared
     edges, turned and scaled. Directions follow the charts' u, evened out over the surface; texture has one size
-    everywhere, whatever the charts' own. All maps of a material are made together (n=3:kinds=colour,data,normal), and
+    everywhere, whatever the charts' own. All maps of a material are made together (n=3:kinds=color,data,normal), and
     tangent-space normals turn with the texture. Gutters of 8 px show what lies beyond. A mesh without UVs gets charts
     by xatlas: unwrapped=FILE.obj is the mesh that goes with the result. Needs `pip install oiiotex[atlas]`.
 
@@ -81,7 +81,7 @@ def atlas(
     n : int, default 1
         how many maps of one material are made together, the last images of the stack; a whole number >= 1 and <= 16
     kinds : Sequence[str] | None, default None
-        what the maps are, in their order: colour (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no colour is tagged as data
+        what the maps are, in their order: color (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no color is tagged as data
     match : float | Sequence[float] | None, default None
         how much the maps count when patches are compared, in their order; 0: not at all; when left out 1 for every map, 0.25 for a height; a number or a sequence of them >= 0
     label : int | None, default None
@@ -89,26 +89,26 @@ def atlas(
     level : int | None, default None
         which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
         1: source coordinates as part 'st' of the result; a file name: there
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]
         a dict where more than one part was asked for
         a list of these where there are several images
-        atlas: pixels copied from the photo, all channels together, in its own colour space and type; of n maps n images, in their order; normals are turned [pixels]
+        atlas: pixels copied from the photo, all channels together, in its own color space and type; of n maps n images, in their order; normals are turned [pixels]
         st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         mesh: the mesh with the charts that the result is for [.obj; with unwrapped]
 
@@ -188,7 +188,7 @@ def checkmaterial(
 ) -> ImageBuf:
     """Find what a renderer will not like about the maps of a material; the maps go on as they are.
 
-    Of all maps: sizes that differ, NaN and Inf, a colour space that is wrong for what they hold. Of albedo: values that
+    Of all maps: sizes that differ, NaN and Inf, a color space that is wrong for what they hold. Of albedo: values that
     no surface has, and baked light: slow drift of lightness, lightness that follows the normals (light from one side)
     or the heights (occlusion). Of normals: vectors that are not of length 1 or point down, a mean that leans, and green
     that points the wrong way (OpenGL up, DirectX down), by the heights where there are any, else because slopes of a
@@ -205,7 +205,7 @@ def checkmaterial(
     n : int, default 1
         how many maps are looked at together, the last images of the stack; a whole number >= 1 and <= 16
     kinds : Sequence[str] | None, default None
-        what the maps are, in their order: colour (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no colour is tagged as data
+        what the maps are, in their order: color (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no color is tagged as data
     convention : Literal['opengl', 'directx'], default 'opengl'
         green of normals shall point up or down
     fail : Literal['errors', 'warnings', 'none'], default 'errors'
@@ -213,13 +213,13 @@ def checkmaterial(
     json : FileName | None, default None
         findings and measures go to this file
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -282,7 +282,7 @@ def composite(
 ) -> ImageBuf:
     """Grow what a photo consists of to any size, and fill it with the photo's texture.
 
-    Grows a new label map from the one that `label` has found, with its shares and neighbourhoods, and quilts it
+    Grows a new label map from the one that `label` has found, with its shares and neighborhoods, and quilts it
     (`quilt` with the grown map as its guide): the automatic synthesis of non-stationary textures that LSA16
     (Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis,
     SIGGRAPH 2016) leaves for the future in section 7. Every pixel of the result is a copy of one pixel of the photo.
@@ -316,33 +316,33 @@ def composite(
     reuse : float, default 1.0
         a region of the exemplar that is shown oftener than twice, and than once more than this times its fair share, costs, the more the oftener; a number >= 0 and <= 1000000000
     finer : float, default 0.5
-        weight of finer levels' labels in the overlaps, beside colour; a number >= 0 and <= 100
+        weight of finer levels' labels in the overlaps, beside color; a number >= 0 and <= 100
     guidance : float, default 1.0
-        weight of the guide's labels inside a patch, beside colour; a number >= 0 and <= 100
+        weight of the guide's labels inside a patch, beside color; a number >= 0 and <= 100
     keep : bool, default False
         label parts of the exemplar follow, made from the same sources
     level : int | None, default None
         which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
         1: source coordinates as part 'st' of the result; a file name: there
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
-        composite: pixels copied from the photo, all channels together, in its own colour space and type [pixels]
+        composite: pixels copied from the photo, all channels together, in its own color space and type [pixels]
         st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         label.N: label parts of the photo, made from the same sources [32-bit ids; with keep]
         plan: offsets and cuts [.npz; with plan]
@@ -461,7 +461,7 @@ def content(
 
     The content of a square patch is its key: the two most frequent labels in it at a level (LSA16: Lockerman, Sauvage,
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
-    section 6.1). The centres of all patches with the key of the patch around `at` are marked red on the photo, and
+    section 6.1). The centers of all patches with the key of the patch around `at` are marked red on the photo, and
     that patch is outlined (figure 10). The histograms of that patch at every level are printed (figure 9); json keeps
     them. With `table` every key is shown by a patch that has it, first label down, second across (figure 11).
     The result is an 8-bit sRGB image for screens: do not measure it.
@@ -483,13 +483,13 @@ def content(
     json : FileName | None, default None
         key, histograms of every level and the sizes of all keys go to this file
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -560,7 +560,7 @@ def cut(
     level : int | None, default None
         which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
@@ -568,19 +568,19 @@ def cut(
     structure : float, default 0.5
         strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
-        cut: pixels copied from the photo, all channels together, in its own colour space and type [pixels]
+        cut: pixels copied from the photo, all channels together, in its own color space and type [pixels]
         st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         report: measures of the result, for machines [JSON; with report]
 
@@ -654,7 +654,7 @@ def decompose(
     scales: int = 1,
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
-    assign: Literal['competition', 'neighbours'] = 'competition',
+    assign: Literal['competition', 'neighbors'] = 'competition',
     paper: bool = False,
     keep: Literal[False] = False,
     cryptomatte: Literal[False] = False,
@@ -693,7 +693,7 @@ def decompose(
     features : Literal['bank', 'haar'], default 'bank'
         what textons are made of; haar: the paper's
     bins : int | None, default None
-        textons; with haar so many of colour and so many of detail; a whole number >= 2 and <= 64
+        textons; with haar so many of color and so many of detail; a whole number >= 2 and <= 64
     step : int | None, default None
         cliques: between the places that are compared with all others; a whole number >= 1 and <= 512 px
     scales : int, default 1
@@ -702,10 +702,10 @@ def decompose(
         cliques: for the best match; meanshift: the paper's, slow
     refine : bool, default True
         of the cliques, by moves of single places; the paper does not
-    assign : Literal['competition', 'neighbours'], default 'competition'
-        of pixels to subtextures; neighbours: the paper's
+    assign : Literal['competition', 'neighbors'], default 'competition'
+        of pixels to subtextures; neighbors: the paper's
     paper : bool, default False
-        CZF02 by the letter: features=haar:group=cliques:scales=3:search=meanshift:refine off:assign=neighbours
+        CZF02 by the letter: features=haar:group=cliques:scales=3:search=meanshift:refine off:assign=neighbors
     keep : bool, default False
         the photo stays the first part, the labels follow it
     cryptomatte : bool | FileName, default False
@@ -717,15 +717,15 @@ def decompose(
     json : FileName | None, default None
         count, areas and settings go to this file
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -757,7 +757,7 @@ def decompose(
     scales: int = 1,
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
-    assign: Literal['competition', 'neighbours'] = 'competition',
+    assign: Literal['competition', 'neighbors'] = 'competition',
     paper: bool = False,
     keep: Literal[True],
     cryptomatte: bool | FileName = False,
@@ -786,7 +786,7 @@ def decompose(
     scales: int = 1,
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
-    assign: Literal['competition', 'neighbours'] = 'competition',
+    assign: Literal['competition', 'neighbors'] = 'competition',
     paper: bool = False,
     keep: bool = False,
     cryptomatte: Literal[True],
@@ -815,7 +815,7 @@ def decompose(
     scales: int = 1,
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
-    assign: Literal['competition', 'neighbours'] = 'competition',
+    assign: Literal['competition', 'neighbors'] = 'competition',
     paper: bool = False,
     keep: bool = False,
     cryptomatte: bool | FileName = False,
@@ -854,7 +854,7 @@ def dominant(
 ) -> ImageBuf:
     """Find the dominant texture of a photo: a mask without objects, cracks, stains and shadows.
 
-    Overlapping patches are points in a space of colours; heat that spreads from the densest one reaches the large
+    Overlapping patches are points in a space of colors; heat that spreads from the densest one reaches the large
     group of patches that look alike, and hardly those that do not (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and
     Diffusion Distance Manifolds, Eurographics 2009). The mask is 1 where dominant patches lie, else 0. A photo of
     which no group of patches holds 40 % is rejected: a warning and an empty mask, or an error with `strict`. With
@@ -876,7 +876,7 @@ def dominant(
     rule : Literal['repaired', 'paper'], default 'repaired'
         thresholds, mask; paper: as its text has them
     mode : Literal['diffusion', 'euclidean', 'spectral'], default 'diffusion'
-        euclidean: the paper's eq. 7; spectral: the larger half of a normalised cut
+        euclidean: the paper's eq. 7; spectral: the larger half of a normalized cut
     paper : bool, default False
         LDR09 by the letter: rule=paper:mode=diffusion:step=1, and noise is not looked for
     strict : bool, default False
@@ -892,15 +892,15 @@ def dominant(
     chart : FileName | None, default None
         a picture of the kernel's curve, and of density over heat with their thresholds, goes to this file
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -1041,13 +1041,13 @@ def estimateao(
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
         along which axes the heights tile
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -1081,7 +1081,7 @@ def estimateheight(
 ) -> ImageBuf:
     """Guess heights, and normals, from how one photo is shaded.
 
-    The surface is taken for matt, of one colour but for what is larger than sigma, and lit from one side (Pentland
+    The surface is taken for matt, of one color but for what is larger than sigma, and lit from one side (Pentland
     1990) or by an overcast sky, under which what is deep is dark (Langer and Zucker 1994); heights are the integrable
     surface nearest to the slopes that this says (Frankot and Chellappa 1988, by FFT). Paint is taken for relief: where
     a scan has heights, use these. From which end of its direction light comes no photo of relief says: above is
@@ -1101,7 +1101,7 @@ def estimateheight(
     elevation : float, default 45.0
         of the light above the surface: low light shades small relief as much; a number >= 1 and <= 89 degrees
     sigma : float | None, default None
-        what is larger is colour or uneven light and no relief; longer side / 8 when left out; a number >= 1 and <= 1000000 px
+        what is larger is color or uneven light and no relief; longer side / 8 when left out; a number >= 1 and <= 1000000 px
     strength : float, default 1.0
         by how much slopes of the normals are steeper; a number >= 0.01 and <= 100
     convention : Literal['opengl', 'directx'], default 'opengl'
@@ -1109,22 +1109,22 @@ def estimateheight(
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
         along which axes the photo tiles
     data : bool, default False
-        the channels are no colours: the first is luminance
+        the channels are no colors: the first is luminance
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
         height: one channel, 0 to 1, larger is nearer [32-bit float values]
-        normal: normals of these heights, as colours from 0 to 1 [32-bit float values; with normal]
+        normal: normals of these heights, as colors from 0 to 1 [32-bit float values; with normal]
 
     Raises
     ------
@@ -1202,15 +1202,15 @@ def estimateroughness(
     amount : float, default 0.3
         by how much it is more or less at most; a number >= 0 and <= 1
     data : bool, default False
-        the channels are no colours: the first is lightness
+        the channels are no colors: the first is lightness
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -1268,13 +1268,13 @@ def flatten(
     data : bool, default False
         Treat the channels as data, not color. Default: 0.
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -1366,13 +1366,13 @@ def graph(
     thumb : int, default 128
         side of an exemplar in the picture; a whole number >= 32 and <= 512 px
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -1405,13 +1405,13 @@ def join(
     *shares : ImageLike
         the shares, in any order
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -1436,11 +1436,11 @@ def lab(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Turn colour into CIE Lab (D65), and back.
+    """Turn color into CIE Lab (D65), and back.
 
     L is 0 for black and 100 for diffuse white, a and b are 0 for gray; HDR values lie above 100, and negative ones
     survive. L, a and b are stored as 32-bit floats in the channels R, G and B, as OpenColorIO does it: a channel that
-    is named 'a' is taken for alpha by most programs. Gray becomes three channels. Colour is unpremultiplied first and
+    is named 'a' is taken for alpha by most programs. Gray becomes three channels. Color is unpremultiplied first and
     premultiplied again on the way back; alpha and other channels stay. The result is tagged as data, so that nobody
     takes it for RGB, and remembers the space that it came from for the way back.
 
@@ -1449,24 +1449,24 @@ def lab(
     source : ImageLike
         the image
     inverse : bool, default False
-        from Lab to colour
+        from Lab to color
     to : str | None, default None
-        with `inverse`: the colour space to go to; the one that the image came from when left out
+        with `inverse`: the color space to go to; the one that the image came from when left out
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
         lab: L, a and b in the channels R, G and B [32-bit float values]
-        colour: written in the type of the run's first file [pixels; with inverse]
+        color: written in the type of the run's first file [pixels; with inverse]
 
     Raises
     ------
@@ -1497,7 +1497,7 @@ def label(
     share: float = 0.5,
     coarsest: bool = True,
     labels: int | None = None,
-    neighbours: int = 256,
+    neighbors: int = 256,
     tries: int = 0,
     runs: int = 1,
     minsize: int | None = None,
@@ -1540,18 +1540,18 @@ def label(
         a coarsest level of subtextures, as `decompose` finds them; not in the paper
     labels : int | None, default None
         how many subtextures that level has, at most; found when left out; a whole number >= 1 and <= 50
-    neighbours : int, default 256
+    neighbors : int, default 256
         of a superpixel in the graph, at most; a whole number >= 8 and <= 4096
     tries : int, default 0
         random starts that are joined with the first (boosting); a whole number >= 0 and <= 100
     runs : int, default 1
         of SLIC, the best is taken; the paper: 10; a whole number >= 1 and <= 1000
     minsize : int | None, default None
-        smaller superpixels join a neighbour; sigma^2 / 4 when left out, 25 in the paper; a whole number >= 1 px
+        smaller superpixels join a neighbor; sigma^2 / 4 when left out, 25 in the paper; a whole number >= 1 px
     seed : int, default 0
         of random starts; with tries=0 and runs=1 there are none; a whole number >= 0 and <= 4294967295
     paper : bool, default False
-        LSA16 by the letter: features=moments:persistence=0.95:share=1:coarsest off:neighbours=256:runs=10:minsize=25, one persistence at all levels, and labels cut wherever a coarser border crosses them
+        LSA16 by the letter: features=moments:persistence=0.95:share=1:coarsest off:neighbors=256:runs=10:minsize=25, one persistence at all levels, and labels cut wherever a coarser border crosses them
     keep : bool, default False
         the photo stays the first part, the labels follow it
     soft : bool, default False
@@ -1565,15 +1565,15 @@ def label(
     json : FileName | None, default None
         scales, counts, areas and the tree of labels go to this file
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -1602,7 +1602,7 @@ def label(
     share: float = 0.5,
     coarsest: bool = True,
     labels: int | None = None,
-    neighbours: int = 256,
+    neighbors: int = 256,
     tries: int = 0,
     runs: int = 1,
     minsize: int | None = None,
@@ -1631,7 +1631,7 @@ def label(
     share: float = 0.5,
     coarsest: bool = True,
     labels: int | None = None,
-    neighbours: int = 256,
+    neighbors: int = 256,
     tries: int = 0,
     runs: int = 1,
     minsize: int | None = None,
@@ -1665,7 +1665,7 @@ def labelview(
     """Show label maps to people: a contact sheet of all levels, with the tree of labels beside it.
 
     Takes the image that `label` or `superpixel` makes, best with `keep`: the photo, then for every label part
-    (uint32, one channel) its labels in colours that stay apart for colour-blind viewers too, over the photo's lightness
+    (uint32, one channel) its labels in colors that stay apart for color-blind viewers too, over the photo's lightness
     and with their borders. The tree has the coarsest labels at its top; a node is as wide as the label's share of the
     image. The result is an 8-bit sRGB image for screens, made from every nth pixel: do not measure it.
 
@@ -1678,15 +1678,15 @@ def labelview(
     columns : int, default 3
         panels in a row; a whole number >= 1 and <= 16
     strength : float, default 0.65
-        of the labels' colours over the photo; a number >= 0 and <= 1
+        of the labels' colors over the photo; a number >= 0 and <= 1
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -1735,7 +1735,7 @@ def paint(
     What the painting calls label 3 becomes texture of label 3 of the photo, by guided quilting (`quilt`). A second
     painting, fine, lays labels of the next finer level over it; where it is empty (black, id 0 or alpha 0), the first
     stays (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
-    Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE is what `palette` wrote: which colour is which
+    Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE is what `palette` wrote: which color is which
     label; paintings of ids need none. With plan=FILE the next edit begins there: before=FILE keeps every patch whose
     labels did not change, so that pixels elsewhere are the same to the bit.
 
@@ -1744,7 +1744,7 @@ def paint(
     exemplar : ImageLike
         the photo; where labels are spoken of, with label maps as `label` with `keep` makes them
     painting : ImageLike
-        ids of labels, or colours that table gives a meaning; of any size
+        ids of labels, or colors that table gives a meaning; of any size
     labels : ImageLike | None, default None
         label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
     fine : ImageLike | None, default None
@@ -1752,9 +1752,9 @@ def paint(
     level : int | None, default None
         which label map is painted: label.N; the table's, else the coarsest, when left out; a whole number >= 1
     table : FileName | None, default None
-        JSON of `palette`: which label each colour of the paintings means
+        JSON of `palette`: which label each color of the paintings means
     soft : float, default 0.2
-        how far a colour of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and white are 1 apart: what soft brushes blend is within 0.2 of `palette`'s colours; 0: none; a number >= 0 and <= 1
+        how far a color of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and white are 1 apart: what soft brushes blend is within 0.2 of `palette`'s colors; 0: none; a number >= 0 and <= 1
     size : tuple[int, int] | None, default None
         of the result; the painting's when left out; (width, height) >= 8 and <= 4194304 px
     plan : FileName | None, default None
@@ -1774,31 +1774,31 @@ def paint(
     reuse : float, default 1.0
         a region of the exemplar that is shown oftener than twice, and than once more than this times its fair share, costs, the more the oftener; a number >= 0 and <= 1000000000
     finer : float, default 0.5
-        weight of finer levels' labels in the overlaps, beside colour; a number >= 0 and <= 100
+        weight of finer levels' labels in the overlaps, beside color; a number >= 0 and <= 100
     guidance : float, default 1.0
-        weight of the guide's labels inside a patch, beside colour; a number >= 0 and <= 100
+        weight of the guide's labels inside a patch, beside color; a number >= 0 and <= 100
     keep : bool, default False
         label parts of the exemplar follow, made from the same sources
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
         1: source coordinates as part 'st' of the result; a file name: there
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
-        paint: pixels copied from the photo, all channels together, in its own colour space and type [pixels]
+        paint: pixels copied from the photo, all channels together, in its own color space and type [pixels]
         st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         label.N: label parts of the photo, made from the same sources [32-bit ids; with keep]
         plan: what was painted, and with which patches [.npz; with plan]
@@ -1898,9 +1898,9 @@ def palette(
     Every row is a label of one level, its texture synthesized from its pixels alone;
     right of it are its children on the next finer level, side by side (LSA16: Lockerman, Sauvage, Allegre, Dischler,
     Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2, figures 13
-    and 14). The largest label is on top. json=FILE says for each its id, name, colour to paint with, area, parent,
+    and 14). The largest label is on top. json=FILE says for each its id, name, color to paint with, area, parent,
     children and place in the picture: the table of `paint`. paints=FILE is a palette for painting programs, `chips`
-    a picture of the same colours.
+    a picture of the same colors.
 
     Parameters
     ----------
@@ -1915,37 +1915,37 @@ def palette(
     children : int, default 8
         children that are shown of each, the largest first; a whole number >= 0 and <= 64
     chips : bool | FileName, default False
-        1: a further part with the paint colours, ids and names in them; a file name: there
+        1: a further part with the paint colors, ids and names in them; a file name: there
     paints : FileName | None, default None
-        the paint colours go to this file, .gpl or .aco: load it where you paint
+        the paint colors go to this file, .gpl or .aco: load it where you paint
     json : FileName | None, default None
-        ids, names, colours, areas, parents, children and boxes go to this file
+        ids, names, colors, areas, parents, children and boxes go to this file
     level : int | None, default None
         which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
         1: source coordinates as part 'st' of the result; a file name: there
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
-        palette: rows of texture, copied from the photo, in its own colour space and type [pixels]
+        palette: rows of texture, copied from the photo, in its own color space and type [pixels]
         st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
-        chips: the paint colours with ids and names, each as large as its swatch [8-bit sRGB picture; with chips]
-        paints: the paint colours by name, for GIMP, Krita and Inkscape, or Photoshop [.gpl or .aco; with paints]
-        table: ids, names, colours, areas, parents, children and boxes of labels [JSON; with json]
+        chips: the paint colors with ids and names, each as large as its swatch [8-bit sRGB picture; with chips]
+        paints: the paint colors by name, for GIMP, Krita and Inkscape, or Photoshop [.gpl or .aco; with paints]
+        table: ids, names, colors, areas, parents, children and boxes of labels [JSON; with json]
 
     Raises
     ------
@@ -2077,7 +2077,7 @@ def patchmatch(
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
         along which axes the result tiles; when left out xy, with within none
     variants : int, default 1
-        so many different tiles that go beside each other: up to 7 any beside any; from 8 on edges have two colours (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say; a whole number >= 1 and <= 64
+        so many different tiles that go beside each other: up to 7 any beside any; from 8 on edges have two colors (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say; a whole number >= 1 and <= 64
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch: the scale up to which detail is copied whole. Default: 13.; 5 | 7 | 9 | 11 | 13 | 15 | 17 | 19 | 21
     iterations : int, default 30
@@ -2095,7 +2095,7 @@ def patchmatch(
     n : int, default 1
         how many maps of one material are made together, the last images of the stack; a whole number >= 1 and <= 16
     kinds : Sequence[str] | None, default None
-        what the maps are, in their order: colour (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no colour is tagged as data
+        what the maps are, in their order: color (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no color is tagged as data
     match : float | Sequence[float] | None, default None
         how much the maps count when patches are compared, in their order; 0: not at all; when left out 1 for every map, 0.25 for a height; a number or a sequence of them >= 0
     label : int | None, default None
@@ -2103,26 +2103,26 @@ def patchmatch(
     level : int | None, default None
         which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
         1: source coordinates as part 'st' of the result; a file name: there
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]
         a dict where more than one part was asked for
         a list of these where there are several images
-        tile: pixels copied from the photo, all channels together, in its own colour space and type; of n maps n images, in their order; of variants that many [pixels]
+        tile: pixels copied from the photo, all channels together, in its own color space and type; of n maps n images, in their order; of variants that many [pixels]
         st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         report: measures of the result, for machines [JSON; with report]
 
@@ -2231,18 +2231,18 @@ def preview(
     height : int, default 512
         of each panel; a whole number >= 16 and <= 16384 px
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf
-        preview: the panels side by side, in the tile's colour space and type [pixels]
+        preview: the panels side by side, in the tile's color space and type [pixels]
 
     Raises
     ------
@@ -2302,15 +2302,15 @@ def quilt(
     labels : ImageLike | None, default None
         label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
     guide : ImageLike | None, default None
-        what is to be where: ids of labels, or ids or colours that table gives a meaning; of any size; a text is the name of a part of the first image, else of a file
+        what is to be where: ids of labels, or ids or colors that table gives a meaning; of any size; a text is the name of a part of the first image, else of a file
     label : int | None, default None
         take only pixels of that label, by its id; a whole number >= 1
     table : FileName | None, default None
-        JSON: {"255,0,0": 3, "0,0,255": [1, 2]}: which label or key ids or 8-bit colours of the guide mean
+        JSON: {"255,0,0": 3, "0,0,255": [1, 2]}: which label or key ids or 8-bit colors of the guide mean
     soft : float, default 0.2
-        how far a colour of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and white are 1 apart: what soft brushes blend is within 0.2 of `palette`'s colours; 0: none; a number >= 0 and <= 1
+        how far a color of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and white are 1 apart: what soft brushes blend is within 0.2 of `palette`'s colors; 0: none; a number >= 0 and <= 1
     overlap : int | None, default None
-        of neighbours, at most patch / 3; patch / 4 when left out; a whole number >= 4 and <= 85 px
+        of neighbors, at most patch / 3; patch / 4 when left out; a whole number >= 4 and <= 85 px
     plan : FileName | None, default None
         the plan goes to this file (.npz): offsets and cuts
     render : bool, default False
@@ -2330,15 +2330,15 @@ def quilt(
     reuse : float, default 1.0
         a region of the exemplar that is shown oftener than twice, and than once more than this times its fair share, costs, the more the oftener; a number >= 0 and <= 1000000000
     finer : float, default 0.5
-        weight of finer levels' labels in the overlaps, beside colour; a number >= 0 and <= 100
+        weight of finer levels' labels in the overlaps, beside color; a number >= 0 and <= 100
     guidance : float, default 1.0
-        weight of the guide's labels inside a patch, beside colour; a number >= 0 and <= 100
+        weight of the guide's labels inside a patch, beside color; a number >= 0 and <= 100
     keep : bool, default False
         label parts of the exemplar follow, made from the same sources
     level : int | None, default None
         which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
@@ -2346,19 +2346,19 @@ def quilt(
     structure : float, default 0.5
         strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
-        quilt: pixels copied from the photo, all channels together, in its own colour space and type [pixels]
+        quilt: pixels copied from the photo, all channels together, in its own color space and type [pixels]
         st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         label.N: label parts of the photo, made from the same sources [32-bit ids; with keep]
         plan: offsets and cuts [.npz; with plan]
@@ -2472,29 +2472,29 @@ def rectify(
     size : tuple[int, int] | None, default None
         width x height of the result; as large as the longer sides are seen when left out; (width, height) >= 1 and <= 65536
     physical : float | Sequence[float] | None, default None
-        width,height in metres of what the corners span; of the lattice, of a cell; a number or a sequence of them >= 1e-09 and <= 1000000000 m
+        width,height in meters of what the corners span; of the lattice, of a cell; a number or a sequence of them >= 1e-09 and <= 1000000000 m
     filter : Literal['lanczos3', 'mitchell', 'triangle'], default 'lanczos3'
         what pixels are resampled by
     stmap : bool | FileName, default False
         1: source coordinates as part 'st' of the result; a file name: there
     json : FileName | None, default None
-        corners, size, cells, metres and the matrix go to this file
+        corners, size, cells, meters and the matrix go to this file
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
-        rectified: the surface from the front, in the photo's own colour space and type [pixels]
+        rectified: the surface from the front, in the photo's own color space and type [pixels]
         st: where every pixel comes from, between pixels, as `st_warp` reads it [32-bit float coordinates; with stmap]
-        geometry: corners, size, cells, metres, matrix [JSON; with json]
+        geometry: corners, size, cells, meters, matrix [JSON; with json]
 
     Raises
     ------
@@ -2554,7 +2554,7 @@ def sigmas(
     """Show what each sigma of `stationarize` makes of a photo, and find sigmas whose steps look even.
 
     A contact sheet of n small tiles, from the largest sigma (amount 0) to the smallest (amount 1), laid out 2 x 2. How
-    much a tile changes with sigma hangs on the photo: neighbours are compared by the earth mover's distance between
+    much a tile changes with sigma hangs on the photo: neighbors are compared by the earth mover's distance between
     their histograms, and sigmas are spread anew so that the steps are even (MJH17: Moritz, James, Haines, Ritschel,
     Weyrich, Texture Stationarization, Eurographics 2017, section 4.4). Its `amount` finds its sigma on the
     same scale, which is kept in the user's cache. The table is printed; json keeps it. The result is an 8-bit sRGB
@@ -2579,15 +2579,15 @@ def sigmas(
     json : FileName | None, default None
         the table goes to this file
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -2633,15 +2633,15 @@ def stationarity(
     order : int | None, default None
         of measure=moments: up to which; 2 (mean and variance) when left out, 3 adds skewness, 4 kurtosis; a whole number >= 2 and <= 4
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -2753,7 +2753,7 @@ def stationarize(
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
         along which axes the result tiles; when left out xy, with within none
     variants : int, default 1
-        so many different tiles that go beside each other: up to 7 any beside any; from 8 on edges have two colours (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say; a whole number >= 1 and <= 64
+        so many different tiles that go beside each other: up to 7 any beside any; from 8 on edges have two colors (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say; a whole number >= 1 and <= 64
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch: the scale up to which detail is copied whole. Default: 13.; 5 | 7 | 9 | 11 | 13 | 15 | 17 | 19 | 21
     iterations : int, default 30
@@ -2771,7 +2771,7 @@ def stationarize(
     n : int, default 1
         how many maps of one material are made together, the last images of the stack; a whole number >= 1 and <= 16
     kinds : Sequence[str] | None, default None
-        what the maps are, in their order: colour (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no colour is tagged as data
+        what the maps are, in their order: color (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no color is tagged as data
     match : float | Sequence[float] | None, default None
         how much the maps count when patches are compared, in their order; 0: not at all; when left out 1 for every map, 0.25 for a height; a number or a sequence of them >= 0
     label : int | None, default None
@@ -2779,26 +2779,26 @@ def stationarize(
     level : int | None, default None
         which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
         1: source coordinates as part 'st' of the result; a file name: there
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]
         a dict where more than one part was asked for
         a list of these where there are several images
-        tile: pixels copied from the photo, all channels together, in its own colour space and type; of n maps n images, in their order; of variants that many [pixels]
+        tile: pixels copied from the photo, all channels together, in its own color space and type; of n maps n images, in their order; of variants that many [pixels]
         st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         report: measures of the result, for machines [JSON; with report]
         drift: the correction: Lab x gain + offset, channels gain.L, gain.a, gain.b, offset.L, offset.a, offset.b [32-bit float values; with drift]
@@ -2990,21 +2990,21 @@ def superpixel(
     runs : int, default 1
         of SLIC: the best of so many by eq. 3 is taken; the paper takes 10; a whole number >= 1 and <= 1000
     minsize : int | None, default None
-        smaller pieces join a neighbour; a quarter of finest^2 when left out, 25 in the paper; a whole number >= 1 px
+        smaller pieces join a neighbor; a quarter of finest^2 when left out, 25 in the paper; a whole number >= 1 px
     seed : int, default 0
         of the runs after the first, whose seeds start elsewhere; a whole number >= 0 and <= 4294967295
     keep : bool, default False
         the image stays as first part, the label map follows it
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -3092,8 +3092,8 @@ def synth(
     Without `graph` the top image is the one exemplar: a texture of any size grows from it (Lefebvre & Hoppe, Parallel
     controllable texture synthesis, 2005). A graph says of a few small exemplars how their scales relate, and any window
     of any level of detail can be had, alone and the same to the bit as in the whole (HRRG08: Han, Risser, Ramamoorthi,
-    Grinspun, Multiscale Texture Synthesis, 2008). Exemplars are cut to squares of a power of two around their centres;
-    one that does not tile is mirrored at its borders. Every pixel is a copy of one of an exemplar, but for the colour
+    Grinspun, Multiscale Texture Synthesis, 2008). Exemplars are cut to squares of a power of two around their centers;
+    one that does not tile is mirrored at its borders. Every pixel is a copy of one of an exemplar, but for the color
     offset by which exemplars that do not agree are brought together.
 
     Parameters
@@ -3119,9 +3119,9 @@ def synth(
     lock : bool | int, default False
         1: no jitter up to the root's own resolution, finer detail for it as it is; 2 and more: up to that level; True or False or a whole number >= 0 and <= 60
     correct : bool, default True
-        bring exemplars that do not agree in colour together (HRRG08 section 5)
+        bring exemplars that do not agree in color together (HRRG08 section 5)
     dims : int, default 16
-        of projected neighbourhoods; 6 are the paper's, 16 repeat less; a whole number >= 1 and <= 16
+        of projected neighborhoods; 6 are the paper's, 16 repeat less; a whole number >= 1 and <= 16
     side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
         of an exemplar's square, at most; 16 | 32 | 64 | 128 | 256 | 512 | 1024
     paper : bool, default False
@@ -3129,7 +3129,7 @@ def synth(
     seed : int | None, default None
         same seed, same pixels; the graph's, or 0, when left out; a whole number >= 0 and <= 4294967295
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     report : FileName | None, default None
         measures of the result go to this file, JSON (docs/reference/report.md)
     fail : Sequence[str] | None, default None
@@ -3137,19 +3137,19 @@ def synth(
     structure : float, default 0.5
         strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
-        texture: pixels copied from the exemplars, all channels, in the root's colour space and type [pixels]
+        texture: pixels copied from the exemplars, all channels, in the root's color space and type [pixels]
         st: where every pixel comes from, as `warp` reads it; with graph also the exemplar's number [32-bit float coordinates; with stmap]
         transfer: with graph: the offset that was added to each copied pixel, L, a and b of CIE Lab as R, G and B [32-bit float coordinates; with stmap]
         report: measures of the result, for machines [JSON; with report]
@@ -3255,15 +3255,15 @@ def variants(
     thumb : int, default 256
         longer side of a result in the sheet, at most; a whole number >= 32 and <= 2048 px
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -3299,13 +3299,13 @@ def warp(
     st : ImageLike
         source coordinates: part 'st', else the first part
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
@@ -3380,9 +3380,9 @@ def zoom(
     lock : bool | int, default False
         1: no jitter up to the root's own resolution, finer detail for it as it is; 2 and more: up to that level; True or False or a whole number >= 0 and <= 60
     correct : bool, default True
-        bring exemplars that do not agree in colour together (HRRG08 section 5)
+        bring exemplars that do not agree in color together (HRRG08 section 5)
     dims : int, default 16
-        of projected neighbourhoods; 6 are the paper's, 16 repeat less; a whole number >= 1 and <= 16
+        of projected neighborhoods; 6 are the paper's, 16 repeat less; a whole number >= 1 and <= 16
     side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
         of an exemplar's square, at most; 16 | 32 | 64 | 128 | 256 | 512 | 1024
     paper : bool, default False
@@ -3390,24 +3390,24 @@ def zoom(
     seed : int | None, default None
         same seed, same pixels; the graph's, or 0, when left out; a whole number >= 0 and <= 4294967295
     data : bool, default False
-        the channels are no colours: compare them as they are
+        the channels are no colors: compare them as they are
     report : FileName | None, default None
         measures of the result go to this file, JSON (docs/reference/report.md)
     fail : Sequence[str] | None, default None
         limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
     colorspace : str | None, default None
-        colour space of the images that come first; their own tag where it is None
+        color space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
         compute only this region of the result
     nthreads : int, default 0
         CPU threads, where no session says it; 0: as many as the process may use
     session : Session | None, default None
-        device, memory budget, colour config, progress
+        device, memory budget, color config, progress
 
     Returns
     -------
     ImageBuf
-        frame: all channels, in the root's colour space and type; its display window begins at 0 [pixels]
+        frame: all channels, in the root's color space and type; its display window begins at 0 [pixels]
         movie: the zoom from this frame on, in sRGB [GIF or MP4; with movie]
         report: measures of the result, for machines [JSON; with report]
 

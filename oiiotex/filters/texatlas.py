@@ -32,9 +32,9 @@ class Atlas(MaterialOp, Whole):
     Dominant texture on objects is figure 7 of LDR09 (Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
     Manifolds, 2009): a mask of the dominant texture (`dominant`) keeps the photo's other things off the object. The
     pixels of the mesh's charts are synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture
-    synthesis, SIGGRAPH 2006, section 5), each beside those that are its neighbours on the surface: through shared
+    synthesis, SIGGRAPH 2006, section 5), each beside those that are its neighbors on the surface: through shared
     edges, turned and scaled. Directions follow the charts' u, evened out over the surface; texture has one size
-    everywhere, whatever the charts' own. All maps of a material are made together (n=3:kinds=colour,data,normal), and
+    everywhere, whatever the charts' own. All maps of a material are made together (n=3:kinds=color,data,normal), and
     tangent-space normals turn with the texture. Gutters of 8 px show what lies beyond. A mesh without UVs gets charts
     by xatlas: unwrapped=FILE.obj is the mesh that goes with the result. Needs `pip install oiiotex[atlas]`.
     """
@@ -110,7 +110,7 @@ class Atlas(MaterialOp, Whole):
         def copied(one: Part, kind: str) -> dict[str, Any]:
             parts = source.parts("atlas", one)
             if kind == "normal":
-                encoded = bool(one.pixels()[..., list(channels_of(one.spec).colour)].min() >= 0)
+                encoded = bool(one.pixels()[..., list(channels_of(one.spec).color)].min() >= 0)
                 turn = turns(fine, frames)[face]
                 parts["atlas"] = turned(parts["atlas"], turn, encoded, self.convention == "opengl")
             return parts

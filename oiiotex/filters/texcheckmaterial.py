@@ -38,7 +38,7 @@ def _without_hash(spec: oiio.ImageSpec) -> None:
 class CheckMaterial(ScanThenMap):
     """Find what a renderer will not like about the maps of a material; the maps go on as they are.
 
-    Of all maps: sizes that differ, NaN and Inf, a colour space that is wrong for what they hold. Of albedo: values that
+    Of all maps: sizes that differ, NaN and Inf, a color space that is wrong for what they hold. Of albedo: values that
     no surface has, and baked light: slow drift of lightness, lightness that follows the normals (light from one side)
     or the heights (occlusion). Of normals: vectors that are not of length 1 or point down, a mean that leans, and green
     that points the wrong way (OpenGL up, DirectX down), by the heights where there are any, else because slopes of a

@@ -32,7 +32,7 @@ _PIXEL_BYTES = 24
 class Composite(Reported, Quilted):
     """Grow what a photo consists of to any size, and fill it with the photo's texture.
 
-    Grows a new label map from the one that `label` has found, with its shares and neighbourhoods, and quilts it
+    Grows a new label map from the one that `label` has found, with its shares and neighborhoods, and quilts it
     (`quilt` with the grown map as its guide): the automatic synthesis of non-stationary textures that LSA16
     (Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis,
     SIGGRAPH 2016) leaves for the future in section 7. Every pixel of the result is a copy of one pixel of the photo.
@@ -84,8 +84,8 @@ class Composite(Reported, Quilted):
                 resources.budget, progress.advance, self.tries,
             )  # fmt: skip
         height, width = growth.ids.shape
-        text = "%s grown to %d x %d cells of %d px; shares are off by %.1f %%, neighbourhoods by %.1f %%"
-        self.inform(text, labels.part.name, width, height, side, 100 * growth.shares, 100 * growth.neighbours)
+        text = "%s grown to %d x %d cells of %d px; shares are off by %.1f %%, neighborhoods by %.1f %%"
+        self.inform(text, labels.part.name, width, height, side, 100 * growth.shares, 100 * growth.neighbors)
         spec = oiio.ImageSpec(width, height, 1, oiio.UINT32)
         spec.channelnames = ("id",)
         return from_pixels("grown", np.ascontiguousarray(growth.ids[..., None]), spec)

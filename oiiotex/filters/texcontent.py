@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..charts.drawing import coloured, shown_pixels
+from ..charts.drawing import colored, shown_pixels
 from ..core.access import ScanThenMap
 from ..core.demand import cached
 from ..core.image import Image, Part, dtype_of
@@ -45,7 +45,7 @@ class Content(ScanThenMap):
 
     The content of a square patch is its key: the two most frequent labels in it at a level (LSA16: Lockerman, Sauvage,
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
-    section 6.1). The centres of all patches with the key of the patch around `at` are marked red on the photo, and
+    section 6.1). The centers of all patches with the key of the patch around `at` are marked red on the photo, and
     that patch is outlined (figure 10). The histograms of that patch at every level are printed (figure 9); json keeps
     them. With `table` every key is shown by a patch that has it, first label down, second across (figure 11).
     The result is an 8-bit sRGB image for screens: do not measure it.
@@ -84,8 +84,8 @@ class Content(ScanThenMap):
         histograms = {level: _histogram(one.part, left, top, side) for level, one in levels.items()}
         key = key_of(histograms[labels.level])
         contents = Contents(labels.part, side, session.resources, session.progress, key, passes=2 if self.table else 1)
-        photo, labelled = (cached(part, session.resources.cache) for part in (first, labels.part))
-        picture = functools.partial(_shown, photo, labelled, session.resources)
+        photo, labeled = (cached(part, session.resources.cache) for part in (first, labels.part))
+        picture = functools.partial(_shown, photo, labeled, session.resources)
         drawn = key_table(picture, contents) if self.table else marked(first, picture, contents, (left, top))
         return {"view": drawn, "facts": lambda: _facts(contents, labels.level, left, top, histograms)}
 
@@ -110,12 +110,12 @@ def _histogram(labels: Part, left: int, top: int, side: int) -> dict[int, int]:
 
 
 def _shown(photo: Part, labels: Part, resources: Resources, window: Window) -> np.ndarray:
-    """A window (in the data window) as sRGB, or its labels in colours where there is no photo; (h, w, 3) float32."""
+    """A window (in the data window) as sRGB, or its labels in colors where there is no photo; (h, w, 3) float32."""
     if not (photo.exact or dtype_of(photo.spec) == np.uint32):
         return shown_pixels(photo.read(window.shifted(photo.spec.x, photo.spec.y)), photo, resources).astype(np.float32)
     around = Window(max(0, window.left - 1), max(0, window.top - 1), window.right, window.bottom)  # for borders
     ids = labels.read(around.shifted(labels.spec.x, labels.spec.y))[..., 0]
-    return coloured(ids.astype(np.int64), None, 1.0).astype(np.float32)[window.inside(around)]
+    return colored(ids.astype(np.int64), None, 1.0).astype(np.float32)[window.inside(around)]
 
 
 def _facts(

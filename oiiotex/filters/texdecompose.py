@@ -69,7 +69,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
         None, ge=0, le=512, unit="px", help="cliques: how far from a place its best match may be; 0: plain comparison"
     )
     features: str = param("bank", choices=("bank", "haar"), help="what textons are made of; haar: the paper's")
-    bins: int | None = param(None, ge=2, le=64, help="textons; with haar so many of colour and so many of detail")
+    bins: int | None = param(None, ge=2, le=64, help="textons; with haar so many of color and so many of detail")
     step: int | None = param(
         None, ge=1, le=512, unit="px", help="cliques: between the places that are compared with all others"
     )
@@ -79,11 +79,11 @@ class Decompose(OnePart, InLab, ScanThenMap):
     )
     refine: bool = param(True, help="of the cliques, by moves of single places; the paper does not")
     assign: str = param(
-        "competition", choices=("competition", "neighbours"), help="of pixels to subtextures; neighbours: the paper's"
+        "competition", choices=("competition", "neighbors"), help="of pixels to subtextures; neighbors: the paper's"
     )
     paper: bool = param(
         False,
-        help="CZF02 by the letter: features=haar:group=cliques:scales=3:search=meanshift:refine off:assign=neighbours",
+        help="CZF02 by the letter: features=haar:group=cliques:scales=3:search=meanshift:refine off:assign=neighbors",
     )
     keep: bool = param(False, help="the photo stays the first part, the labels follow it")
     cryptomatte: bool | Path = param(
@@ -99,7 +99,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
         "scales": 3,
         "search": "meanshift",
         "refine": False,
-        "assign": "neighbours",
+        "assign": "neighbors",
     }
 
     def compute(self, session: Session) -> dict[str, Any]:

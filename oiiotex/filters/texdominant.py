@@ -21,7 +21,7 @@ from ..session import Session
 class Dominant(InLab, ScanThenMap):
     """Find the dominant texture of a photo: a mask without objects, cracks, stains and shadows.
 
-    Overlapping patches are points in a space of colours; heat that spreads from the densest one reaches the large
+    Overlapping patches are points in a space of colors; heat that spreads from the densest one reaches the large
     group of patches that look alike, and hardly those that do not (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and
     Diffusion Distance Manifolds, Eurographics 2009). The mask is 1 where dominant patches lie, else 0. A photo of
     which no group of patches holds 40 % is rejected: a warning and an empty mask, or an error with `strict`. With
@@ -54,7 +54,7 @@ class Dominant(InLab, ScanThenMap):
     mode: str = param(
         "diffusion",
         choices=("diffusion", "euclidean", "spectral"),
-        help="euclidean: the paper's eq. 7; spectral: the larger half of a normalised cut",
+        help="euclidean: the paper's eq. 7; spectral: the larger half of a normalized cut",
     )
     paper: bool = param(
         False, help="LDR09 by the letter: rule=paper:mode=diffusion:step=1, and noise is not looked for"

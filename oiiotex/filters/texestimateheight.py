@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..color.config import colour_space
+from ..color.config import color_space
 from ..color.lab import working_values
 from ..core.access import Whole
 from ..core.attributes import ESTIMATE, HEIGHT_PX
@@ -24,7 +24,7 @@ from ..session import Session
 class EstimateHeight(Whole):
     """Guess heights, and normals, from how one photo is shaded.
 
-    The surface is taken for matt, of one colour but for what is larger than sigma, and lit from one side (Pentland
+    The surface is taken for matt, of one color but for what is larger than sigma, and lit from one side (Pentland
     1990) or by an overcast sky, under which what is deep is dark (Langer and Zucker 1994); heights are the integrable
     surface nearest to the slopes that this says (Frankot and Chellappa 1988, by FFT). Paint is taken for relief: where
     a scan has heights, use these. From which end of its direction light comes no photo of relief says: above is
@@ -36,7 +36,7 @@ class EstimateHeight(Whole):
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("height", Kind.MEASURE, "one channel, 0 to 1, larger is nearer"),
-        Output("normal", Kind.MEASURE, "normals of these heights, as colours from 0 to 1", asked_by="normal"),
+        Output("normal", Kind.MEASURE, "normals of these heights, as colors from 0 to 1", asked_by="normal"),
     )
 
     source: Image = image(help="the photo")
@@ -54,7 +54,7 @@ class EstimateHeight(Whole):
         help="of the light above the surface: low light shades small relief as much",
     )
     sigma: float | None = param(
-        None, ge=1, le=1e6, unit="px", help="what is larger is colour or uneven light and no relief; longer side / 8"
+        None, ge=1, le=1e6, unit="px", help="what is larger is color or uneven light and no relief; longer side / 8"
         " when left out",
     )  # fmt: skip
     strength: float = param(1.0, ge=0.01, le=100, help="by how much slopes of the normals are steeper")
@@ -62,7 +62,7 @@ class EstimateHeight(Whole):
         "opengl", choices=("opengl", "directx"), help="where green of the normals points: up (opengl) or down"
     )
     tile: str = param("none", choices=("none", "x", "y", "xy"), help="along which axes the photo tiles")
-    data: bool = param(False, help="the channels are no colours: the first is luminance")
+    data: bool = param(False, help="the channels are no colors: the first is luminance")
 
     def compute(self, session: Session) -> dict[str, Any]:
         """Heights, and normals where they are asked for."""
@@ -86,7 +86,7 @@ class EstimateHeight(Whole):
         if opaque is not None and not opaque.any():
             raise ImageError(f"{self.source.source}: alpha is 0 everywhere: there is no shading to look at")
         progress.advance(1, 2)
-        is_data = self.data or colour_space(self.source, resources.color, session.settings.autocc) is None
+        is_data = self.data or color_space(self.source, resources.color, session.settings.autocc) is None
         seen = values[..., 0] / np.float32(100) if is_data else luminance(values[..., 0])
         found = relief(seen, opaque, sigma, self.light, self.overcast, self.elevation, wraps)
         progress.advance(2, 2)

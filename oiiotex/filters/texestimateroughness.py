@@ -45,7 +45,7 @@ class EstimateRoughness(ScanThenMap):
     )
     middle: float = param(0.6, ge=0, le=1, help="roughness where contrast is as everywhere")
     amount: float = param(0.3, ge=0, le=1, help="by how much it is more or less at most")
-    data: bool = param(False, help="the channels are no colours: the first is lightness")
+    data: bool = param(False, help="the channels are no colors: the first is lightness")
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The map."""

@@ -144,7 +144,7 @@ class ExemplarGraph(Whole):
         return present(self.json).with_name(f"{present(self.json).stem}_{factor}{suffix}")
 
     def _cut(self) -> dict[int, Image]:
-        """Exemplars around the photo's centre, from the whole of it, reduced, to a piece at full size."""
+        """Exemplars around the photo's center, from the whole of it, reduced, to a piece at full size."""
         factors, photo = self._factors(), self.photos[0]
         shorter = min(photo.first.spec.width, photo.first.spec.height)
         side = min(self.side, 1 << max(0, (shorter // factors[0]).bit_length() - 1))
@@ -216,7 +216,7 @@ def _require_written(photo: Image, session: Session) -> None:
 
 
 def _reduced(photo: Image, factor: int, side: int, name: str) -> Image:
-    """A square around the photo's centre, `factor` times reduced by means of squares of pixels."""
+    """A square around the photo's center, `factor` times reduced by means of squares of pixels."""
     part, whole = photo.first, photo.first.window
     left, top = (whole.left + (whole.width - side * factor) // 2, whole.top + (whole.height - side * factor) // 2)
     dtype = np.dtype(dtype_of(part.spec))

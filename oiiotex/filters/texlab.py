@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from ..color.config import as_float, colour_space
+from ..color.config import as_float, color_space
 from ..color.lab import Lens, divisor, lens_for
 from ..core.access import Pointwise
 from ..core.attributes import TAG
@@ -23,11 +23,11 @@ FROM = "oiiotex:labFrom"  # the attribute that remembers which space became Lab
 
 @dataclass(frozen=True, kw_only=True)
 class Lab(Pointwise):
-    """Turn colour into CIE Lab (D65), and back.
+    """Turn color into CIE Lab (D65), and back.
 
     L is 0 for black and 100 for diffuse white, a and b are 0 for gray; HDR values lie above 100, and negative ones
     survive. L, a and b are stored as 32-bit floats in the channels R, G and B, as OpenColorIO does it: a channel that
-    is named 'a' is taken for alpha by most programs. Gray becomes three channels. Colour is unpremultiplied first and
+    is named 'a' is taken for alpha by most programs. Gray becomes three channels. Color is unpremultiplied first and
     premultiplied again on the way back; alpha and other channels stay. The result is tagged as data, so that nobody
     takes it for RGB, and remembers the space that it came from for the way back.
     """
@@ -37,20 +37,20 @@ class Lab(Pointwise):
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("lab", Kind.MEASURE, "L, a and b in the channels R, G and B"),
-        Output("colour", Kind.PIXELS, "written in the type of the run's first file", asked_by="inverse", instead=True),
+        Output("color", Kind.PIXELS, "written in the type of the run's first file", asked_by="inverse", instead=True),
     )
 
     source: Image = image(help="the image")
-    inverse: bool = param(False, help="from Lab to colour")
+    inverse: bool = param(False, help="from Lab to color")
     to: str | None = param(
-        None, help="with `inverse`: the colour space to go to; the one that the image came from when left out"
+        None, help="with `inverse`: the color space to go to; the one that the image came from when left out"
     )
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The first part converted."""
         if self.to is not None and not self.inverse:
             raise ParameterError(f"requires {modifier(inverse=True)}", parameter="to", value=self.to)
-        return {"colour": self._colour(session)} if self.inverse else {"lab": self._lab(session)}
+        return {"color": self._color(session)} if self.inverse else {"lab": self._lab(session)}
 
     def _lab(self, session: Session) -> Part:
         part = self.source.first
@@ -58,9 +58,9 @@ class Lab(Pointwise):
         if origin:
             back = f"{modifier(inverse=True)} turns it back"
             raise ColorError(f"is Lab already, from '{origin}': {back}", subject=self.source.source)
-        space = colour_space(self.source, session.resources.color, session.settings.autocc)
+        space = color_space(self.source, session.resources.color, session.settings.autocc)
         if space is None:
-            problem = f"is data, which has no Lab: say {COLORSPACE} if it is colour"
+            problem = f"is data, which has no Lab: say {COLORSPACE} if it is color"
             raise ColorError(problem, subject=self.source.source)
         lens = lens_for(self.source, session.resources, space)
         places = _places(lens.channels, part.spec.nchannels)
@@ -71,8 +71,8 @@ class Lab(Pointwise):
 
         spec = derived_spec(part.spec)
         names = [*part.spec.channelnames]
-        if len(lens.channels.colour) == 1:
-            names[lens.channels.colour[0] : lens.channels.colour[0] + 1] = ["R", "G", "B"]
+        if len(lens.channels.color) == 1:
+            names[lens.channels.color[0] : lens.channels.color[0] + 1] = ["R", "G", "B"]
             spec.nchannels = len(names)
             alpha = lens.channels.alpha
             spec.alpha_channel = -1 if alpha is None else names.index(part.spec.channelnames[alpha])
@@ -80,20 +80,20 @@ class Lab(Pointwise):
         spec.attribute(FROM, part.spec.get_string_attribute(TAG) or space)
         return replace(self.mapped(part, work, session, spec), stored=spec.format, typed=True)
 
-    def _colour(self, session: Session) -> Part:
+    def _color(self, session: Session) -> Part:
         part, name = self.source.first, self.source.source
         tag, space = part.spec.get_string_attribute(TAG), self.to or part.spec.get_string_attribute(FROM)
         if tag and not session.resources.color.is_data(tag):
             raise ColorError(f"{name} is '{tag}', not Lab")
         if not space:
-            raise ColorError(f"{name} does not say which colour space it came from: add to=NAME")
+            raise ColorError(f"{name} does not say which color space it came from: add to=NAME")
         if session.resources.color.is_data(space):
-            raise ColorError("a space of data has no colours", parameter="to", value=space)
+            raise ColorError("a space of data has no colors", parameter="to", value=space)
         channels = channels_of(part.spec)
-        if len(channels.colour) != 3:
-            raise ImageError(f"{name} has {len(channels.colour)} channels beside alpha: Lab has three")
+        if len(channels.color) != 3:
+            raise ImageError(f"{name} has {len(channels.color)} channels beside alpha: Lab has three")
         from_lab = session.resources.color.from_lab(space)
-        lens = Lens(name, Channels(channels.colour, None))  # Lab is not premultiplied
+        lens = Lens(name, Channels(channels.color, None))  # Lab is not premultiplied
         places = _places(channels, part.spec.nchannels)
 
         def work(rows: np.ndarray, _: Window) -> np.ndarray:
@@ -116,12 +116,12 @@ def _places(channels: Channels, count: int) -> list[tuple[bool, int]]:
     """For every channel of the result: whether it is one of the three values, and which of them or of the channels."""
     places: list[tuple[bool, int]] = []
     for channel in range(count):
-        if channel not in channels.colour:
+        if channel not in channels.color:
             places.append((False, channel))
-        elif len(channels.colour) == 1:
+        elif len(channels.color) == 1:
             places += [(True, 0), (True, 1), (True, 2)]
         else:
-            places.append((True, channels.colour.index(channel)))
+            places.append((True, channels.color.index(channel)))
     return places
 
 

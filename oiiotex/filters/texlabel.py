@@ -72,16 +72,16 @@ class Label(OnePart, InLab, ScanThenMap):
     labels: int | None = param(
         None, ge=1, le=50, help="how many subtextures that level has, at most; found when left out"
     )
-    neighbours: int = param(256, ge=8, le=4096, help="of a superpixel in the graph, at most")
+    neighbors: int = param(256, ge=8, le=4096, help="of a superpixel in the graph, at most")
     tries: int = param(0, ge=0, le=100, help="random starts that are joined with the first (boosting)")
     runs: int = param(1, ge=1, le=1000, help="of SLIC, the best is taken; the paper: 10")
     minsize: int | None = param(
-        None, ge=1, unit="px", help="smaller superpixels join a neighbour; sigma^2 / 4 when left out, 25 in the paper"
+        None, ge=1, unit="px", help="smaller superpixels join a neighbor; sigma^2 / 4 when left out, 25 in the paper"
     )
     seed: int = param(0, ge=0, le=2**32 - 1, help="of random starts; with tries=0 and runs=1 there are none")
     paper: bool = param(
         False,
-        help="LSA16 by the letter: features=moments:persistence=0.95:share=1:coarsest off:neighbours=256:runs=10"
+        help="LSA16 by the letter: features=moments:persistence=0.95:share=1:coarsest off:neighbors=256:runs=10"
         ":minsize=25, one persistence at all levels, and labels cut wherever a coarser border crosses them",
     )
     keep: bool = param(False, help="the photo stays the first part, the labels follow it")
@@ -99,7 +99,7 @@ class Label(OnePart, InLab, ScanThenMap):
         "persistence": 0.95,
         "share": 1.0,
         "coarsest": False,
-        "neighbours": 256,
+        "neighbors": 256,
         "runs": 10,
         "minsize": 25,
     }
@@ -114,7 +114,7 @@ class Label(OnePart, InLab, ScanThenMap):
         lens = lens_of(self.source, session.resources, self.working_space)
         settings = LabelSettings(
             cluster=self.cluster,
-            neighbours=self.neighbours,
+            neighbors=self.neighbors,
             persistence=self.persistence,
             share=self.share,
             literal=self.paper,
@@ -145,7 +145,7 @@ def label_map(like: Part, maps: LabelMaps, n: int) -> LabelMap:
     from ..superpixels import superpixels
 
     level = maps.levels[n - 1]
-    part = superpixels.label_part(like, maps.superpixels.runs.relabelled(level.labels - 1))
+    part = superpixels.label_part(like, maps.superpixels.runs.relabeled(level.labels - 1))
     return LabelMap.of(part, n, level.parents.tolist(), level.scale)
 
 
@@ -157,7 +157,7 @@ def _soft_part(like: Part, maps: LabelMaps, n: int, quantity: str) -> Part:
     from ..superpixels import superpixels
 
     level = maps.levels[n - 1]
-    groups = superpixels.label_part(like, maps.superpixels.runs.relabelled(level.groups))
+    groups = superpixels.label_part(like, maps.superpixels.runs.relabeled(level.groups))
     values = level.G if quantity == "membership" else (level.F / level.F.max(0)).T
     # (r + 1) x m; 0 where there is no superpixel
     table = np.concatenate([np.zeros((1, len(values))), values.T]).astype(np.float32)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..charts.drawing import Sheet, coloured, label_tree, sampled, shown_pixels
+from ..charts.drawing import Sheet, colored, label_tree, sampled, shown_pixels
 from ..core.access import ScanThenMap
 from ..core.attributes import SIGMA, SUPERPIXELS
 from ..core.image import Image
@@ -23,7 +23,7 @@ class LabelView(ScanThenMap):
     """Show label maps to people: a contact sheet of all levels, with the tree of labels beside it.
 
     Takes the image that `label` or `superpixel` makes, best with `keep`: the photo, then for every label part
-    (uint32, one channel) its labels in colours that stay apart for colour-blind viewers too, over the photo's lightness
+    (uint32, one channel) its labels in colors that stay apart for color-blind viewers too, over the photo's lightness
     and with their borders. The tree has the coarsest labels at its top; a node is as wide as the label's share of the
     image. The result is an 8-bit sRGB image for screens, made from every nth pixel: do not measure it.
     """
@@ -35,7 +35,7 @@ class LabelView(ScanThenMap):
     source: Image = image(help="an image with label parts, as `label` or `superpixel` with `keep` makes it")
     side: int = param(384, ge=64, le=4096, unit="px", help="longer side of one panel")
     columns: int = param(3, ge=1, le=16, help="panels in a row")
-    strength: float = param(0.65, ge=0, le=1, help="of the labels' colours over the photo")
+    strength: float = param(0.65, ge=0, le=1, help="of the labels' colors over the photo")
 
     def compute(self, session: Session) -> dict[str, np.ndarray]:
         """The sheet."""
@@ -58,7 +58,7 @@ class LabelView(ScanThenMap):
             lightness = picture @ np.array([0.2126, 0.7152, 0.0722])
             panels.append(("photo", picture))
         for one, ids in zip(labels, maps, strict=True):
-            panels.append((_title(one, ids), coloured(ids, lightness, self.strength)))
+            panels.append((_title(one, ids), colored(ids, lightness, self.strength)))
         # superpixels beside levels of labels have no place in their tree
         levels = [n for n, one in enumerate(labels) if one.level] or list(range(len(labels)))
         tree = label_tree([labels[n] for n in levels], [maps[n] for n in levels])

@@ -35,7 +35,7 @@ class Paint(Reported, Quilted):
     What the painting calls label 3 becomes texture of label 3 of the photo, by guided quilting (`quilt`). A second
     painting, fine, lays labels of the next finer level over it; where it is empty (black, id 0 or alpha 0), the first
     stays (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
-    Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE is what `palette` wrote: which colour is which
+    Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE is what `palette` wrote: which color is which
     label; paintings of ids need none. With plan=FILE the next edit begins there: before=FILE keeps every patch whose
     labels did not change, so that pixels elsewhere are the same to the bit.
     """
@@ -49,12 +49,12 @@ class Paint(Reported, Quilted):
         REPORT,
     )
 
-    painting: Image = image(help="ids of labels, or colours that table gives a meaning; of any size")
+    painting: Image = image(help="ids of labels, or colors that table gives a meaning; of any size")
     fine: Image | None = image(None, help="a painting of labels of the next finer level that is laid over it")
     level: int | None = param(
         None, ge=1, help="which label map is painted: label.N; the table's, else the coarsest, when left out"
     )
-    table: Path | None = param(None, help="JSON of `palette`: which label each colour of the paintings means")
+    table: Path | None = param(None, help="JSON of `palette`: which label each color of the paintings means")
     soft: float = param(0.2, ge=0, le=1, help=SOFT)
     size: Size | None = param(None, ge=8, le=1 << 22, unit="px", help="of the result; the painting's when left out")
     plan: Path | None = param(None, help="what was painted, and with which patches, goes to this file (.npz)")
@@ -105,7 +105,7 @@ class Paint(Reported, Quilted):
     def _sewing(
         self, level: int, guide: Image, size: Size | None, table: Table | None, prefix: str, budget: int
     ) -> Sewing:
-        """Of one layer: what its colours mean, and what it begins with."""
+        """Of one layer: what its colors mean, and what it begins with."""
         begun = None if self.before is None else read_begun(self.before, budget, prefix)
         patch, overlap = self.patch, None
         if begun is not None and patch is None:  # an edit changes no patch's size
@@ -117,7 +117,7 @@ class Paint(Reported, Quilted):
 
 
 def _meaning(painting: Part, table: Table | None, ids: np.ndarray, fine: bool = False) -> Meaning:
-    """What a painting means: colours by the table, ids by themselves."""
+    """What a painting means: colors by the table, ids by themselves."""
     return meaning_of(painting, None if painting.spec.nchannels == 1 else table, ids, fine)
 
 

@@ -17,7 +17,7 @@ from ..core.source_map import ST, SourceMap
 from ..core.window import Window
 from ..deferred import np
 from ..exemplar.exemplar_masks import label_levels, label_map
-from ..exemplar.exemplar_op import ExemplarPixels, LabelledExemplar
+from ..exemplar.exemplar_op import ExemplarPixels, LabeledExemplar
 from ..io.paint_palette import Swatch
 from ..labels.content_scan import CELL, areas_of, fullest_windows
 from ..labels.content_table import largest_window
@@ -34,32 +34,32 @@ _ITERATIONS = 12
 
 
 @dataclass(frozen=True, kw_only=True)
-class Palette(LabelledExemplar, InBands):
+class Palette(LabeledExemplar, InBands):
     """Lay out what a texture consists of: a band for every label, beside it the labels within.
 
     Every row is a label of one level, its texture synthesized from its pixels alone;
     right of it are its children on the next finer level, side by side (LSA16: Lockerman, Sauvage, Allegre, Dischler,
     Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2, figures 13
-    and 14). The largest label is on top. json=FILE says for each its id, name, colour to paint with, area, parent,
+    and 14). The largest label is on top. json=FILE says for each its id, name, color to paint with, area, parent,
     children and place in the picture: the table of `paint`. paints=FILE is a palette for painting programs, `chips`
-    a picture of the same colours.
+    a picture of the same colors.
     """
 
     name: ClassVar[str] = "palette"
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("palette", Kind.PIXELS, "rows of texture, copied from the photo, in its own colour space and type"),
+        Output("palette", Kind.PIXELS, "rows of texture, copied from the photo, in its own color space and type"),
         ST,
         Output(
-            "chips", Kind.PICTURE, "the paint colours with ids and names, each as large as its swatch", asked_by="chips"
+            "chips", Kind.PICTURE, "the paint colors with ids and names, each as large as its swatch", asked_by="chips"
         ),
         Output(
             "paints",
             Kind.PAINTS,
-            "the paint colours by name, for GIMP, Krita and Inkscape, or Photoshop",
+            "the paint colors by name, for GIMP, Krita and Inkscape, or Photoshop",
             asked_by="paints",
         ),
         Output(
-            "table", Kind.TABLE, "ids, names, colours, areas, parents, children and boxes of labels", asked_by="json"
+            "table", Kind.TABLE, "ids, names, colors, areas, parents, children and boxes of labels", asked_by="json"
         ),
     )
 
@@ -67,10 +67,10 @@ class Palette(LabelledExemplar, InBands):
     rows: int = param(24, ge=1, le=256, help="labels that are shown, the largest first")
     children: int = param(8, ge=0, le=64, help="children that are shown of each, the largest first")
     chips: bool | Path = param(
-        False, help="1: a further part with the paint colours, ids and names in them; a file name: there"
+        False, help="1: a further part with the paint colors, ids and names in them; a file name: there"
     )
-    paints: Path | None = param(None, help="the paint colours go to this file, .gpl or .aco: load it where you paint")
-    json: Path | None = param(None, help="ids, names, colours, areas, parents, children and boxes go to this file")
+    paints: Path | None = param(None, help="the paint colors go to this file, .gpl or .aco: load it where you paint")
+    json: Path | None = param(None, help="ids, names, colors, areas, parents, children and boxes go to this file")
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The palette, where its pixels come from, and the table of its labels."""
@@ -109,7 +109,7 @@ class Palette(LabelledExemplar, InBands):
         self.say_what_stays()
         table = {"level": labels.level, "labels": shown, "finer": below}
         chips = functools.partial(paint_chips, [(entry, box) for _, entry, box in boxes], *source.packed.shape[::-1])
-        paints = [Swatch(entry["name"], *map(int, entry["colour"].split(","))) for entry in (*shown, *below)]
+        paints = [Swatch(entry["name"], *map(int, entry["color"].split(","))) for entry in (*shown, *below)]
         copied = source.parts("palette", self.in_any_order(photo, held), by_rows=not held)
         return copied | {"chips": chips, "paints": paints, "table": table}
 

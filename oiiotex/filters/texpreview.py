@@ -37,7 +37,7 @@ class Preview(Gather):
     name: ClassVar[str] = "preview"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("preview", Kind.PIXELS, "the panels side by side, in the tile's colour space and type"),
+        Output("preview", Kind.PIXELS, "the panels side by side, in the tile's color space and type"),
     )
 
     tile: Image = image(help="the tile")

@@ -46,14 +46,14 @@ class Quilting(Reported, Quilted, Structured):
     mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
     label: int | None = param(None, ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
     guide: Image | None = image(
-        None, help="what is to be where: ids of labels, or ids or colours that table gives a meaning; of any size"
+        None, help="what is to be where: ids of labels, or ids or colors that table gives a meaning; of any size"
     )
     table: Path | None = param(
-        None, help='JSON: {"255,0,0": 3, "0,0,255": [1, 2]}: which label or key ids or 8-bit colours of the guide mean'
+        None, help='JSON: {"255,0,0": 3, "0,0,255": [1, 2]}: which label or key ids or 8-bit colors of the guide mean'
     )
     soft: float = param(0.2, ge=0, le=1, help=SOFT)
     overlap: int | None = param(
-        None, ge=4, le=MOST_PATCH // 3, unit="px", help="of neighbours, at most patch / 3; patch / 4 when left out"
+        None, ge=4, le=MOST_PATCH // 3, unit="px", help="of neighbors, at most patch / 3; patch / 4 when left out"
     )
     plan: Path | None = param(None, help="the plan goes to this file (.npz): offsets and cuts")
     render: bool = param(

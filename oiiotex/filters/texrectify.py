@@ -39,8 +39,8 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
     yield f"corners={corners}:size={facts['width']}x{facts['height']}"
     if facts["cells"]:
         yield f"{facts['cells'][0]} x {facts['cells'][1]} cells of the lattice"
-    if facts["metres"]:
-        yield f"{facts['metres'][0]:g} x {facts['metres'][1]:g} m"
+    if facts["meters"]:
+        yield f"{facts['meters'][0]:g} x {facts['meters'][1]:g} m"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,12 +59,12 @@ class Rectify(Gather):
     rescales: ClassVar[bool] = True
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("rectified", Kind.PIXELS, "the surface from the front, in the photo's own colour space and type"),
+        Output("rectified", Kind.PIXELS, "the surface from the front, in the photo's own color space and type"),
         Output(
             "st", Kind.COORDINATES, "where every pixel comes from, between pixels, as `st_warp` reads it",
             asked_by="stmap",
         ),
-        Output("geometry", Kind.TABLE, "corners, size, cells, metres, matrix", asked_by="json", lines=_lines),
+        Output("geometry", Kind.TABLE, "corners, size, cells, meters, matrix", asked_by="json", lines=_lines),
     )  # fmt: skip
 
     source: Image = image(help="the photo")
@@ -83,11 +83,11 @@ class Rectify(Gather):
         unit="m",
         ge=1e-9,
         le=1e9,
-        help="width,height in metres of what the corners span; of the lattice, of a cell",
+        help="width,height in meters of what the corners span; of the lattice, of a cell",
     )
     filter: str = param("lanczos3", choices=tuple(FILTERS), help="what pixels are resampled by")
     stmap: bool | Path = param(False, help=STMAP)
-    json: Path | None = param(None, help="corners, size, cells, metres and the matrix go to this file")
+    json: Path | None = param(None, help="corners, size, cells, meters and the matrix go to this file")
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The first part seen from the front; the photo is looked at before only for its lattice."""
@@ -95,18 +95,18 @@ class Rectify(Gather):
         if part.exact:
             raise ImageError(f"{self.source.source} holds ids or source coordinates: they cannot be resampled")
         corners, cells = self._corners(session)
-        metres = self._metres(cells)
-        width, height = self._size(corners, metres)
+        meters = self._meters(cells)
+        width, height = self._size(corners, meters)
         matrix = homography(corners, width, height)
         spec = derived_spec(part.spec, width, height)
         for stale in ("XResolution", "YResolution", "ResolutionUnit"):
             spec.erase_attribute(stale)
-        if metres is not None:
-            spec.attribute("XResolution", width * _INCH / metres[0])
-            spec.attribute("YResolution", height * _INCH / metres[1])
+        if meters is not None:
+            spec.attribute("XResolution", width * _INCH / meters[0])
+            spec.attribute("YResolution", height * _INCH / meters[1])
             spec.attribute("ResolutionUnit", "in")  # EXR knows no other
         geometry = {
-            "corners": corners.ravel().tolist(), "width": width, "height": height, "cells": cells, "metres": metres,
+            "corners": corners.ravel().tolist(), "width": width, "height": height, "cells": cells, "meters": meters,
             "matrix": matrix.tolist(),
         }  # fmt: skip
         rectified = Part(part.name, spec, self._seen(part, matrix, spec, session), part.stored)
@@ -137,22 +137,22 @@ class Rectify(Gather):
         corners = corners + np.array([spec.x - spec.full_x, spec.y - spec.full_y])
         return np.round(corners, 2), cells  # as they are said for the next map
 
-    def _metres(self, cells: tuple[int, int] | None) -> tuple[float, float] | None:
+    def _meters(self, cells: tuple[int, int] | None) -> tuple[float, float] | None:
         """Width and height of the result in the world."""
         if self.physical is None:
             return None
         if len(self.physical) != 2:
-            expected = "two numbers: width,height in metres"
+            expected = "two numbers: width,height in meters"
             raise ParameterError(parameter="physical", value=self.physical, expected=expected)
         across, down = cells or (1, 1)
         return self.physical[0] * across, self.physical[1] * down
 
-    def _size(self, corners: np.ndarray, metres: tuple[float, float] | None) -> tuple[int, int]:
+    def _size(self, corners: np.ndarray, meters: tuple[float, float] | None) -> tuple[int, int]:
         """Of the result, px."""
         if self.size is not None:
             return self.size.width, self.size.height
         display = self.source.first.spec
-        aspect = metres[0] / metres[1] if metres else aspect_of(corners, (display.full_width, display.full_height))
+        aspect = meters[0] / meters[1] if meters else aspect_of(corners, (display.full_width, display.full_height))
         across, down = sides_of(corners)
         width = max(across, down * aspect)
         found = max(1, round(width)), max(1, round(width / aspect))
@@ -201,7 +201,7 @@ def _floats(window: Window, like: oiio.ImageSpec) -> oiio.ImageSpec:
 
 
 def _coordinates(matrix: np.ndarray, part: Part, spec: oiio.ImageSpec) -> Part:
-    """Part 'st': shares of the photo's display window, (0, 0) its top left corner; pixel centres at halves."""
+    """Part 'st': shares of the photo's display window, (0, 0) its top left corner; pixel centers at halves."""
     inverse, full = np.linalg.inv(matrix), (part.spec.full_width, part.spec.full_height)
 
     def fetch(window: Window) -> np.ndarray:

@@ -42,7 +42,7 @@ class Sigmas(InLab, Whole):
     """Show what each sigma of `stationarize` makes of a photo, and find sigmas whose steps look even.
 
     A contact sheet of n small tiles, from the largest sigma (amount 0) to the smallest (amount 1), laid out 2 x 2. How
-    much a tile changes with sigma hangs on the photo: neighbours are compared by the earth mover's distance between
+    much a tile changes with sigma hangs on the photo: neighbors are compared by the earth mover's distance between
     their histograms, and sigmas are spread anew so that the steps are even (MJH17: Moritz, James, Haines, Ritschel,
     Weyrich, Texture Stationarization, Eurographics 2017, section 4.4). Its `amount` finds its sigma on the
     same scale, which is kept in the user's cache. The table is printed; json keeps it. The result is an 8-bit sRGB
@@ -76,7 +76,7 @@ class Sigmas(InLab, Whole):
         how: Any = op_named("stationarize")(**same)
         resources.require(_BYTES * spec.width * spec.height, f"looking at {spec.width}x{spec.height}")
         require_tiles(resources.device, how.recipe(width, height), (spec.height, spec.width), resources.budget)
-        with resources.stats.time("read and colour"):
+        with resources.stats.time("read and color"):
             lab, opaque = working_values(self.exemplar, resources, self.working_space)
         seen = ExemplarPixels(lab, opaque, opaque, "transparent pixels")
         recipe = how.controlled(how.recipe(width, height), seen, resources, progress)

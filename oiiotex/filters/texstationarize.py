@@ -116,8 +116,8 @@ class Stationarize(PatchSynthesis):
         """Share of the drift that is removed."""
         if self.flatten is not None:
             return self.flatten
-        colour = self.map_kinds[0] == "colour"
-        if not colour or self.within is not None:
+        color = self.map_kinds[0] == "color"
+        if not color or self.within is not None:
             return 0.0
         return 0.0 if lens_of(self.exemplar, resources, self.working_space).space is None else 1.0
 

@@ -58,7 +58,7 @@ class Superpixel(InLab, ScanThenMap):
         None,
         ge=1,
         unit="px",
-        help="smaller pieces join a neighbour; a quarter of finest^2 when left out, 25 in the paper",
+        help="smaller pieces join a neighbor; a quarter of finest^2 when left out, 25 in the paper",
     )
     seed: int = param(0, ge=0, le=2**32 - 1, help="of the runs after the first, whose seeds start elsewhere")
     keep: bool = param(False, help="the image stays as first part, the label map follows it")
@@ -78,7 +78,7 @@ class Superpixel(InLab, ScanThenMap):
             sigma, partition = self._level(finest, hierarchy(finest, resources))
         count = int(partition.max(initial=-1)) + 1
         self.inform("%d superpixels of scale %.1f px", count, sigma)
-        part = label_part(self.source.first, finest.runs.relabelled(partition))
+        part = label_part(self.source.first, finest.runs.relabeled(partition))
 
         def mark(spec: oiio.ImageSpec) -> None:
             spec.attribute(SIGMA, float(sigma))

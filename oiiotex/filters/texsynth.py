@@ -37,8 +37,8 @@ class Synth(Multiscale, Structured):
     Without `graph` the top image is the one exemplar: a texture of any size grows from it (Lefebvre & Hoppe, Parallel
     controllable texture synthesis, 2005). A graph says of a few small exemplars how their scales relate, and any window
     of any level of detail can be had, alone and the same to the bit as in the whole (HRRG08: Han, Risser, Ramamoorthi,
-    Grinspun, Multiscale Texture Synthesis, 2008). Exemplars are cut to squares of a power of two around their centres;
-    one that does not tile is mirrored at its borders. Every pixel is a copy of one of an exemplar, but for the colour
+    Grinspun, Multiscale Texture Synthesis, 2008). Exemplars are cut to squares of a power of two around their centers;
+    one that does not tile is mirrored at its borders. Every pixel is a copy of one of an exemplar, but for the color
     offset by which exemplars that do not agree are brought together.
     """
 
@@ -48,7 +48,7 @@ class Synth(Multiscale, Structured):
         Output(
             "texture",
             Kind.PIXELS,
-            "pixels copied from the exemplars, all channels, in the root's colour space and type",
+            "pixels copied from the exemplars, all channels, in the root's color space and type",
         ),
         replace(ST, help="where every pixel comes from, as `warp` reads it; with graph also the exemplar's number"),
         Output(

@@ -39,7 +39,7 @@ class Zoom(Multiscale):
     name: ClassVar[str] = "zoom"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output(
-            "frame", Kind.PIXELS, "all channels, in the root's colour space and type; its display window begins at 0"
+            "frame", Kind.PIXELS, "all channels, in the root's color space and type; its display window begins at 0"
         ),
         Output("movie", Kind.MOVIE, "the zoom from this frame on, in sRGB", asked_by="movie"),
         REPORT,

@@ -14,7 +14,7 @@ from ..deferred import np
 
 SIDE = 128  # px of a tile
 _PHOTO_BYTES, _RESULT_BYTES = 7, 4  # of a pixel
-_BESIDE = {(0, -1): (0, 1), (-1, 0): (1, 0), (1, 0): (-1, 0), (0, 1): (0, -1)}  # (y, x) to a neighbour, in their order
+_BESIDE = {(0, -1): (0, 1), (-1, 0): (1, 0), (1, 0): (-1, 0), (0, 1): (0, -1)}  # (y, x) to a neighbor, in their order
 _HOLES = 64  # rows that are looked through at once
 
 
@@ -24,7 +24,7 @@ def held_bytes(budget: int, photo: int, result: int) -> int:
 
 
 class Photo:
-    """Colours of an exemplar, and where they may be taken from.
+    """Colors of an exemplar, and where they may be taken from.
 
     Parameters
     ----------
@@ -60,14 +60,14 @@ class Photo:
         for top in range(0, shape[0], SIDE):
             bottom = min(shape[0], top + SIDE)
             first, last = max(0, top - 1), min(shape[0], bottom + 1)
-            colours = to_grid(values[first:last], FINE_STEPS)
+            colors = to_grid(values[first:last], FINE_STEPS)
             mine = slice(top - first, bottom - first)
             if usable is None:
-                able = np.ones(colours.shape[:2], bool)
+                able = np.ones(colors.shape[:2], bool)
             else:
                 able = np.asarray(usable[first:last])
-                colours = _with_neighbours(colours, able)
-            for target, rows in ((lab, colours[mine]), (allowed, able[mine])):
+                colors = _with_neighbors(colors, able)
+            for target, rows in ((lab, colors[mine]), (allowed, able[mine])):
                 if isinstance(target, TileStore):
                     target.put(top, 0, rows)
                 else:
@@ -75,7 +75,7 @@ class Photo:
         return cls(lab, allowed)
 
     def reduced(self, factor: int) -> tuple[np.ndarray, np.ndarray]:
-        """Colours and usable pixels, one of each square of factor x factor: its middle one.
+        """Colors and usable pixels, one of each square of factor x factor: its middle one.
 
         Of a mask that is so fine that it has none of these, the first usable one of each square.
         """
@@ -117,16 +117,16 @@ class Photo:
         return self.usable[np.ix_(np.arange(first, last), np.arange(self.shape[1]))]
 
 
-def _with_neighbours(lab: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Colours where pixels next to usable ones look like these: seams compare what lies a pixel beyond a patch, too."""
+def _with_neighbors(lab: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Colors where pixels next to usable ones look like these: seams compare what lies a pixel beyond a patch, too."""
     out, done = lab.copy(), usable.copy()
     height, width = usable.shape
     around = np.pad(usable, 1)
-    colours = np.pad(lab, ((1, 1), (1, 1), (0, 0)))
+    colors = np.pad(lab, ((1, 1), (1, 1), (0, 0)))
     for y, x in _BESIDE:
         beside = slice(1 + y, 1 + y + height), slice(1 + x, 1 + x + width)
         taken = around[beside] & ~done
-        out[taken] = colours[beside][taken]
+        out[taken] = colors[beside][taken]
         done |= taken
     return out
 
@@ -144,7 +144,7 @@ class Laid:
             self.rows[top : top + count] = np.full((count, width), NONE, np.uint32)
 
     def window(self, rows: np.ndarray, columns: np.ndarray) -> SourceMap:
-        """Of these rows and columns, each one or more runs of neighbours."""
+        """Of these rows and columns, each one or more runs of neighbors."""
         if isinstance(self.rows, RowStore):
             return SourceMap(self.rows.crossing(rows, columns))
         return SourceMap(self.rows[np.ix_(rows, columns)])

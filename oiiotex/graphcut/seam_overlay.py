@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One texture laid over another where a mask says so, cut along a band around the mask's border (KSE03 §3).
 
-The cut is made tile by tile: on the borders of tiles the mask itself decides, so neighbours agree without knowing of
+The cut is made tile by tile: on the borders of tiles the mask itself decides, so neighbors agree without knowing of
 each other. A pixel follows from the mask and both textures within its tile and a band around it, and from nothing
 farther away.
 """

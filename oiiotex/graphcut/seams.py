@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 COST_STEPS = 64  # whole numbers per unit of KSE03 eq. 2, a ratio of differences to gradients
 MOST_COST = 1 << 13  # of one edge; sums over a patch of 512 x 512 stay below 2^31
 _FLOOR = 8.0  # grid steps added to gradients: where nothing changes, small differences must not cost without bound
-NEIGHBOURS = ((0, 1), (1, 0))  # (y, x) to the neighbours that an edge leads to
+NEIGHBORS = ((0, 1), (1, 0))  # (y, x) to the neighbors that an edge leads to
 
 
 def lengths(values: np.ndarray) -> np.ndarray:
@@ -38,7 +38,7 @@ class SeamPhoto:
     lab: np.ndarray | TileStore
 
     def at(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Its colours; beyond the border those of the nearest pixel."""
+        """Its colors; beyond the border those of the nearest pixel."""
         return self.lab[np.clip(y, 0, self.lab.shape[0] - 1), np.clip(x, 0, self.lab.shape[1] - 1)]
 
     def costs(self, a: np.ndarray, b: np.ndarray, step: tuple[int, int]) -> np.ndarray:
@@ -58,7 +58,7 @@ class SeamPhoto:
         a_s, a_t, b_s, b_t = (self.at(*p).astype(np.int32) for p in (a, a + step, b - step, b))
         difference = lengths(a_s - b_s) + lengths(a_t - b_t)
         gradient = 2.0 * (lengths(a_s - a_t) + lengths(b_s - b_t)) + _FLOOR
-        # a seam between equal colours is not free: of two like it, the shorter one is better
+        # a seam between equal colors is not free: of two like it, the shorter one is better
         return np.clip(np.rint(COST_STEPS * difference / gradient).astype(np.int64), 1, MOST_COST)
 
 
@@ -75,7 +75,7 @@ def seam_costs(source: SeamPhoto, places: np.ndarray, filled: np.ndarray) -> tup
     """
     flat, there, shape = places.reshape(2, -1), filled.ravel(), filled.shape
     costs = []
-    for step in NEIGHBOURS:
+    for step in NEIGHBORS:
         s, t = edges(shape, step)
         cost = np.where(there[s] & there[t], source.costs(flat[:, s], flat[:, t], step), 0)
         costs.append(cost.reshape(shape[0] - step[0], shape[1] - step[1]))
@@ -100,7 +100,7 @@ def cut(source: SeamPhoto, places: np.ndarray, filled: np.ndarray, patch: np.nda
     old_at, new_at = places.reshape(2, -1), patch.reshape(2, -1)
     leans: list[tuple[np.ndarray, np.ndarray]] = []  # of pixels, costs of being new less costs of being old
     arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    for step in NEIGHBOURS:
+    for step in NEIGHBORS:
         s, t = edges(shape, step)
         kept = (free[s] & (there[t] | covered[t])) | (free[t] & (there[s] | covered[s]))
         s, t = s[kept], t[kept]
@@ -130,7 +130,7 @@ def cut(source: SeamPhoto, places: np.ndarray, filled: np.ndarray, patch: np.nda
 
 
 def minimum_cut(count: int, arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]], lean: np.ndarray) -> np.ndarray:
-    """x in {0, 1}^count that minimises sum lean_i x_i + sum capacity_st (1 - x_s) x_t, the one with the most ones.
+    """x in {0, 1}^count that minimizes sum lean_i x_i + sum capacity_st (1 - x_s) x_t, the one with the most ones.
 
     `lean` (count,) int64; returns (count,) bool.
     """

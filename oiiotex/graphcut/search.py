@@ -83,8 +83,8 @@ class OffsetSearch:
         prices = np.zeros((len(reach),) * 2)
         if self._offset_prices is not None:
             prices = _UNIT**2 * self._offset_prices.at(at[1], at[0], x + reach, y + reach)
-        colours, usable = self._around(source, y - 1 - f, x - 1 - f, *(n + 2 * f for n in compared.shape))
-        width, colours = compared.shape[1] + 2 * f, colours.reshape(-1, 3)
+        colors, usable = self._around(source, y - 1 - f, x - 1 - f, *(n + 2 * f for n in compared.shape))
+        width, colors = compared.shape[1] + 2 * f, colors.reshape(-1, 3)
         first = rows * width + columns  # at the least offset
         for dy in reach.tolist():
             for dx in reach.tolist():
@@ -93,7 +93,7 @@ class OffsetSearch:
                 count = np.count_nonzero(inside)
                 if 2 * count < len(rows) and (dy or dx):
                     continue
-                apart = colours[pixels]
+                apart = colors[pixels]
                 apart -= wanted
                 if count < len(rows):
                     apart *= inside[:, None]
@@ -104,7 +104,7 @@ class OffsetSearch:
         return chosen
 
     def _around(self, source: SeamPhoto, y: int, x: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-        """Colours of the exemplar's pixels from (y, x) on, in doubles, and which may be used, (height * width,)."""
+        """Colors of the exemplar's pixels from (y, x) on, in doubles, and which may be used, (height * width,)."""
         rows, columns = y + np.arange(height), x + np.arange(width)
         inside = [(at >= 0) & (at < n) for at, n in zip((rows, columns), self._photo.shape, strict=True)]
         at = np.ix_(*(at.clip(0, n - 1) for at, n in zip((rows, columns), self._photo.shape, strict=True)))
@@ -116,8 +116,8 @@ class OffsetSearch:
         weight = seen.astype(np.float64)
         planes = [weight, *(weight * lab[..., c] for c in range(3)), weight * (lab**2).sum(-1), new.astype(np.float64)]
         ours = [np.conj(fft.rfft2(plane, self._shape)) for plane in planes]
-        usable, *colour, square = self._spectra
-        products = usable * ours[4] + square * ours[0] - 2 * sum(c * o for c, o in zip(colour, ours[1:4], strict=True))
+        usable, *color, square = self._spectra
+        products = usable * ours[4] + square * ours[0] - 2 * sum(c * o for c, o in zip(color, ours[1:4], strict=True))
         sums = [fft.irfft2(s, self._shape) for s in (products, usable * ours[0], usable * ours[5])]
         # corners before the exemplar's own come out at the far end
         reach = max(seen.shape) - 1

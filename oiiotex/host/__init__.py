@@ -29,7 +29,7 @@ SHELVES = tuple(
             "ch nchannels chappend chnames chsum maxchan minchan colormap",
         ),
         (
-            "color", "COLOR", "Colour management, by OpenColorIO inside OpenImageIO",
+            "color", "COLOR", "Color management, by OpenColorIO inside OpenImageIO",
             "iscolorspace tocolorspace colorconvert ccmatrix ociolook ociodisplay ociofiletransform ocionamedtransform",
         ),
         ("channels", "CRYPTOMATTE", "Cryptomatte", "cryptomatte-colors"),
@@ -53,7 +53,7 @@ SHELVES = tuple(
             "warp rotate st_warp",
         ),
         (
-            "spatial.filtering", "FILTERING", "Filters that look at a neighbourhood, or at all of the image",
+            "spatial.filtering", "FILTERING", "Filters that look at a neighborhood, or at all of the image",
             "blur convolve median dilate erode unsharp laplacian fillholes fft ifft decorrstretch demosaic",
         ),
         ("drawing", "DRAWING", "Ops that draw on a copy of the image", "box line point text fill"),

@@ -129,7 +129,7 @@ ARITHMETIC = (
     op("maxc", "Raise what is smaller to a value, or in each channel to its own.", ImageAndValues, "max"),
     op("minc", "Lower what is larger to a value, or in each channel to its own.", ImageAndValues, "min"),
     op("abs", "Take the absolute value.", OneImage),
-    op("invert", "Subtract the colour from 1.", OneImage, _invert,
+    op("invert", "Subtract the color from 1.", OneImage, _invert,
        chbegin=param(0, ge=0, help="the first channel that is inverted"),
        chend=(int | None, param(None, ge=1, help="the channel behind the last; 3 at most when left out"))),
     op("polar", "Turn two channels (real, imaginary) into (amplitude, phase).", OneImage, "complex_to_polar"),
@@ -141,14 +141,14 @@ ARITHMETIC = (
 
 
 def warn_of_second_unpremult(spec: oiio.ImageSpec) -> None:
-    """Say so where colours that have been divided by alpha are to be divided again."""
+    """Say so where colors that have been divided by alpha are to be divided again."""
     if spec.get_int_attribute("oiio:UnassociatedAlpha") and spec.alpha_channel >= 0:
-        log.warning("the image says that its colours are not multiplied by alpha, and they are divided by it once more")
+        log.warning("the image says that its colors are not multiplied by alpha, and they are divided by it once more")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ByAlpha(OneImage):
-    """Colour by alpha."""
+    """Color by alpha."""
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed; where there is no alpha, what there is: OpenImageIO would move its pixels."""
@@ -171,9 +171,9 @@ COMPOSITING = (
     op("over", "Put the first image over the second, by its alpha.", TwoImages),
     op("zover", "Put that one of two images over the other that is nearer, by channel Z.", TwoImages,
        zeroisinf=param(False, help="depth 0 means infinitely far")),
-    op("premult", "Multiply the colour by alpha.", ByAlpha),
-    op("unpremult", "Divide the colour by alpha.", ByAlpha),
-    op("repremult", "Multiply the colour by alpha, but leave it where alpha is 0.", ByAlpha),
+    op("premult", "Multiply the color by alpha.", ByAlpha),
+    op("unpremult", "Divide the color by alpha.", ByAlpha),
+    op("repremult", "Multiply the color by alpha, but leave it where alpha is 0.", ByAlpha),
     op("deepen", "Turn a flat image into a deep one, with a sample in each pixel that is not empty.", AtOnce, deep=True,
        source=(Image, image(help="the image")),
        z=param(1.0, help="depth of the samples of an image without channel Z")),

@@ -156,20 +156,20 @@ def _sum(source: oiio.ImageBuf, weight: Numbers) -> oiio.ImageBuf:
 
 @dataclass(frozen=True, kw_only=True)
 class ColorMap(FromChannels):
-    """Show values in colour: the luma of three channels or more, else the first channel."""
+    """Show values in color: the luma of three channels or more, else the first channel."""
 
     name: ClassVar[str] = "colormap"
 
-    map: str = argument(help=f"{', '.join(_MAPS)}, or colours at equal distances: R,G,B,R,G,B,...")
+    map: str = argument(help=f"{', '.join(_MAPS)}, or colors at equal distances: R,G,B,R,G,B,...")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         words = [word.strip() for word in self.map.split(",")]
         if self.map not in _MAPS and (not all(map(_NUMBER.fullmatch, words)) or len(words) < 6 or len(words) % 3):
-            raise ParameterError(f"map={self.map}: allowed is {', '.join(_MAPS)}, or two colours R,G,B or more")
+            raise ParameterError(f"map={self.map}: allowed is {', '.join(_MAPS)}, or two colors R,G,B or more")
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """The colours of the map."""
+        """The colors of the map."""
         if self.map in _MAPS:
             return oiio.ImageBufAlgo.color_map(buffers[0], -1, self.map)
         knots = tuple(map(float, self.map.split(",")))
@@ -198,14 +198,14 @@ CHANNELS = (
 
 
 def _id_colors(source: oiio.ImageBuf, layer: str) -> oiio.ImageBuf:
-    """A colour for each id, by its coverage."""
+    """A color for each id, by its coverage."""
     pattern = re.compile(re.escape(layer) + r"\d\d\..*", re.ASCII)
     names = source.spec().channelnames
     ranks = [n for n, name in enumerate(names) if pattern.fullmatch(name)]
     if not ranks:
         raise ParameterError(f"layer={layer}: the image has no channels {layer}00.R ...; it has {', '.join(names)}")
     values = pixels_of(source, oiio.FLOAT)
-    colour = np.zeros((*values.shape[:-1], 3), np.float32)
+    color = np.zeros((*values.shape[:-1], 3), np.float32)
     for identity, coverage in zip(ranks[::2], ranks[1::2], strict=False):
         code, alpha = np.ascontiguousarray(values[..., identity]), values[..., coverage]
         seen = ~(alpha < 1.0e-5) & (code != 0)
@@ -213,9 +213,9 @@ def _id_colors(source: oiio.ImageBuf, layer: str) -> oiio.ImageBuf:
         for channel, salt in enumerate((0, 0x0101, 0x020000)):
             scrambled = _scrambled(scrambled + np.uint32(salt)) if channel else scrambled
             shade = scrambled.astype(np.float32) * np.float32(1.0 / 0xFFFFFFFF)
-            colour[..., channel] += np.where(seen, alpha * shade, np.float32(0))
+            color[..., channel] += np.where(seen, alpha * shade, np.float32(0))
     spec = like(source.spec(), nchannels=3, channelnames=("R", "G", "B"), alpha_channel=-1, z_channel=-1)
-    return filled(spec, colour)
+    return filled(spec, color)
 
 
 def _scrambled(code: np.ndarray) -> np.ndarray:
@@ -226,6 +226,6 @@ def _scrambled(code: np.ndarray) -> np.ndarray:
 
 
 CRYPTOMATTE = op(
-    "cryptomatte-colors", "Show the ids of a Cryptomatte layer as colours.", OneImage, _id_colors,
+    "cryptomatte-colors", "Show the ids of a Cryptomatte layer as colors.", OneImage, _id_colors,
     layer=(str, argument(help="name of the layer: its channels are NAME00.R and so on")),
 )  # fmt: skip

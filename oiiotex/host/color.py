@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colour management, by OpenColorIO inside OpenImageIO."""
+"""Color management, by OpenColorIO inside OpenImageIO."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _VALUE = param("", help="their values, with commas")
 
 @dataclass(frozen=True, kw_only=True)
 class IsColorSpace(Respec):
-    """Say in which colour space the pixels are; they stay as they are."""
+    """Say in which color space the pixels are; they stay as they are."""
 
     name: ClassVar[str] = "iscolorspace"
 
     space: str = argument(  # type: ignore[misc, assignment]  # a user's word, where others declare where they work
-        help="a colour space, role or alias of the config; '' to forget it"
+        help="a color space, role or alias of the config; '' to forget it"
     )
 
     def called(self, spec: oiio.ImageSpec) -> None:
@@ -49,13 +49,13 @@ class IsColorSpace(Respec):
 
 @dataclass(frozen=True, kw_only=True)
 class OnColor(HostOp, Pointwise):
-    """Works on colour alone: on R, G, B (by name, else the first three) and alpha; further channels are copied."""
+    """Works on color alone: on R, G, B (by name, else the first three) and alpha; further channels are copied."""
 
     source: Image = image(help="the image")
-    unpremult: bool = param(False, help="convert colours divided by alpha, and multiply them again")
+    unpremult: bool = param(False, help="convert colors divided by alpha, and multiply them again")
 
-    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
-        """The conversion of up to four channels; `config` is the path of the colour config."""
+    def convert(self, color: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
+        """The conversion of up to four channels; `config` is the path of the color config."""
         raise NotImplementedError
 
     def known(self, names: oiio.ColorConfig) -> Sequence[str]:
@@ -66,9 +66,9 @@ class OnColor(HostOp, Pointwise):
         """The result, not yet computed; that the conversion exists is found out now."""
         path = session.resources.color.path
 
-        def convert(colour: oiio.ImageBuf) -> oiio.ImageBuf:
+        def convert(color: oiio.ImageBuf) -> oiio.ImageBuf:
             try:
-                return checked(self.convert(colour, path))
+                return checked(self.convert(color, path))
             except (ImageError, RuntimeError) as error:  # OpenImageIO may take braces in names for its own
                 known = ", ".join(self.known(session.resources.color.names))
                 raise ColorError(f"{error} ({path}{f' has {known}' if known else ''})") from None
@@ -77,30 +77,30 @@ class OnColor(HostOp, Pointwise):
 
 
 def _converted(source: oiio.ImageBuf, convert: Callable[[oiio.ImageBuf], oiio.ImageBuf]) -> oiio.ImageBuf:
-    """The image with its colour converted: OpenImageIO's functions spoil what comes behind the fourth channel."""
+    """The image with its color converted: OpenImageIO's functions spoil what comes behind the fourth channel."""
     spec, channels = source.spec(), channels_of(source.spec())
-    colour, alpha = tuple(channels.colour), () if channels.alpha is None else (channels.alpha,)
-    if (*colour, *alpha) == tuple(range(spec.nchannels)) and (not alpha or len(colour) == 3):
+    color, alpha = tuple(channels.color), () if channels.alpha is None else (channels.alpha,)
+    if (*color, *alpha) == tuple(range(spec.nchannels)) and (not alpha or len(color) == 3):
         return convert(source)
-    three = colour * 3 if len(colour) == 1 else (*colour, 0.0)[:3]
+    three = color * 3 if len(color) == 1 else (*color, 0.0)[:3]
     narrow = oiio.ImageBufAlgo.channels(source, (*three, *alpha), ("R", "G", "B", "A")[: 3 + len(alpha)])
     both = oiio.ImageBufAlgo.channel_append(checked(convert(narrow)), source)
-    places = dict(zip(colour, range(3), strict=False)) | dict.fromkeys(alpha, 3)  # of what was converted
+    places = dict(zip(color, range(3), strict=False)) | dict.fromkeys(alpha, 3)  # of what was converted
     order = tuple(places.get(n, narrow.nchannels + n) for n in range(spec.nchannels))
     return oiio.ImageBufAlgo.channels(both, order, spec.channelnames)
 
 
 def _space(given: str, spec: oiio.ImageSpec) -> str:
-    """A colour space as the user names it; 'current' is what the image says, which is not guessed where it does not."""
+    """A color space as the user names it; 'current' is what the image says, which is not guessed where it does not."""
     if given not in ("", "current"):
         return given
     tag = spec.get_string_attribute(TAG)
     if not tag:
-        raise ColorError("the image does not say its colour space: put --iscolorspace NAME before it")
+        raise ColorError("the image does not say its color space: put --iscolorspace NAME before it")
     return tag
 
 
-# --- between colour spaces ---
+# --- between color spaces ---
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,11 +115,11 @@ class Converting(OnColor):
         """From, to."""
         return {name: getattr(self, name, "current") for name in ("from_space", "to_space")}
 
-    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
+    def convert(self, color: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """In the other space."""
         source, target = self.spaces().values()
-        source = _space(source, colour.spec())
-        return oiio.ImageBufAlgo.colorconvert(colour, source, target, self.unpremult, self.key, self.value, config)
+        source = _space(source, color.spec())
+        return oiio.ImageBufAlgo.colorconvert(color, source, target, self.unpremult, self.key, self.value, config)
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed."""
@@ -139,12 +139,12 @@ class Converting(OnColor):
 
 @dataclass(frozen=True, kw_only=True)
 class ColorConvert(Converting):
-    """Convert from a colour space to another."""
+    """Convert from a color space to another."""
 
     name: ClassVar[str] = "colorconvert"
 
-    from_space: str = argument(help="a colour space, role or alias of the config; current: the one that the image says")
-    to_space: str = argument(help="a colour space, role or alias")
+    from_space: str = argument(help="a color space, role or alias of the config; current: the one that the image says")
+    to_space: str = argument(help="a color space, role or alias")
 
     def idle(self, parts: Sequence[Part]) -> bool:
         """Whether both are the same."""
@@ -153,11 +153,11 @@ class ColorConvert(Converting):
 
 @dataclass(frozen=True, kw_only=True)
 class ToColorSpace(Converting):
-    """Convert to a colour space from the one that the image says."""
+    """Convert to a color space from the one that the image says."""
 
     name: ClassVar[str] = "tocolorspace"
 
-    to_space: str = argument(help="a colour space, role or alias of the config")
+    to_space: str = argument(help="a color space, role or alias of the config")
 
 
 # --- other transforms ---
@@ -165,7 +165,7 @@ class ToColorSpace(Converting):
 
 @dataclass(frozen=True, kw_only=True)
 class ColorMatrix(OnColor):
-    """Multiply colours, as row vectors, by a matrix."""
+    """Multiply colors, as row vectors, by a matrix."""
 
     name: ClassVar[str] = "ccmatrix"
 
@@ -194,9 +194,9 @@ class ColorMatrix(OnColor):
                 raise ParameterError(f"matrix={self.matrix}: it has no inverse") from None
         return matrix
 
-    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
+    def convert(self, color: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """Multiplied."""
-        return oiio.ImageBufAlgo.colormatrixtransform(colour, tuple(self._matrix().ravel()), self.unpremult)
+        return oiio.ImageBufAlgo.colormatrixtransform(color, tuple(self._matrix().ravel()), self.unpremult)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,9 +212,9 @@ class FileTransform(OnColor):
         super().__post_init__()
         require_regular(self.file)
 
-    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
+    def convert(self, color: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """Transformed."""
-        return oiio.ImageBufAlgo.ociofiletransform(colour, self.file, self.unpremult, self.inverse, config)
+        return oiio.ImageBufAlgo.ociofiletransform(color, self.file, self.unpremult, self.inverse, config)
 
 
 def _views(use: Any, names: oiio.ColorConfig) -> Sequence[str]:
@@ -231,23 +231,23 @@ COLOR = (
     ColorMatrix,
     op("ociolook", "Apply looks of the config.", OnColor,
        known=lambda use, names: names.getLookNames(),
-       convert=lambda use, colour, config: oiio.ImageBufAlgo.ociolook(
-           colour, use.look, _space(use.from_, colour.spec()), _space(use.to, colour.spec()),
+       convert=lambda use, color, config: oiio.ImageBufAlgo.ociolook(
+           color, use.look, _space(use.from_, color.spec()), _space(use.to, color.spec()),
            use.unpremult, use.inverse, use.key, use.value, config),
        look=(str, argument(help="name of the look, or several with commas")),
-       from_=param("current", help="the image's colour space"),
+       from_=param("current", help="the image's color space"),
        to=param("current", help="that of the result"),
        inverse=param(False, help="undo the look"),
        key=_KEY,
        value=_VALUE),
     op("ociodisplay", "Convert for a display and view of the config.", OnColor,
        known=_views,
-       convert=lambda use, colour, config: oiio.ImageBufAlgo.ociodisplay(
-           colour, use.display, use.view, _space(use.from_, colour.spec()), use.looks,
+       convert=lambda use, color, config: oiio.ImageBufAlgo.ociodisplay(
+           color, use.display, use.view, _space(use.from_, color.spec()), use.looks,
            use.unpremult, use.inverse, use.key, use.value, config),
        display=(str, argument(help="name of the display, or default")),
        view=(str, argument(help="name of the view, or default")),
-       from_=param("current", help="the image's colour space; of the result, with inverse"),
+       from_=param("current", help="the image's color space; of the result, with inverse"),
        looks=param("", help="looks to apply instead of the view's"),
        inverse=param(False, help="from the display back"),
        key=_KEY,
@@ -255,8 +255,8 @@ COLOR = (
     FileTransform,
     op("ocionamedtransform", "Apply a named transform of the config.", OnColor,
        known=lambda use, names: names.getNamedTransformNames(),
-       convert=lambda use, colour, config: oiio.ImageBufAlgo.ocionamedtransform(
-           colour, use.transform, use.unpremult, use.inverse, use.key, use.value, config),
+       convert=lambda use, color, config: oiio.ImageBufAlgo.ocionamedtransform(
+           color, use.transform, use.unpremult, use.inverse, use.key, use.value, config),
        transform=(str, argument(help="its name")),
        inverse=param(False, help="undo it"),
        key=_KEY,

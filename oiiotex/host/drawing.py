@@ -28,31 +28,31 @@ _CHANNELS = argument(ge=1, le=1024, help="how many channels")
 _FAR = 1 << 28  # coordinates beyond it overflow where lines are drawn
 
 
-def _colour_of(given: Numbers | None, count: int) -> tuple[float, ...]:
+def _color_of(given: Numbers | None, count: int) -> tuple[float, ...]:
     """One value for all channels, or one for each; 1 for those that get none."""
     return per_channel(given or (), count, 1.0)
 
 
 def _gradient(corners: Sequence[Sequence[float]], region: Window, window: Window) -> np.ndarray:
-    """A window of a region filled between colours, (height, width, channels), as ImageBufAlgo::fill does over it all.
+    """A window of a region filled between colors, (height, width, channels), as ImageBufAlgo::fill does over it all.
 
-    `corners` are two colours (top, bottom) or four (top left, top right, bottom left, bottom right).
+    `corners` are two colors (top, bottom) or four (top left, top right, bottom left, bottom right).
     """
-    colours = [np.array(colour, np.float32) for colour in corners]
+    colors = [np.array(color, np.float32) for color in corners]
     y = np.arange(window.top - region.top, window.bottom - region.top).astype(np.float32)
     v = (y / np.float32(max(1, region.height - 1)))[:, None, None]
-    if len(colours) == 2:
-        rows = colours[0] * (np.float32(1) - v) + colours[1] * v
+    if len(colors) == 2:
+        rows = colors[0] * (np.float32(1) - v) + colors[1] * v
         return np.broadcast_to(rows, (window.height, window.width, rows.shape[2]))
     x = np.arange(window.left - region.left, window.right - region.left).astype(np.float32)
     u = (x / np.float32(max(1, region.width - 1)))[None, :, None]
-    above = colours[0] * (np.float32(1) - u) + colours[1] * u
-    below = colours[2] * (np.float32(1) - u) + colours[3] * u
+    above = colors[0] * (np.float32(1) - u) + colors[1] * u
+    below = colors[2] * (np.float32(1) - u) + colors[3] * u
     return (np.float32(1) - v) * above + v * below
 
 
 @dataclass(frozen=True, kw_only=True)
-class Colours:
+class Colors:
     """Of a fill: one, or between two or four."""
 
     color: Numbers | None = param(None, help="of all")
@@ -66,20 +66,20 @@ class Colours:
     bottomright: Numbers | None = param(None, help="with the other corners")
 
     def corners(self, count: int) -> tuple[tuple[float, ...], ...]:
-        """Colours of so many channels: one, two (top, bottom) or four; none where too few are given."""
+        """Colors of so many channels: one, two (top, bottom) or four; none where too few are given."""
         names = ("topleft", "topright", "bottomleft", "bottomright")
         for wanted in (names, ("top", "bottom"), ("left", "right"), ("color",)):
             given = [getattr(self, name) for name in wanted]
             if None not in given:
-                colours = tuple(_colour_of(each, count) for each in given)
-                return colours * 2 if wanted == ("left", "right") else colours
+                colors = tuple(_color_of(each, count) for each in given)
+                return colors * 2 if wanted == ("left", "right") else colors
         return ()
 
     def paint(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
         """Fill a window of an image of that spec."""
-        colours = self.corners(spec.nchannels)
-        if colours:
-            _fill(buffer, colours, Window.data(spec))
+        colors = self.corners(spec.nchannels)
+        if colors:
+            _fill(buffer, colors, Window.data(spec))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,8 +132,8 @@ def _with_alpha(buffer: oiio.ImageBuf, alpha: float, draw: Callable[[oiio.ImageB
 
 
 @dataclass(frozen=True, kw_only=True)
-class Coloured(Drawn):
-    """Drawn in a colour."""
+class Colored(Drawn):
+    """Drawn in a color."""
 
     color: Numbers | None = param(None, help="one value for all channels, or one for each and one more for alpha")
 
@@ -141,24 +141,24 @@ class Coloured(Drawn):
 def _box(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, corners: str, fill: bool, color: Numbers | None) -> None:
     """The box, as far as it is seen."""
     x1, y1, x2, y2 = _coordinates(corners, 4, 4)
-    colour = _colour_of(color, spec.nchannels + 1)
+    values = _color_of(color, spec.nchannels + 1)
     if fill and (Window(x1, y1, x2 + 1, y2 + 1) & Window.data(buffer.spec())).empty:
         return
-    _with_alpha(buffer, colour[-1], lambda b: oiio.ImageBufAlgo.render_box(b, x1, y1, x2, y2, colour, fill))
+    _with_alpha(buffer, values[-1], lambda b: oiio.ImageBufAlgo.render_box(b, x1, y1, x2, y2, values, fill))
 
 
 def _line(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, text: str, color: Numbers | None) -> None:
     """The lines; a point that two share is drawn once."""
     points = _coordinates(text, 4, 2)
-    colour = _colour_of(color, spec.nchannels + 1)
+    values = _color_of(color, spec.nchannels + 1)
     closed = len(points) > 4 and points[:2] == points[-2:]
 
     def lines(b: oiio.ImageBuf) -> None:
         for n in range(0, len(points) - 3, 2):
             x1, y1, x2, y2 = points[n : n + 4]
-            oiio.ImageBufAlgo.render_line(b, x1, y1, x2, y2, colour, closed or n > 0)
+            oiio.ImageBufAlgo.render_line(b, x1, y1, x2, y2, values, closed or n > 0)
 
-    _with_alpha(buffer, colour[-1], lines)
+    _with_alpha(buffer, values[-1], lines)
 
 
 def _point(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, text: str, color: Numbers | None) -> None:
@@ -167,11 +167,11 @@ def _point(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, text: str, color: Number
     seen = Window.data(buffer.spec())
     for x, y in zip(points[::2], points[1::2], strict=True):
         if not (Window.sized(x, y, 1, 1) & seen).empty:
-            oiio.ImageBufAlgo.render_point(buffer, x, y, _colour_of(color, spec.nchannels))
+            oiio.ImageBufAlgo.render_point(buffer, x, y, _color_of(color, spec.nchannels))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Text(Coloured):
+class Text(Colored):
     """Write text."""
 
     name: ClassVar[str] = "text"
@@ -208,17 +208,17 @@ class Text(Coloured):
         y = self.y if self.y is not None else spec.y + spec.height // 2
         if not self.render or (self._there(x, y) & Window.data(buffer.spec())).empty:
             return
-        colour = _colour_of(self.color, spec.nchannels + 1)
+        color = _color_of(self.color, spec.nchannels + 1)
         # a fourth value is alpha where there are three channels, and else none is
-        alpha = colour[3] if spec.nchannels == 3 else 1.0
-        colours = (*colour[: spec.nchannels], alpha)
+        alpha = color[3] if spec.nchannels == 3 else 1.0
+        colors = (*color[: spec.nchannels], alpha)
         if spec.alpha_channel < 0 and spec.nchannels == 4:
             alpha = 0.0  # any that is not 1: the function would take the fourth channel for alpha
-            colours = (*colour[:4], 1.0)
+            colors = (*color[:4], 1.0)
 
         def write(b: oiio.ImageBuf) -> None:
             oiio.ImageBufAlgo.render_text(
-                b, x, y, self.text, self.size, self.font, colours, self.xalign, self.yalign, self.shadow
+                b, x, y, self.text, self.size, self.font, colors, self.xalign, self.yalign, self.shadow
             )
 
         _with_alpha(buffer, alpha, write)
@@ -235,14 +235,14 @@ class Text(Coloured):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fill(Colours, Drawn):
-    """Fill a window with a colour, or between colours."""
+class Fill(Colors, Drawn):
+    """Fill a window with a color, or between colors."""
 
     name: ClassVar[str] = "fill"
     keeps: ClassVar[bool] = False
 
     size: str = argument(help="what is filled: WxH+X+Y, X0,Y0,X1,Y1, WxH or +X+Y")
-    color: Numbers | None = param(None, help="of all; white when no colour is given")
+    color: Numbers | None = param(None, help="of all; white when no color is given")
 
     def draw(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
         """What is seen of the window."""
@@ -251,23 +251,23 @@ class Fill(Colours, Drawn):
         _fill(buffer, self.corners(spec.nchannels) or ((1.0,) * spec.nchannels,), region)
 
 
-def _fill(buffer: oiio.ImageBuf, colours: Sequence[Sequence[float]], region: Window) -> None:
-    """Fill what a buffer holds of a region with one colour, or between two or four."""
+def _fill(buffer: oiio.ImageBuf, colors: Sequence[Sequence[float]], region: Window) -> None:
+    """Fill what a buffer holds of a region with one color, or between two or four."""
     seen = region & Window.data(buffer.spec())
     if seen.empty:
         return
     roi = seen.roi(buffer.nchannels)
-    if len(colours) == 1:
-        oiio.ImageBufAlgo.fill(buffer, colours[0], roi)
+    if len(colors) == 1:
+        oiio.ImageBufAlgo.fill(buffer, colors[0], roi)
     else:
-        buffer.set_pixels(roi, np.ascontiguousarray(_gradient(colours, region, seen)))
+        buffer.set_pixels(roi, np.ascontiguousarray(_gradient(colors, region, seen)))
 
 
 DRAWING = (
-    op("box", "Draw a box.", Coloured, _box,
+    op("box", "Draw a box.", Colored, _box,
        corners=(str, argument(help="X1,Y1,X2,Y2: two opposite corners, both inside")),
        fill=param(False, help="filled")),
-    op("line", "Draw lines from point to point.", Coloured, _line, **_POINTS),
+    op("line", "Draw lines from point to point.", Colored, _line, **_POINTS),
     op("point", "Draw points.", Drawn, _point, **_POINTS,
        color=(Numbers | None, param(None, help="one value for all channels, or one for each"))),
     Text,
@@ -309,8 +309,8 @@ class NewImage(Hosted, AnyWindow):
 
 def _paint_checker(use: Any, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
     """A checkerboard."""
-    dark = (0.0,) * spec.nchannels if use.color1 is None else _colour_of(use.color1, spec.nchannels)
-    light = _colour_of(use.color2, spec.nchannels)
+    dark = (0.0,) * spec.nchannels if use.color1 is None else _color_of(use.color1, spec.nchannels)
+    light = _color_of(use.color2, spec.nchannels)
     oiio.ImageBufAlgo.checker(buffer, use.width, use.height or use.width, use.depth, dark, light)
 
 
@@ -333,9 +333,9 @@ def _color(help: str) -> Any:
 _KINDS = {
     "black": _pattern(lambda use, buffer, spec: None),
     "constant": _pattern(
-        lambda use, buffer, spec: oiio.ImageBufAlgo.fill(buffer, _colour_of(use.color, spec.nchannels)),
+        lambda use, buffer, spec: oiio.ImageBufAlgo.fill(buffer, _color_of(use.color, spec.nchannels)),
         color=_color("one value for all channels, or one for each; white when left out")),
-    "fill": Colours,
+    "fill": Colors,
     "checker": _pattern(
         _paint_checker,
         width=param(8, ge=1, unit="px", help="of a square"),

@@ -75,7 +75,7 @@ def _fixnan(source: oiio.ImageBuf, roi: oiio.ROI, strategy: str) -> oiio.ImageBu
 def _means(pixels: np.ndarray, broken: np.ndarray, window: Window, whole: Window) -> np.ndarray:
     """For values of `window` (row, column, channel), the mean of the finite ones around each in `whole`.
 
-    OpenImageIO repairs in place, so that a value depends on neighbours that happened to be repaired before it; here
+    OpenImageIO repairs in place, so that a value depends on neighbors that happened to be repaired before it; here
     only what was finite counts. Sums are taken row by row in the pixels' own type, as there.
     """
     rows, columns, channels = broken.T
@@ -102,11 +102,11 @@ class FixNonFinite(Area):
 
     strategy: str = argument(
         choices=("none", "black", "box3", "error"),
-        help="by 0 (black), or by the mean of the finite values among the 8 neighbours (box3); error: refuse the image",
+        help="by 0 (black), or by the mean of the finite values among the 8 neighbors (box3); error: refuse the image",
     )
 
     def halo(self) -> tuple[int, int]:
-        """The neighbours, where they are looked at."""
+        """The neighbors, where they are looked at."""
         return (1, 1) if self.strategy == "box3" else (0, 0)
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
@@ -129,7 +129,7 @@ def _bound(which: str) -> Any:
     return param("", help=text)
 
 
-_LUMA = {"luma": param(False, help="scale colours by their luma, instead of each channel alone")}
+_LUMA = {"luma": param(False, help="scale colors by their luma, instead of each channel alone")}
 
 RANGES = (
     op("clamp", "Keep values within bounds.", OneImage, _clamp, min=_bound("lower"), max=_bound("upper"),

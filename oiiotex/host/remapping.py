@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from ..core.access import Gather, Neighbourhood
+from ..core.access import Gather, Neighborhood
 from ..core.demand import cached, materialized
 from ..core.image import Image, Part, Pixels
 from ..core.parameters import image
@@ -21,7 +21,7 @@ from .kinds import HostOp, checked, once, sample
 if TYPE_CHECKING:
     from ..session import Session
 
-_MOST_NEIGHBOURS = 1 << 24  # of a pixel
+_MOST_NEIGHBORS = 1 << 24  # of a pixel
 _CELL = 256  # side of the squares in which slanted reads are done: a band of rows would need all of its source
 
 
@@ -58,14 +58,14 @@ class Remap(_Resampled, Gather):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Area(_Resampled, Neighbourhood):
+class Area(_Resampled, Neighborhood):
     """A window follows from the same window with a halo: its function gets the image there, and the window as a ROI."""
 
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
         """The window with its halo."""
         return [window.grown(*self.halo())]
 
-    def neighbourhood(self) -> tuple[int, int]:
+    def neighborhood(self) -> tuple[int, int]:
         """Columns and rows of what it looks at around a pixel."""
         x, y = self.halo()
         return 2 * x + 1, 2 * y + 1
@@ -76,7 +76,7 @@ class Area(_Resampled, Neighbourhood):
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed; too large a kernel is refused."""
-        require_kernel(*self.neighbourhood(), session)
+        require_kernel(*self.neighborhood(), session)
         return super().result(parts, session)
 
 
@@ -85,11 +85,9 @@ def require_kernel(width: int, height: int, session: Session) -> None:
 
     OpenImageIO looks at each of its pixels for each pixel: beyond 2^24 there is a ParameterError.
     """
-    if width * height > _MOST_NEIGHBOURS:
+    if width * height > _MOST_NEIGHBORS:
         size = f"{width}x{height}"
-        raise ParameterError(
-            f"kernel {size}: expected at most {_MOST_NEIGHBOURS} pixels; use a smaller image or kernel"
-        )
+        raise ParameterError(f"kernel {size}: expected at most {_MOST_NEIGHBORS} pixels; use a smaller image or kernel")
     session.resources.require(width * height * 4, "a kernel", "use a smaller kernel")
 
 

@@ -44,7 +44,7 @@ def covered(labels: Part, window: Window) -> tuple[np.ndarray, np.ndarray]:
     """The two labels that cover most of every pixel of a window, and how much: (h, w, 2) int64, (h, w, 2) float32.
 
     Labels are weighed over 3 x 3 pixels, so that a straight border falls off over two. Where there is no label (0)
-    nothing covers, and it takes nothing from its neighbours: what is transparent there is so in the image's alpha.
+    nothing covers, and it takes nothing from its neighbors: what is transparent there is so in the image's alpha.
     The two shares are of their sum, which so is 1 wherever there is a label.
     """
     whole = labels.window
@@ -53,12 +53,12 @@ def covered(labels: Part, window: Window) -> tuple[np.ndarray, np.ndarray]:
              (around.left - window.left + 1, window.right + 1 - around.right)]  # fmt: skip
     ids = np.pad(labels.read(around)[..., 0].astype(np.int64), edges, "edge")
     height, width = window.height, window.width
-    centre = ids[1:-1, 1:-1]
-    first = np.stack([centre, np.zeros_like(centre)], -1)
+    center = ids[1:-1, 1:-1]
+    first = np.stack([center, np.zeros_like(center)], -1)
     shares = np.zeros((height, width, 2), np.float32)
-    shares[..., 0] = centre > 0
+    shares[..., 0] = center > 0
     seen = [ids[dy : dy + height, dx : dx + width] for dy, dx in _AROUND]
-    border = (centre > 0) & np.any([one != centre for one in seen], axis=0)
+    border = (center > 0) & np.any([one != center for one in seen], axis=0)
     nine = np.stack([one[border] for one in seen], -1)
     weights = np.where(nine > 0, ((nine[:, :, None] == nine[:, None, :]) * np.array(_WEIGHTS, np.int64)).sum(-1), 0)
     rows = np.arange(len(nine))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a part says of itself, through formats that would drop it: its colour space, its name, how it was made.
+"""What a part says of itself, through formats that would drop it: its color space, its name, how it was made.
 
-EXR and PNG hold attributes of any name, but colour spaces only of the names that they know. TIFF and JPEG hold neither;
+EXR and PNG hold attributes of any name, but color spaces only of the names that they know. TIFF and JPEG hold neither;
 there it goes into ImageDescription, as one line of JSON behind what stands there. Reading puts all back in its place.
 """
 
@@ -96,7 +96,7 @@ def _names() -> oiio.ColorConfig:
 
 
 def restore(spec: oiio.ImageSpec, format_name: str, path: str) -> None:
-    """Put back what `describe` has hidden, unless the file itself has been told another colour space since."""
+    """Put back what `describe` has hidden, unless the file itself has been told another color space since."""
     carried: dict[str, Any] = {}
     if format_name in ("openexr", "png"):
         space = spec.get_string_attribute(SPACE)
@@ -138,7 +138,7 @@ def _fits(value: Any) -> bool:
 
 
 def is_tagged(spec: oiio.ImageSpec, format_name: str, path: str) -> bool:
-    """Whether the file says its colour space, and OpenImageIO does not only assume one, as it does for JPEG and PNG."""
+    """Whether the file says its color space, and OpenImageIO does not only assume one, as it does for JPEG and PNG."""
     if not spec.get_string_attribute(TAG):
         return False
     if format_name == "png":
@@ -169,7 +169,7 @@ def warn_of_loss(
 ) -> None:
     """Warn, in one line, of what the parts of a file do not say of what they should, or say otherwise.
 
-    Of what oiiotool would write alike, only that colours would be taken for others.
+    Of what oiiotool would write alike, only that colors would be taken for others.
     """
     pairs = zip(wanted, arrived, strict=False)  # what a format holds of further parts has been said before
     missing = dict.fromkeys(loss for want, have in pairs for loss in _lost(want, have))
@@ -180,7 +180,7 @@ def warn_of_loss(
 def _lost(wanted: oiio.ImageSpec, arrived: oiio.ImageSpec) -> Iterator[str]:
     read, space = arrived.get_string_attribute(TAG), wanted.get_string_attribute(TAG)
     if space and (read or is_ours(wanted) or not _same(space, _SRGB)) and not (read and _same(space, read)):
-        yield f"the colour space {space}" + (f" (read, it is {read})" if read else "")
+        yield f"the color space {space}" + (f" (read, it is {read})" if read else "")
     # EXR has no empty texts
     names = [name for name, value in _own(wanted) if value != "" and arrived.getattribute(name) is None]
     if names:

@@ -18,7 +18,7 @@ _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 class Swatch(NamedTuple):
-    """A colour, sRGB in 8 bits, and what it is called."""
+    """A color, sRGB in 8 bits, and what it is called."""
 
     name: str
     red: int
@@ -44,8 +44,8 @@ def write_palette(path: Path, paints: Sequence[Swatch]) -> None:
         temporary.write_bytes(text)
 
 
-def write_indexed(path: Path, ids: np.ndarray, colours: Mapping[int, Sequence[int]], texts: Mapping[str, Any]) -> None:
-    """Write ids, (height, width) uint8, as a PNG whose palette has their colours.
+def write_indexed(path: Path, ids: np.ndarray, colors: Mapping[int, Sequence[int]], texts: Mapping[str, Any]) -> None:
+    """Write ids, (height, width) uint8, as a PNG whose palette has their colors.
 
     OpenImageIO writes no palettes.
 
@@ -53,7 +53,7 @@ def write_indexed(path: Path, ids: np.ndarray, colours: Mapping[int, Sequence[in
     ----------
     path : Path
     ids : (height, width) uint8
-    colours : dict of int to (int, int, int)
+    colors : dict of int to (int, int, int)
         By id; black is that of others.
     texts : mapping
         What is written as JSON, by name.
@@ -64,7 +64,7 @@ def write_indexed(path: Path, ids: np.ndarray, colours: Mapping[int, Sequence[in
         The file cannot be written.
     """
     height, width = ids.shape
-    palette = bytes(channel for index in range(256) for channel in colours.get(index, (0, 0, 0)))
+    palette = bytes(channel for index in range(256) for channel in colors.get(index, (0, 0, 0)))
     rows = np.zeros((height, width + 1), np.uint8)  # each begins with the number of its filter, none
     rows[:, 1:] = ids
     chunks = (
@@ -97,9 +97,9 @@ def _photoshop(_: str, paints: Sequence[Swatch]) -> bytes:
     """Two lists, for programs old and new: the second has names, as UTF-16 with their length."""
     plain, named = b"", b""
     for paint in paints:
-        colour = struct.pack(">5H", 0, *(257 * n for n in paint[1:]), 0)
+        color = struct.pack(">5H", 0, *(257 * n for n in paint[1:]), 0)
         name = f"{one_line(paint.name)}\0".encode("utf-16-be")
-        plain += colour
-        named += colour + struct.pack(">I", len(name) // 2) + name
+        plain += color
+        named += color + struct.pack(">I", len(name) // 2) + name
     count = len(paints)
     return struct.pack(">2H", 1, count) + plain + struct.pack(">2H", 2, count) + named

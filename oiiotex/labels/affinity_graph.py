@@ -6,9 +6,9 @@ Texture Synthesis, SIGGRAPH 2016. Departures from the paper:
 
 1. The walk's matrix is made from a symmetric one, W = (K + K^T) / 2, so the chain is reversible: its spectrum is
    real, and a power of it is a product of two thin matrices.
-2. Nearest neighbours are exact. Points lie on a grid on which a squared distance is a whole number of 31 bits: the same
+2. Nearest neighbors are exact. Points lie on a grid on which a squared distance is a whole number of 31 bits: the same
    graph on every device.
-3. Points that are equal are one node with a multiplicity, so that flat pictures have neighbours that differ.
+3. Points that are equal are one node with a multiplicity, so that flat pictures have neighbors that differ.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ..opencl.buffers import Buffers
 from ..session.resources import Resources
 from .products import TASK, Sparse
 
-NEIGHBOURS = 256  # of a node in the graph: LSA16 section 4.1
+NEIGHBORS = 256  # of a node in the graph: LSA16 section 4.1
 _FINEST_GRID = 1024.0
 _FARTHEST = 46340.0  # grid steps: its square fits 31 bits
 _FINEST = 0.1  # of a local scale: differences that no eye sees are not blown up
@@ -35,7 +35,7 @@ _BINS_PER_OCTAVE_BITS = 7  # of relative distances, when r is looked for
 
 
 class Nearest(NamedTuple):
-    """Neighbours of n points.
+    """Neighbors of n points.
 
     `scales` (n,) int32: squared distance to the sixth closest point, copies counted; 0 where more than so many are
     equal.
@@ -58,7 +58,7 @@ class AffinityGraph:
     mass: np.ndarray  # (n,) float64: those sums: what the walk tends to, but for a factor
     node: np.ndarray  # (m,) int64: the node of every point
     counts: np.ndarray  # (n,) int64: how many points a node stands for
-    r: float  # The global normalisation of LSA16 eq. 5
+    r: float  # The global normalization of LSA16 eq. 5
 
     def weights(self) -> Any:
         """W, a scipy.sparse.csr_array."""
@@ -70,8 +70,8 @@ class AffinityGraph:
         return scipy.sparse.csr_array((values, columns, starts), shape=(n, n))
 
 
-def similarity_graph(points: np.ndarray, neighbours: int, resources: Resources) -> AffinityGraph:
-    """LSA16 eq. 4 and 5 over the nearest neighbours of m points in d dimensions, (m, d) float."""
+def similarity_graph(points: np.ndarray, neighbors: int, resources: Resources) -> AffinityGraph:
+    """LSA16 eq. 4 and 5 over the nearest neighbors of m points in d dimensions, (m, d) float."""
     steps, unit = on_grid(points)
     nodes, node, counts = np.unique(steps, axis=0, return_inverse=True, return_counts=True)
     node, n = node.reshape(-1), len(nodes)
@@ -79,7 +79,7 @@ def similarity_graph(points: np.ndarray, neighbours: int, resources: Resources) 
     if n == 1:
         one = Sparse(np.array([0, 1], np.int32), np.zeros(1, np.int32), np.ones(1, np.float32))
         return AffinityGraph(one, counts.astype(np.float64) ** 2, node, counts, 0.0)
-    near = nearest(nodes, min(neighbours, n - 1), resources, counts)
+    near = nearest(nodes, min(neighbors, n - 1), resources, counts)
     scale = np.sqrt(near.scales.astype(np.float64))
     scale = np.maximum(scale, max(_FINEST * unit, 1e-3 * float(scale.max())))
     r = _global_scale(near, scale, counts)

@@ -121,7 +121,7 @@ def _keyed(ids: np.ndarray, side: int) -> tuple[np.ndarray, dict[int, int]]:
 
 
 class Contents:
-    """How many windows of `side` px of a label map have each key, and where those of one key have their centres.
+    """How many windows of `side` px of a label map have each key, and where those of one key have their centers.
 
     `passes` is how often the map will be looked through: 2 where `middles` are asked for.
     """
@@ -156,8 +156,8 @@ class Contents:
         self._done += 1
         self._progress.advance(self._done, self._total)
 
-    def centres(self, rows: range) -> np.ndarray:
-        """Where in rows of the data window a window of the key has its centre: (rows, width) bool."""
+    def centers(self, rows: range) -> np.ndarray:
+        """Where in rows of the data window a window of the key has its center: (rows, width) bool."""
         width = self._labels.spec.width
         out = np.zeros((len(rows), width), bool)
         begin, end = max(rows.start, self._rows.start), min(rows.stop, self._rows.stop)

@@ -26,7 +26,7 @@ from .filter_bank import WAVES, Texture, gabor_responses, texton_map, texture_of
 KINDS = ("textons", "moments", "gabor", "quadtree")
 WORKING_PIXELS = 3 << 18
 _UNIT = 100.0  # histograms add up to it, squared: their distances are of the order of those of Lab
-_POOLED = 0.5  # scales of a superpixel: how far its neighbours' textons count
+_POOLED = 0.5  # scales of a superpixel: how far its neighbors' textons count
 _NEAR = 2.5  # sigmas, where they end
 _PLACE_STEPS = 64  # of a sigma, to which places are rounded
 
@@ -80,7 +80,7 @@ class SmallLab:
     lab: np.ndarray
     ids: np.ndarray
     factor: int
-    places: np.ndarray  # (n, 2) rows and columns near the centres of superpixels
+    places: np.ndarray  # (n, 2) rows and columns near the centers of superpixels
     count: int
     _texture: list[Texture] = field(default_factory=list, repr=False)
 
@@ -93,7 +93,7 @@ class SmallLab:
     def sums(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sums (n, k) of (h, w, k) over finest superpixels, and how many values each has (n,).
 
-        One that is too thin to be met in the reduced image has the value at its centre.
+        One that is too thin to be met in the reduced image has the value at its center.
         """
         ids = self.ids.ravel()
         counts = np.bincount(ids, minlength=self.count + 1)[1:]
@@ -136,7 +136,7 @@ def _gabor(small: SmallLab) -> Features:
 
 
 def _quadtree(small: SmallLab, superpixels: Superpixels) -> Features:
-    """Means of Lab in 1 + 4 + 16 cells of a square around the centre, (m, 63): LSA16 section 4.7.
+    """Means of Lab in 1 + 4 + 16 cells of a square around the center, (m, 63): LSA16 section 4.7.
 
     The square's side is twice the level's scale.
     """
@@ -148,13 +148,13 @@ def _quadtree(small: SmallLab, superpixels: Superpixels) -> Features:
 
     def features(groups: np.ndarray) -> np.ndarray:
         areas = grouped(sizes, groups)
-        centres = grouped(superpixels.positions * sizes[:, None], groups) / areas[:, None] / small.factor
+        centers = grouped(superpixels.positions * sizes[:, None], groups) / areas[:, None] / small.factor
         side = 2.0 * math.sqrt(areas.mean()) / small.factor
         means = []
         for cells in (1, 2, 4):
             edges = (np.arange(cells + 1) / cells - 0.5) * side
             x, y = (
-                np.clip(np.rint(centres[:, i, None] + edges), 0, limit).astype(np.int64)
+                np.clip(np.rint(centers[:, i, None] + edges), 0, limit).astype(np.int64)
                 for i, limit in ((0, width), (1, height))
             )
             for j in range(cells):
@@ -174,8 +174,8 @@ def _quadtree(small: SmallLab, superpixels: Superpixels) -> Features:
 def _texton_histograms(small: SmallLab, superpixels: Superpixels, resources: Resources) -> Features:
     """Square roots of texton histograms, (m, TEXTONS): Euclidean distances of them are Hellinger's.
 
-    Textons are clusters of 18 Gabor energies (three octaves, six directions), three Laplacians of L, and colour. A
-    finest superpixel counts those of its neighbours too, by a Gaussian of half its scale: alone it holds too few
+    Textons are clusters of 18 Gabor energies (three octaves, six directions), three Laplacians of L, and color. A
+    finest superpixel counts those of its neighbors too, by a Gaussian of half its scale: alone it holds too few
     pixels to tell what it is a part of. Not in the paper; better than its features on the ground truth
     (benchmarks/results/labels.md).
     """

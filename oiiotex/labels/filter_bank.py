@@ -19,7 +19,7 @@ from ..session.resources import Resources
 TEXTONS = 60
 WAVES = (4.0, 8.0, 16.0)  # px
 _PAD = 24  # px of mirror image around what is filtered
-PLANES = 24  # numbers that say how a pixel looks: 21 responses, three colours
+PLANES = 24  # numbers that say how a pixel looks: 21 responses, three colors
 STEPS = 64  # of a deviation
 _TURNS = 6
 _FAR = 2047  # steps
@@ -72,13 +72,13 @@ class Texture:
         Where textons are learned.
     responses : (21, h w) int16
         Energies of 18 Gabor filters and three Laplacians of L, in units of their deviations, `STEPS` to one.
-    colours : (3, h w) float32
+    colors : (3, h w) float32
         L, a and b, a little blurred, in units of their deviations.
     """
 
     seen: np.ndarray
     responses: np.ndarray
-    colours: np.ndarray
+    colors: np.ndarray
 
 
 def texture_of(lab: np.ndarray, seen: np.ndarray, resources: Resources) -> Texture:
@@ -97,8 +97,8 @@ def texture_of(lab: np.ndarray, seen: np.ndarray, resources: Resources) -> Textu
     for n, sigma in enumerate((1.4, 2.8, 5.6)):  # a difference of Gaussians is a Laplacian
         wide, narrow = (blurred_layers(light, times * sigma, 3.0, resources) for times in (1.6, 1.0))
         keep(_TURNS * len(WAVES) + n, narrow - wide)
-    colours = blurred_layers(layers, 1.0, 4.0, resources).reshape(3, -1)
-    return Texture(seen, responses, np.stack([_standard(colour, known) for colour in colours]))
+    colors = blurred_layers(layers, 1.0, 4.0, resources).reshape(3, -1)
+    return Texture(seen, responses, np.stack([_standard(color, known) for color in colors]))
 
 
 def blurred_layers(layers: np.ndarray, sigma: float, reach: float, resources: Resources) -> np.ndarray:
@@ -129,7 +129,7 @@ def blurred_layers(layers: np.ndarray, sigma: float, reach: float, resources: Re
 
 
 def texton_map(
-    texture: Texture, resources: Resources, most: int = TEXTONS, colour: float = math.sqrt(3.0), samples: int = _SAMPLES
+    texture: Texture, resources: Resources, most: int = TEXTONS, color: float = math.sqrt(3.0), samples: int = _SAMPLES
 ) -> np.ndarray:
     """The texton of every pixel, (h, w) uint8, from 0 on.
 
@@ -137,29 +137,29 @@ def texton_map(
     ----------
     most : int
         Textons, 256 at most.
-    colour : float
-        Weight of each of three colours against each of 21 responses.
+    color : float
+        Weight of each of three colors against each of 21 responses.
     samples : int
         Pixels that textons are learned from, at most.
     """
     known = np.flatnonzero(texture.seen.ravel())
-    planes = np.concatenate([texture.responses, _whole(np.float32(colour) * texture.colours)])
+    planes = np.concatenate([texture.responses, _whole(np.float32(color) * texture.colors)])
     if len(known) > samples:
         known = known[np.random.default_rng(0).choice(len(known), samples, replace=False)]
-    centres = codebook(planes[:, known].T, most)
-    return nearest_centres(planes, centres, resources).reshape(texture.seen.shape)
+    centers = codebook(planes[:, known].T, most)
+    return nearest_centers(planes, centers, resources).reshape(texture.seen.shape)
 
 
-def nearest_centres(planes: np.ndarray, centres: np.ndarray, resources: Resources) -> np.ndarray:
-    """The centre nearest to every pixel, the first of equal ones, (n,) uint8.
+def nearest_centers(planes: np.ndarray, centers: np.ndarray, resources: Resources) -> np.ndarray:
+    """The center nearest to every pixel, the first of equal ones, (n,) uint8.
 
-    `planes` (24, n) int16; `centres` (k, 24) int32.
+    `planes` (24, n) int16; `centers` (k, 24) int32.
     """
     device, pixels = resources.device, planes.shape[1]
-    tables = device.upload(2 * centres), device.upload((centres**2).sum(1, dtype=np.int32))
+    tables = device.upload(2 * centers), device.upload((centers**2).sum(1, dtype=np.int32))
     run = device.program("filter_bank", PLANES=PLANES)
     with Buffers(device, {"nearest": pixels}, resources.budget, "textons", tables={"planes": planes}) as buffers:
-        run("nearest", (pixels,), buffers["planes"], *tables, buffers["nearest"], pixels, len(centres))
+        run("nearest", (pixels,), buffers["planes"], *tables, buffers["nearest"], pixels, len(centers))
         return device.read(buffers["nearest"], (pixels,), np.uint8)
 
 
@@ -178,9 +178,9 @@ def _whole(values: np.ndarray) -> np.ndarray:
 
 
 def codebook(sample: np.ndarray, most: int, trials: int = 1) -> np.ndarray:
-    """k-means over a sample (n, d) int16, at most (most, d) int32; centres are rounded in every round.
+    """k-means over a sample (n, d) int16, at most (most, d) int32; centers are rounded in every round.
 
-    Of `trials` points that are drawn for each centre at first, the one is taken that leaves the least error. All sums
+    Of `trials` points that are drawn for each center at first, the one is taken that leaves the least error. All sums
     are of whole numbers below 2^53, so no order of adding and no processor's BLAS shows: near ties, k-means sends the
     least difference far.
     """
@@ -188,14 +188,14 @@ def codebook(sample: np.ndarray, most: int, trials: int = 1) -> np.ndarray:
     if len(distinct) <= most:
         return distinct.astype(np.int32)
     points = sample.astype(np.float64)
-    centres = _spread_out(points, most, trials)
+    centers = _spread_out(points, most, trials)
     for _ in range(_ROUNDS):
-        nearest = ((centres**2).sum(1) - 2.0 * (points @ centres.T)).argmin(1)
+        nearest = ((centers**2).sum(1) - 2.0 * (points @ centers.T)).argmin(1)
         counts = np.bincount(nearest, minlength=most)
         sums = np.stack([np.bincount(nearest, column, most) for column in points.T], axis=1)
         near = counts > 0
-        centres[near] = np.rint(sums[near] / counts[near, None])
-    return centres.astype(np.int32)
+        centers[near] = np.rint(sums[near] / counts[near, None])
+    return centers.astype(np.int32)
 
 
 def _spread_out(points: np.ndarray, count: int, trials: int) -> np.ndarray:

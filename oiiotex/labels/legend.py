@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""In which colours labels are shown and painted, and what there is to say of them."""
+"""In which colors labels are shown and painted, and what there is to say of them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ..deferred import np
 from ..errors import ImageError, texture_filter
 from ..io.documents import read_document
 
-_DISTINCT = 48  # colours that are told apart; further labels begin again
-_MOVES = 13  # of 255: how far a channel of such a label is moved, less than half a step of the colours' grid
+_DISTINCT = 48  # colors that are told apart; further labels begin again
+_MOVES = 13  # of 255: how far a channel of such a label is moved, less than half a step of the colors' grid
 # What deuteranopes, protanopes and tritanopes see of linear Rec. 709: Machado, Oliveira, Fernandes 2009, severity 1.
 _BLIND = (
     [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
@@ -46,7 +46,7 @@ class Legend:
             {
                 "id": label,
                 "name": self.labels.name(label),
-                "colour": colour_of(code),
+                "color": color_of(code),
                 "area": int(self.areas[label]),
                 "parent": int(parents[label - 1]),
             }
@@ -88,29 +88,29 @@ class LabelNames:
         return [one.named(self._names[one.level]) if one.level in self._names else one for one in maps]
 
 
-# --- colours as numbers ---
+# --- colors as numbers ---
 
 
-def code_of(colour: str) -> int:
-    """'255,128,0' -> red << 16 | green << 8 | blue; ValueError where it is no such colour."""
-    red, green, blue = (int(n) for n in colour.split(","))
+def code_of(color: str) -> int:
+    """'255,128,0' -> red << 16 | green << 8 | blue; ValueError where it is no such color."""
+    red, green, blue = (int(n) for n in color.split(","))
     if not all(0 <= n <= 255 for n in (red, green, blue)):
-        raise ValueError(f"'{colour}'")
+        raise ValueError(f"'{color}'")
     return red << 16 | green << 8 | blue
 
 
-def colour_of(code: int) -> str:
+def color_of(code: int) -> str:
     """The inverse of `code_of`."""
     return f"{code >> 16},{code >> 8 & 255},{code & 255}"
 
 
 def codes_of(ids: np.ndarray) -> np.ndarray:
-    """The colours with which labels are painted: those in which they are shown, moved a little where they come again.
+    """The colors with which labels are painted: those in which they are shown, moved a little where they come again.
 
     No two of the first hundred thousand are alike, and none is black.
     """
-    eight, again = np.rint(255 * colours_of(ids)).astype(np.int64), (ids - 1) // _DISTINCT
-    # half the way to the next colour of the grid that they are chosen from, in each of three channels
+    eight, again = np.rint(255 * colors_of(ids)).astype(np.int64), (ids - 1) // _DISTINCT
+    # half the way to the next color of the grid that they are chosen from, in each of three channels
     step = np.stack([again // _MOVES**n % _MOVES for n in range(3)], -1)
     red, green, blue = np.moveaxis(eight + np.where(eight < 128, step, -step), -1, 0)
     return red << 16 | green << 8 | blue
@@ -129,32 +129,32 @@ def codes_in(pixels: np.ndarray, channels: Sequence[int], alpha: int | None = No
         The channel with which they are multiplied: it is taken out where it is not 0.
     """
     values = np.nan_to_num(as_float(pixels))
-    colour = values[..., list(channels)]
+    color = values[..., list(channels)]
     if alpha is not None:
         weight = values[..., alpha, None]
-        colour = np.divide(colour, weight, out=colour.copy(), where=weight > 0)
-    red, green, blue = np.moveaxis(np.rint(np.clip(colour, 0, 1) * 255).astype(np.int64), -1, 0)
+        color = np.divide(color, weight, out=color.copy(), where=weight > 0)
+    red, green, blue = np.moveaxis(np.rint(np.clip(color, 0, 1) * 255).astype(np.int64), -1, 0)
     return red << 16 | green << 8 | blue
 
 
 def oklab_of(codes: np.ndarray) -> np.ndarray:
-    """Colours (n,) in Oklab, (n, 3): black and white are 1 apart."""
+    """Colors (n,) in Oklab, (n, 3): black and white are 1 apart."""
     eight = np.stack([codes >> 16, codes >> 8 & 255, codes & 255], -1)
     return _oklab(_linear(eight / 255))
 
 
-# --- colours for eyes ---
+# --- colors for eyes ---
 
 
-def colours_of(ids: np.ndarray) -> np.ndarray:
-    """The colours in which labels are shown: sRGB in 0 .. 1, (..., 3); 0 is black."""
-    palette = np.concatenate([np.zeros((1, 3)), distinct_colours()])
+def colors_of(ids: np.ndarray) -> np.ndarray:
+    """The colors in which labels are shown: sRGB in 0 .. 1, (..., 3); 0 is black."""
+    palette = np.concatenate([np.zeros((1, 3)), distinct_colors()])
     return palette[np.where(ids > 0, (ids - 1) % _DISTINCT + 1, 0)]
 
 
 @functools.cache
-def distinct_colours() -> np.ndarray:
-    """Colours (48, 3) in sRGB, each as far as can be from those before it, for every kind of eye."""
+def distinct_colors() -> np.ndarray:
+    """Colors (48, 3) in sRGB, each as far as can be from those before it, for every kind of eye."""
     levels = np.linspace(0, 1, 11)
     candidates = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), -1).reshape(-1, 3)
     linear = _linear(candidates)
@@ -173,7 +173,7 @@ def distinct_colours() -> np.ndarray:
 
 
 def _linear(srgb: np.ndarray) -> np.ndarray:
-    """Colours of sRGB, 0 .. 1, as linear Rec. 709."""
+    """Colors of sRGB, 0 .. 1, as linear Rec. 709."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mean field of a Potts model: what places are members of when they mind their neighbours."""
+"""The mean field of a Potts model: what places are members of when they mind their neighbors."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from ..opencl.buffers import Buffers
 from ..session.resources import Resources
 from .products import TASK
 
-_COUPLING, _UPDATES = 4.0, 6  # of a superpixel with its neighbours, nats; and how often
+_COUPLING, _UPDATES = 4.0, 6  # of a superpixel with its neighbors, nats; and how often
 UNLIKELY = 1e-3  # of a label that a superpixel does not belong to at all
 
 
 def settled(likely: np.ndarray, edges: np.ndarray, resources: Resources) -> np.ndarray:
-    """Labels of superpixels that mind their neighbours.
+    """Labels of superpixels that mind their neighbors.
 
     `likely` (r, n) float; `edges` (m, 2) int; returns (n,) int64.
     """
@@ -24,14 +24,14 @@ def settled(likely: np.ndarray, edges: np.ndarray, resources: Resources) -> np.n
     ends = ends[np.argsort(ends[:, 0], kind="stable")]
     starts = np.searchsorted(ends[:, 0], np.arange(places + 1)).astype(np.int32)
     tables: dict[str, np.ndarray] = {
-        "starts": starts, "neighbours": np.append(ends[:, 1], 0).astype(np.int32),
+        "starts": starts, "neighbors": np.append(ends[:, 1], 0).astype(np.int32),
         "alone": logarithm(likely + UNLIKELY).astype(np.float32), "seen": np.ones(places, np.uint8),
     }  # fmt: skip
     layout = {"member": 4 * likely.size, "around": 4 * likely.size}
     run = resources.device.program("potts")
     with Buffers(resources.device, layout, resources.budget, TASK, tables=tables) as buffers:
         resources.device.write(buffers["member"], likely.astype(np.float32))
-        among = [buffers[name] for name in ("starts", "neighbours", "member", "around")]
+        among = [buffers[name] for name in ("starts", "neighbors", "member", "around")]
         become = [buffers[name] for name in ("alone", "around", "seen", "member")]
         for _ in range(_UPDATES):
             run("around", (places, labels), *among, places, labels)

@@ -8,13 +8,13 @@ Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest.
 2. A coarsest level may be given, which no walk has found (`label_maps`).
 3. The walk gets longer from level to level: what is left of the largest eigenvalue below 1 is `persistence` to the
    power of the level, so that larger patterns come with fewer labels. The paper leaves 0.95 at every level.
-4. A node has at most n / 13 neighbours: the paper's 256 of n at fine scales would be all of them at coarse ones.
+4. A node has at most n / 13 neighbors: the paper's 256 of n at fine scales would be all of them at coarse ones.
 5. Above `MOST` superpixels a fixed sample of them is factored, and the others take the mean membership of those
    that are nearest to them.
 6. The paper cuts a label wherever a coarser border crosses it, which leaves rings of crumbs where two levels do not
    quite agree. Here a label is a child of the coarser one that has most of it, and of others that have a fair share;
    a superpixel in none of its children takes the likeliest (`literal`: the paper). So do superpixels
-   among others: G is multiplied by what its neighbours are, a Potts step.
+   among others: G is multiplied by what its neighbors are, a Potts step.
 
 `literal` takes back 3, 4 and 6, the floor of the walk's eigenvalue, and that superpixels of large images settle on
 squares; with share 1 and no level given, the levels are the paper's.
@@ -38,7 +38,7 @@ from ..session.resources import Resources
 from ..superpixels.hierarchy import Hierarchy, hierarchy
 from ..superpixels.slic import SeedGrid
 from ..superpixels.superpixels import COMPACTNESS, Superpixels, finest_scale, superpixels
-from .affinity_graph import NEIGHBOURS, AffinityGraph, similarity_graph
+from .affinity_graph import NEIGHBORS, AffinityGraph, similarity_graph
 from .features import WORKING_PIXELS, Features, SmallLab, features_of, small_lab
 from .potts import UNLIKELY, settled
 from .random_walk import PERSISTENCE, SLOWEST, Walk
@@ -47,7 +47,7 @@ from .stochastic_nmf import Factors, factored
 MOST = 20000  # superpixels up to which all are nodes of the graph
 _PIXEL_BYTES, _EDGE_BYTES = 300, 80  # held at once, per pixel of the reduced image and per edge of the graph
 _NEAREST = 6  # sampled superpixels that one which was left out looks at
-_NODES_PER_NEIGHBOUR, _FEWEST_NEIGHBOURS = 13, 8
+_NODES_PER_NEIGHBOR, _FEWEST_NEIGHBORS = 13, 8
 _PART = 0.25  # of a label that lies in a coarser one, for it to be a child of that
 
 
@@ -56,7 +56,7 @@ class LabelSettings:
     """How labels are found; see `filters.label` for what each does."""
 
     cluster: str = "nmf"
-    neighbours: int = NEIGHBOURS
+    neighbors: int = NEIGHBORS
     persistence: float = PERSISTENCE
     share: float = 0.5
     literal: bool = False
@@ -180,8 +180,8 @@ def _import_scipy() -> None:
 def _require(resources: Resources, window: Window, count: int, settings: LabelSettings) -> None:
     """Refuse what `count` superpixels of a window need, where it does not fit."""
     pixels = min(window.width * window.height, WORKING_PIXELS)
-    need = pixels * _PIXEL_BYTES + min(count, MOST) * settings.neighbours * _EDGE_BYTES
-    resources.require(need, "labelling", "take fewer :neighbours=")
+    need = pixels * _PIXEL_BYTES + min(count, MOST) * settings.neighbors * _EDGE_BYTES
+    resources.require(need, "labeling", "take fewer :neighbors=")
 
 
 def label_levels(
@@ -206,18 +206,18 @@ def label_levels(
 # --- one scale ---
 
 
-def labelled(points: np.ndarray, settings: LabelSettings, level: int, resources: Resources) -> Factors:
+def labeled(points: np.ndarray, settings: LabelSettings, level: int, resources: Resources) -> Factors:
     """Labels of m points, (m, d), found at that level (0: the finest). Every label has a point."""
     m = len(points)
     if m > MOST:
-        return _labelled_by_sample(points, settings, level, resources)
-    neighbours, persistence, slowest = settings.neighbours, settings.persistence, SLOWEST
+        return _labeled_by_sample(points, settings, level, resources)
+    neighbors, persistence, slowest = settings.neighbors, settings.persistence, SLOWEST
     if settings.literal:
         slowest = 0.0
     else:
-        neighbours = min(neighbours, max(_FEWEST_NEIGHBOURS, m // _NODES_PER_NEIGHBOUR))
+        neighbors = min(neighbors, max(_FEWEST_NEIGHBORS, m // _NODES_PER_NEIGHBOR))
         persistence = persistence ** (level + 1)
-    graph = similarity_graph(points, neighbours, resources)
+    graph = similarity_graph(points, neighbors, resources)
     walk = Walk(graph, resources, persistence=persistence, slowest=slowest)
     factors = factored(walk, resources, settings.seed, settings.tries)
     F, G = factors.F[graph.node] / graph.counts[graph.node, None], factors.G[:, graph.node]
@@ -252,12 +252,12 @@ def _by_scikit_learn(settings: LabelSettings, points: np.ndarray, graph: Affinit
     return np.unique(model.fit(graph.weights()).labels_, return_inverse=True)[1][graph.node]
 
 
-def _labelled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, resources: Resources) -> Factors:
+def _labeled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, resources: Resources) -> Factors:
     from scipy.spatial import cKDTree  # of very long images alone
 
     random = np.random.default_rng(settings.seed)
     chosen = np.sort(random.choice(len(points), MOST, replace=False))
-    small = labelled(points[chosen], settings, level, resources)
+    small = labeled(points[chosen], settings, level, resources)
     _, near = cKDTree(points[chosen]).query(points, _NEAREST)
     G = small.G[:, near].mean(2)
     F = small.F[near].mean(1)
@@ -271,7 +271,7 @@ def _labelled_by_sample(points: np.ndarray, settings: LabelSettings, level: int,
 def _bottom_up(
     hierarchy: Hierarchy, features: Features, settings: LabelSettings, edges: np.ndarray, resources: Resources
 ) -> list[LabelLevel]:
-    """Levels labelled each for itself, finest first; neither parents nor intersections yet."""
+    """Levels labeled each for itself, finest first; neither parents nor intersections yet."""
     levels: list[LabelLevel] = []
     at = 0
     while True:
@@ -293,7 +293,7 @@ def _level(
 ) -> LabelLevel:
     groups = hierarchy.partition(at)
     values = features(groups)
-    factors = labelled(values, settings, level, resources)
+    factors = labeled(values, settings, level, resources)
     count, likely = len(factors.G), factors.G[:, groups]
     labels = likely.argmax(0) if settings.literal else settled(likely, edges, resources)
     scale, parents = float(hierarchy.sigmas[at]), np.zeros(count, np.int64)

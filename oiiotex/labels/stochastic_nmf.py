@@ -140,7 +140,7 @@ def _error(
 def memberships_of(
     start: np.ndarray, quadratic: np.ndarray, linear: np.ndarray, inverse: np.ndarray, steps: int, resources: Resources
 ) -> np.ndarray:
-    """Rows x on the simplex that minimise x Q x^T / 2 - x c^T, (n, r) float32.
+    """Rows x on the simplex that minimize x Q x^T / 2 - x c^T, (n, r) float32.
 
     `start` (n, r) float32; `quadratic` (r, r) float32; `linear` (n, r) float32; `inverse` (r + 8,) float32.
     """
@@ -159,7 +159,7 @@ def memberships_of(
 def distributions(
     start: np.ndarray, quadratic: np.ndarray, linear: np.ndarray, inverse: np.ndarray, resources: Resources
 ) -> np.ndarray:
-    """Columns on the simplex, F (n, r) float32, that minimise tr(F Q F^T) / 2 - tr(F C), by a few steps.
+    """Columns on the simplex, F (n, r) float32, that minimize tr(F Q F^T) / 2 - tr(F C), by a few steps.
 
     `start` (n, r) float32; `quadratic` (r, r) float32; `linear` (r, n) float32; `inverse` (n + 8,) float32.
     """

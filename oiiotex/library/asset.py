@@ -25,16 +25,16 @@ from ..api.files import Allowed, hash_of, read_as, writing_only_below
 from ..api.images import TAG, Image, Session, read
 from ..api.lines import LANGUAGE, Frame, Task, parse, work
 from ..api.lines import Job as LineJob
-from ..api.materials import label_colours
+from ..api.materials import label_colors
 from ..deferred import np, oiio
 from ..errors import Error, MemoryBudgetError, one_line, within
 from ..recipes.found import Material, extract, link_or_copy
 from ..recipes.lines import SOURCE, ProductStep, source_name, steps_of
 from ..recipes.recipe import LibraryRecipe
-from .catalogue import SIDECAR
+from .catalog import SIDECAR
 
 SCHEMA = "oiiotex.asset/2"
-_STEP = 0.1  # of a height map's range, between neighbours
+_STEP = 0.1  # of a height map's range, between neighbors
 
 
 class _File(TypedDict):
@@ -82,7 +82,7 @@ def key_of(material: Material, recipe: LibraryRecipe, digests: Mapping[str, str]
     known = material.facts
     return hash_of(
         SCHEMA, __version__, material.name, sorted(digests.items()), _maps(material),
-        known.licence, known.author, known.tags, known.size_m,
+        known.license, known.author, known.tags, known.size_m,
         recipe.products, recipe.deliver, [str(limit) for limit in recipe.limits], sorted(recipe.roles.items()),
     )[:16]  # fmt: skip
 
@@ -173,7 +173,7 @@ class _Making:
         labels = self._labels(steps, maps["color"])
         if labels:
             measures["labels"] = len(labels)
-        metres = self._metres_a_pixel(tile, steps)
+        meters = self._meters_a_pixel(tile, steps)
         hand, lattice = self._hand(), bool(steps_px)
         looks = materials.Looks.of(maps, _session(job).resources, hand)
         for name, picture in looks.pictures(recipe.deliver.shape, lattice).items():
@@ -199,12 +199,12 @@ class _Making:
         sidecar = {
             "schema": SCHEMA, "version": __version__, "name": material.name,
             "key": key_of(material, recipe, dict(job.digests)), "status": "review" if reasons else "ok",
-            "reasons": reasons, "licence": facts.licence, "author": facts.author, "tags": list(facts.tags),
+            "reasons": reasons, "license": facts.license, "author": facts.author, "tags": list(facts.tags),
             "size_m": list(facts.size_m), "width": spec.width, "height": spec.height,
-            "colour_lab": [round(float(value), 3) for value in looks.mean_lab()], "lattice": steps_px,
-            "tile_m": [metres[0] * spec.width, metres[1] * spec.height] if metres else [],
-            "lattice_m": [[metres[0] * x, metres[1] * y] for x, y in steps_px] if metres else [],
-            "labels": [{"name": name, "share": share, "colour_lab": lab} for name, share, lab in labels],
+            "color_lab": [round(float(value), 3) for value in looks.mean_lab()], "lattice": steps_px,
+            "tile_m": [meters[0] * spec.width, meters[1] * spec.height] if meters else [],
+            "lattice_m": [[meters[0] * x, meters[1] * y] for x, y in steps_px] if meters else [],
+            "labels": [{"name": name, "share": share, "color_lab": lab} for name, share, lab in labels],
             "normals": hand, "sources": self._sources(),
             "lines": {step.product: shlex.join(["oiiotex", *step.words]) for step in steps},
             "products": keys, "maps": dict(tile.outputs), "measures": measures, "files": self._files(),
@@ -269,8 +269,8 @@ class _Making:
             return ""
         return self.job.recipe.deliver.normals or normal.hand
 
-    def _space(self, colour: Image) -> str:
-        return self.job.recipe.deliver.colour or colour.first.spec.get_string_attribute(TAG)
+    def _space(self, color: Image) -> str:
+        return self.job.recipe.deliver.color or color.first.spec.get_string_attribute(TAG)
 
     def _measures(self, product: str, maps: Mapping[str, Image]) -> tuple[dict[str, float], list[list[float]]]:
         """What the tile's own report says, and what maps of normals and heights are like; its lattice, px."""
@@ -286,16 +286,16 @@ class _Making:
             measures["height_steps"] = _steps(materials.values(maps["height"])[..., 0])
         return measures, lattice
 
-    def _labels(self, steps: Sequence[ProductStep], colour: Image) -> list[tuple[str, float, list[float]]]:
-        """The labels of the first product that has label maps, by name, share and colour."""
+    def _labels(self, steps: Sequence[ProductStep], color: Image) -> list[tuple[str, float, list[float]]]:
+        """The labels of the first product that has label maps, by name, share and color."""
         for step in steps:
             for path in sorted((self.folder / step.product).glob("*.exr")):
-                labels = label_colours(read(path), colour, _session(self.job).resources)
+                labels = label_colors(read(path), color, _session(self.job).resources)
                 if labels:
                     return labels
         return []
 
-    def _metres_a_pixel(self, tile: ProductStep, steps: Sequence[ProductStep]) -> tuple[float, ...]:
+    def _meters_a_pixel(self, tile: ProductStep, steps: Sequence[ProductStep]) -> tuple[float, ...]:
         """Of the tile along x and y, where the photo's size is known and no line on the way to it has resized it."""
         size, needed = self.job.material.facts.size_m, {tile.product}
         for step in reversed(steps):
@@ -327,7 +327,7 @@ class _Making:
 
 
 def role_of(path: str) -> str:
-    """What a file of an asset is, for the catalogue: its product, or what it is itself."""
+    """What a file of an asset is, for the catalog: its product, or what it is itself."""
     return path.split("/")[0] if "/" in path else Path(path).stem if path.endswith(".jpg") else Path(path).suffix[1:]
 
 
@@ -337,7 +337,7 @@ def _maps(material: Material) -> list[tuple[str, str, str, str]]:
 
 
 def _steps(heights: np.ndarray) -> float:
-    """Share of neighbours, around the borders of the tile, too, that differ by more than a tenth of the map's range."""
+    """Share of neighbors, around the borders of the tile, too, that differ by more than a tenth of the map's range."""
     most = _STEP * max(float(np.ptp(heights)), 1e-9)
     shares = [np.mean(np.abs(heights - np.roll(heights, 1, axis)) > most) for axis in (0, 1)]
     return float(np.mean(shares))
@@ -353,7 +353,7 @@ def _write_texture(source: Path, target: Path) -> None:
         raise Error(f"{target}: {oiio.geterror()}")
 
 
-_sessions: list[Session] = []  # the one that this process draws with: its colour config takes a while to load
+_sessions: list[Session] = []  # the one that this process draws with: its color config takes a while to load
 
 
 def _session(job: AssetJob) -> Session:

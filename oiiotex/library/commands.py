@@ -18,7 +18,7 @@ from ..errors import Error, ParameterError, one_line
 
 if TYPE_CHECKING:
     from ..api.lines import Display
-    from .catalogue import Catalogue
+    from .catalog import Catalog
     from .search import AssetSearch
 
 _SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
@@ -86,9 +86,9 @@ def _add_search(parser: argparse.ArgumentParser, status: str = "") -> None:
     group.add_argument("--status", default=status, choices=choices)
     group.add_argument("--tag", default="")
     group.add_argument("--measure", action="append", default=[], metavar="LIMIT", help="such as seam<1.2; all hold")
-    group.add_argument("--color", default="", metavar="RRGGBB", help="sRGB; the nearest mean colours come first")
+    group.add_argument("--color", default="", metavar="RRGGBB", help="sRGB; the nearest mean colors come first")
     group.add_argument("--distance", type=float, default=15.0, metavar="LAB", help="from --color at most (15)")
-    group.add_argument("--size", default="", metavar="[<>]WxH[m]", help="px, or metres; > or <: at least or at most")
+    group.add_argument("--size", default="", metavar="[<>]WxH[m]", help="px, or meters; > or <: at least or at most")
     text = "NAME or #RRGGBB of labels; behind it >0.2: of more than a fifth"
     group.add_argument("--label", default="", metavar="TERM", help=text)
 
@@ -140,7 +140,7 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
         if not match or int(match[1]) > int(match[2]) or given.join:
             raise ParameterError(f"--share {given.share}: expected I/N, I from 1 to N, N to 999999, without --join")
         share = int(match[1]), int(match[2])
-    from .catalogue import Catalogue
+    from .catalog import Catalog
     from .export import blender_list, write_blender
     from .ingest import IngestSettings, ingest
     from .report import write_report
@@ -160,9 +160,9 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
     with _display(given) as display:
         tally = ingest(given.photos, given.library, recipe, settings, say, display)
     if share == (0, 0) and (tally.made or lines or not (given.library / "report.html").is_file()):
-        with Catalogue(given.library) as catalogue:
-            write_blender(catalogue, given.library)
-            write_report(catalogue, given.library.resolve().name)
+        with Catalog(given.library) as catalog:
+            write_blender(catalog, given.library)
+            write_report(catalog, given.library.resolve().name)
     if not given.quiet:
         counts = ", ".join(f"{count} {status}" for status, count in sorted(tally.counts.items())) or "nothing found"
         print(f"{tally.made} made, {tally.unchanged} unchanged: {counts}; {tally.seconds:.1f} s")
@@ -211,8 +211,8 @@ def _search(given: argparse.Namespace) -> AssetSearch:
 
 
 def _list(given: argparse.Namespace, words: list[str]) -> int:
-    with _catalogue(given) as catalogue:
-        chosen = _search(given).assets(catalogue)
+    with _catalog(given) as catalog:
+        chosen = _search(given).assets(catalog)
     lines = []
     for asset, measures in chosen:
         size = f"{asset.width}x{asset.height}" if asset.width else "-"
@@ -225,17 +225,17 @@ def _list(given: argparse.Namespace, words: list[str]) -> int:
 def _show(given: argparse.Namespace, words: list[str]) -> int:
     from .upkeep import shown
 
-    with _catalogue(given) as catalogue:
-        print(json.dumps(shown(catalogue, given.name), indent=1, ensure_ascii=False))
+    with _catalog(given) as catalog:
+        print(json.dumps(shown(catalog, given.name), indent=1, ensure_ascii=False))
     return 0
 
 
 def _check(given: argparse.Namespace, words: list[str]) -> int:
     from .upkeep import check, orphans
 
-    with _catalogue(given) as catalogue:
-        faults = list(check(catalogue))
-        left, count = len(orphans(catalogue)), len(catalogue.assets())
+    with _catalog(given) as catalog:
+        faults = list(check(catalog))
+        left, count = len(orphans(catalog)), len(catalog.assets())
     for fault in faults:
         print(one_line(fault))
     print(f"{count} assets, {len(faults)} faults" + (f"; {left} folders that gc removes" if left else ""))
@@ -245,8 +245,8 @@ def _check(given: argparse.Namespace, words: list[str]) -> int:
 def _gc(given: argparse.Namespace, words: list[str]) -> int:
     from .upkeep import collect_garbage
 
-    with _catalogue(given) as catalogue:
-        folders, freed = collect_garbage(catalogue)
+    with _catalog(given) as catalog:
+        folders, freed = collect_garbage(catalog)
     print(f"{folders} folders removed, {freed / 1e6:.1f} MB")
     return 0
 
@@ -254,16 +254,16 @@ def _gc(given: argparse.Namespace, words: list[str]) -> int:
 def _export(given: argparse.Namespace, words: list[str]) -> int:
     from .export import export
 
-    with _catalogue(given) as catalogue:
-        chosen = [asset for asset, _ in _search(given).assets(catalogue) if asset.folder]
+    with _catalog(given) as catalog:
+        chosen = [asset for asset, _ in _search(given).assets(catalog) if asset.folder]
         if not chosen:
             raise Error("no asset fits: nothing to export")
-        count = export(catalogue, given.target, chosen, lambda name: print(one_line(name)))
+        count = export(catalog, given.target, chosen, lambda name: print(one_line(name)))
     print(f"{count} copied, {len(chosen) - count} as they were")
     return 0
 
 
-def _catalogue(given: argparse.Namespace) -> Catalogue:
-    from .catalogue import Catalogue
+def _catalog(given: argparse.Namespace) -> Catalog:
+    from .catalog import Catalog
 
-    return Catalogue(given.library)
+    return Catalog(given.library)

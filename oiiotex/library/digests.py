@@ -11,17 +11,17 @@ from pathlib import Path
 from ..errors import one_line
 from ..recipes.found import Material
 from .asset import digest_of
-from .catalogue import Catalogue
+from .catalog import Catalog
 from .runs import FoldersAlone
 
 _READERS = 4  # threads that hash files
 
 
 def digests_of(
-    photos: Path, found: Sequence[Material], catalogue: Catalogue | FoldersAlone
+    photos: Path, found: Sequence[Material], catalog: Catalog | FoldersAlone
 ) -> tuple[dict[str, str], dict[str, str]]:
     """The SHA-256 of every file that is used, and why others have none; what is as it was is not read again."""
-    known, digests, unread, new = catalogue.sources(), dict[str, str](), dict[str, str](), []
+    known, digests, unread, new = catalog.sources(), dict[str, str](), dict[str, str](), []
     for path in sorted({file.path for material in found for file in material.maps.values()}):
         if not is_text(path):
             unread[path] = f"{one_line(path)}: its name is not UTF-8: rename it"
@@ -49,9 +49,7 @@ def digests_of(
     unread |= {row[0]: _why(row[0], digest) for row, digest in made if isinstance(digest, OSError)}
     read = [(row, digest) for row, digest in made if isinstance(digest, str)]
     if read:
-        catalogue.remember_sources(
-            (str(photos / path), size, changed, digest) for (path, size, changed), digest in read
-        )
+        catalog.remember_sources((str(photos / path), size, changed, digest) for (path, size, changed), digest in read)
     return digests | {row[0]: digest for row, digest in read}, unread
 
 

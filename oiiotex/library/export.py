@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Assets handed on: copied into a folder, each under its name, with an index and Blender's catalogue."""
+"""Assets handed on: copied into a folder, each under its name, with an index and Blender's catalog."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from ..api import materials
 from ..api.files import temporary_beside
 from ..errors import Error, ParameterError
 from .asset import SCHEMA, read_sidecar
-from .catalogue import SIDECAR, Asset, Catalogue
+from .catalog import SIDECAR, Asset, Catalog
 
 INDEX, EXPORT_SCHEMA = "index.json", "oiiotex.export/1"
 
 
-def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Callable[[str], object]) -> int:
-    """Copy assets that have a folder into another, each under its name, with an index and Blender's catalogue.
+def export(catalog: Catalog, target: Path, chosen: Sequence[Asset], done: Callable[[str], object]) -> int:
+    """Copy assets that have a folder into another, each under its name, with an index and Blender's catalog.
 
     Returns how many were copied: the others are as they were.
     """
     count, index = 0, []
-    if target.resolve().is_relative_to(catalogue.library.resolve()):
+    if target.resolve().is_relative_to(catalog.library.resolve()):
         raise ParameterError(f"{target}: lies in the library: export to a folder outside of it")
     for asset in chosen:
         _require_replaceable(target / asset.name)
     if os.path.lexists(target / INDEX) and not _is_of(EXPORT_SCHEMA, target / INDEX):
         raise _foreign(target / INDEX, "index of an export")
-    blender = _blender_text(catalogue, target)
+    blender = _blender_text(catalog, target)
     try:
         target.mkdir(parents=True, exist_ok=True)
         for asset in chosen:
-            source, final = catalogue.library / asset.folder, target / asset.name
+            source, final = catalog.library / asset.folder, target / asset.name
             index.append(asset.name)
             if _same(final, asset):
                 continue
@@ -57,13 +57,13 @@ def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Ca
     return count
 
 
-def write_blender(catalogue: Catalogue, folder: Path) -> None:
-    """Blender's list of catalogues: one for each first tag, and one for what has none; what others put there stays."""
-    _write(folder / materials.BLENDER, _blender_text(catalogue, folder))
+def write_blender(catalog: Catalog, folder: Path) -> None:
+    """Blender's list of catalogs: one for each first tag, and one for what has none; what others put there stays."""
+    _write(folder / materials.BLENDER, _blender_text(catalog, folder))
 
 
 def blender_list(folder: Path) -> str:
-    """Blender's list of catalogues as it is there; '' where there is none."""
+    """Blender's list of catalogs as it is there; '' where there is none."""
     path = folder / materials.BLENDER
     if not os.path.lexists(path):
         return ""
@@ -71,12 +71,12 @@ def blender_list(folder: Path) -> str:
         text = path.read_text() if path.is_file() else ""  # reading a pipe would wait
         if "VERSION 1" in text.splitlines():
             return text
-    raise _foreign(path, "list of Blender's catalogues")
+    raise _foreign(path, "list of Blender's catalogs")
 
 
-def _blender_text(catalogue: Catalogue, folder: Path) -> str:
-    paths = {f"Materials/{next(iter(tags))}" for tags in catalogue.tags().values()} | {"Materials"}
-    return materials.blender_catalogue(paths, blender_list(folder))
+def _blender_text(catalog: Catalog, folder: Path) -> str:
+    paths = {f"Materials/{next(iter(tags))}" for tags in catalog.tags().values()} | {"Materials"}
+    return materials.blender_catalog(paths, blender_list(folder))
 
 
 def _write(path: Path, text: str) -> None:

@@ -3,7 +3,7 @@
 
 Who makes an asset claims it first, so two runs on one library share the work. An asset is a folder named by the hash of
 all that it follows from: made aside, renamed in one go, then recorded. Whatever kills a run, a folder that is there is
-whole, and what the catalogue says is there.
+whole, and what the catalog says is there.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ..recipes.found import Material, materials
 from ..recipes.lines import require_confined, require_lines
 from ..recipes.recipe import LibraryRecipe
 from .asset import AssetJob, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
-from .catalogue import PLACES, SIDECAR, Asset, AssetLabel, Catalogue
+from .catalog import PLACES, SIDECAR, Asset, AssetLabel, Catalog
 from .digests import digests_of, is_text
 from .runs import WORK, FoldersAlone
 
@@ -39,7 +39,7 @@ _DIED = "its process has ended of itself: killed, or out of memory?"
 class IngestSettings(NamedTuple):
     """How a run goes about it.
 
-    `share`: make these of the materials and leave the catalogue alone: number and count; (0, 0): all.
+    `share`: make these of the materials and leave the catalog alone: number and count; (0, 0): all.
     """
 
     workers: int = 0  # Processes; 0: as many as there are threads and materials
@@ -84,9 +84,9 @@ def ingest(
     number, count = settings.share
     if count:
         found = found[number - 1 :: count]
-    with FoldersAlone(library) if count else Catalogue(library, create=True) as catalogue, catalogue.run() as run:
-        digests, unread = digests_of(photos, found, catalogue)
-        work = _IngestRun(photos, library, recipe, settings, say, display, catalogue, run)
+    with FoldersAlone(library) if count else Catalog(library, create=True) as catalog, catalog.run() as run:
+        digests, unread = digests_of(photos, found, catalog)
+        work = _IngestRun(photos, library, recipe, settings, say, display, catalog, run)
         todo = work.plan(found, digests, unread)
         return work.carry_out(todo, len(found), start)
 
@@ -101,7 +101,7 @@ class _IngestRun:
     settings: IngestSettings
     say: Callable[[str], object]
     display: Display
-    catalogue: Catalogue | FoldersAlone
+    catalog: Catalog | FoldersAlone
     name: str
     counts: dict[str, int] = field(default_factory=dict)
     made: int = 0
@@ -109,7 +109,7 @@ class _IngestRun:
 
     def plan(self, found: Sequence[Material], digests: dict[str, str], unread: dict[str, str]) -> list[AssetJob]:
         """What is to be made; questions and what cannot be read are recorded, and what is as it was is counted."""
-        old, asked, todo = self.catalogue.assets(), list[tuple[Any, ...]](), []
+        old, asked, todo = self.catalog.assets(), list[tuple[Any, ...]](), []
         self.total = len(found)  # until it is known how many are to be made
         for material in found:
             before = old.get(material.name)
@@ -137,7 +137,7 @@ class _IngestRun:
                 continue
             todo.append(job)
         if asked:
-            self.catalogue.put_all(asked)
+            self.catalog.put_all(asked)
         return todo
 
     def _taken_by_another(self, before: Asset | None, key: str) -> tuple[str, ...]:
@@ -160,7 +160,7 @@ class _IngestRun:
         later, self.total = list(todo), self.made + len(todo)
         self.display.stage("ingest", True)
         while later:
-            self.catalogue.sweep()
+            self.catalog.sweep()
             tried: set[str] = set()
             self._make(self._claimed(later, tried), len(later))
             later = [job for job in later if job.material.name not in tried]
@@ -173,12 +173,12 @@ class _IngestRun:
         """Those that nobody has made and nobody is at, each claimed when it is asked for: two runs share them."""
         for job in jobs:
             name = job.material.name
-            if not self.catalogue.claim(name, self.name):
+            if not self.catalog.claim(name, self.name):
                 continue
             tried.add(name)
-            asset = self.catalogue.asset(name)
+            asset = self.catalog.asset(name)
             if asset and self._is_made(asset, self._key(job)):  # by another run, meanwhile
-                self.catalogue.release(name, self.name)
+                self.catalog.release(name, self.name)
                 self._count(asset.status)
                 continue
             there = self._there(job)
@@ -257,13 +257,13 @@ class _IngestRun:
             self._count("failed")
             self.say(f"{name}: failed: {outcome.error}")
             why, root = (outcome.error,), str(self.photos)
-            self.catalogue.put(Asset(name, self._key(job), "failed", "", why, root, seconds=outcome.seconds))
-            self.catalogue.release(name, self.name)
+            self.catalog.put(Asset(name, self._key(job), "failed", "", why, root, seconds=outcome.seconds))
+            self.catalog.release(name, self.name)
             return
         folder = self._published(job, sidecar)
         self._count(sidecar["status"])
-        self.catalogue.put(*_row(self.library, folder, sidecar, str(self.photos)))
-        self.catalogue.release(name, self.name)
+        self.catalog.put(*_row(self.library, folder, sidecar, str(self.photos)))
+        self.catalog.release(name, self.name)
         own = sidecar["measures"]
         measures = ", ".join(f"{m} {own[m]:.3g}" for m in ("seam", "repeat") if m in own)
         reasons = f" ({'; '.join(sidecar['reasons'])})" if sidecar["reasons"] else ""
@@ -290,20 +290,20 @@ class _IngestRun:
 
 
 def _row(library: Path, folder: str, sidecar: dict[str, Any], root: str) -> tuple[Any, ...]:
-    """An asset as the catalogue has it; TypeError, ValueError or KeyError where the sidecar is none that we write."""
-    names = ("name", "key", "status", "licence", "author", "made")
-    name, key, status, licence, author, made = _texts(sidecar[key] for key in names)
+    """An asset as the catalog has it; TypeError, ValueError or KeyError where the sidecar is none that we write."""
+    names = ("name", "key", "status", "license", "author", "made")
+    name, key, status, license, author, made = _texts(sidecar[key] for key in names)
     asset = Asset(
         name, key, status, folder, _texts(sidecar["reasons"]), root,
-        licence, author, int(sidecar["width"]), int(sidecar["height"]),
+        license, author, int(sidecar["width"]), int(sidecar["height"]),
         _numbers(sidecar["tile_m"] or sidecar["size_m"]),
-        _numbers(sidecar["colour_lab"]), float(sidecar["seconds"]), made,
+        _numbers(sidecar["color_lab"]), float(sidecar["seconds"]), made,
     )  # fmt: skip
     path = library / folder / SIDECAR
     files = [(*_texts((f["path"], f["role"])), int(f["bytes"]), *_texts([f["sha256"]])) for f in sidecar["files"]]
     files.append((SIDECAR, role_of(SIDECAR), path.stat().st_size, digest_of(path)))
     labels = [
-        AssetLabel(_texts([one["name"]])[0], float(one["share"]), _numbers(one["colour_lab"]))
+        AssetLabel(_texts([one["name"]])[0], float(one["share"]), _numbers(one["color_lab"]))
         for one in sidecar["labels"]
     ]
     measures = sidecar["measures"]

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 from ..api.files import temporary_beside
-from .catalogue import Asset, Catalogue
+from .catalog import Asset, Catalog
 
 FILE = "report.html"
 _MOST = 1000
@@ -43,10 +43,10 @@ document.querySelector('input').addEventListener('input',e=>{const t=e.target.va
 _ORDER = {"failed": 0, "asked": 1, "review": 2, "ok": 3}
 
 
-def write_report(catalogue: Catalogue, title: str) -> Path:
+def write_report(catalog: Catalog, title: str) -> Path:
     """Write the page of a library; returns where it lies."""
-    assets = sorted(catalogue.assets().values(), key=lambda asset: (_ORDER[asset.status], asset.name))
-    measures = catalogue.measures()
+    assets = sorted(catalog.assets().values(), key=lambda asset: (_ORDER[asset.status], asset.name))
+    measures = catalog.measures()
     named = {name for own in measures.values() for name in own}
     columns = [name for name in _COLUMNS if name in named]
     counts = {status: sum(asset.status == status for asset in assets) for status in reversed(_ORDER)}
@@ -54,7 +54,7 @@ def write_report(catalogue: Catalogue, title: str) -> Path:
     if len(assets) > _MOST:
         summary += f"; the first {_MOST} are shown, what is not ok before the rest"
     heads = ["picture: lit, 2 × 2, image | hextiledimage", "name", "status", "why", "size", *columns, "seconds"]
-    rows = [_row(catalogue.library, asset, measures.get(asset.name, {}), columns) for asset in assets[:_MOST]]
+    rows = [_row(catalog.library, asset, measures.get(asset.name, {}), columns) for asset in assets[:_MOST]]
     made = time.strftime("%Y-%m-%d %H:%M")
     page = (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
@@ -63,7 +63,7 @@ def write_report(catalogue: Catalogue, title: str) -> Path:
         f"<table><thead><tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr></thead>"
         f"<tbody>{''.join(rows)}</tbody></table><script>{_SCRIPT}</script></html>\n"
     )
-    path = catalogue.library / FILE
+    path = catalog.library / FILE
     with temporary_beside(path) as temporary:
         temporary.write_text(page)
     return path

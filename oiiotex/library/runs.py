@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs beside each other on one library: locks that go with their process, and machines without the catalogue."""
+"""Runs beside each other on one library: locks that go with their process, and machines without the catalog."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..errors import Error
 from ..recipes.found import LIBRARY
 
 if TYPE_CHECKING:
-    from .catalogue import Asset
+    from .catalog import Asset
 
 try:
     import fcntl
@@ -29,7 +29,7 @@ _BROKEN = ("SQLITE_NOTADB", "SQLITE_CORRUPT")  # files of which SQLite reads not
 
 
 class FoldersAlone:
-    """Stands for the catalogue on a machine of a farm: folders are written, and a later run records them."""
+    """Stands for the catalog on a machine of a farm: folders are written, and a later run records them."""
 
     def __init__(self, library: Path):
         self.library = library
@@ -68,7 +68,7 @@ class FoldersAlone:
         return folder_of_run(self.library)
 
     def sweep(self) -> None:
-        """It is for who has the catalogue."""
+        """It is for who has the catalog."""
 
     def claim(self, asset: str, run: str) -> bool:
         """Shares do not overlap."""

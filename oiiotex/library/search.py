@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a library is looked for: names, measures, colours, sizes."""
+"""What of a library is looked for: names, measures, colors, sizes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from ..api.files import Limit
 from ..errors import ParameterError
-from .catalogue import Asset, AssetLabel, Catalogue
+from .catalog import Asset, AssetLabel, Catalog
 
 _HEX = re.compile(r"#?([0-9a-fA-F]{6})")
 _SIZE = re.compile(r"([<>]?)(\d+(?:\.\d+)?)x(\d+(?:\.\d+)?)(m?)", re.ASCII)
@@ -23,7 +23,7 @@ _LABEL = re.compile(r"(.+?)(?:>(\d*\.?\d+))?", re.ASCII)
 class AssetSearch:
     """What is looked for; '' and () ask for nothing.
 
-    `size`: WIDTHxHEIGHT, px, or with an m behind it, metres; behind > or <: larger or smaller along both sides, or
+    `size`: WIDTHxHEIGHT, px, or with an m behind it, meters; behind > or <: larger or smaller along both sides, or
     equal; `label`: NAME, with * and ?, or #RRGGBB, of labels; NAME>SHARE: which together cover more than that share, 0
     to 1.
     """
@@ -33,22 +33,22 @@ class AssetSearch:
     tag: str = ""
     measures: tuple[str, ...] = ()  # NAME>NUMBER or NAME<NUMBER: all must hold
     color: str = ""  # RRGGBB in sRGB
-    distance: float = 15.0  # From it to the mean colour, Lab, at most
+    distance: float = 15.0  # From it to the mean color, Lab, at most
     size: str = ""
     label: str = ""
 
-    def assets(self, catalogue: Catalogue) -> list[tuple[Asset, dict[str, float]]]:
-        """What fits, with its measures; by colour the nearest first, by label the most first, else by name."""
+    def assets(self, catalog: Catalog) -> list[tuple[Asset, dict[str, float]]]:
+        """What fits, with its measures; by color the nearest first, by label the most first, else by name."""
         limits = [Limit.read(text, "--measure") for text in self.measures]
         if not self.distance >= 0:
             raise ParameterError(f"--distance {self.distance:g}: expected a number >= 0")
         lab, fits, share_of = _lab("--color", self.color), _size(self.size), _share(self.label, self.distance)
-        measures = catalogue.measures()
+        measures = catalog.measures()
         _require_known(limits, measures)
-        tags = catalogue.tags() if self.tag else {}
-        labels = catalogue.labels() if self.label else {}
+        tags = catalog.tags() if self.tag else {}
+        labels = catalog.labels() if self.label else {}
         chosen = []
-        for asset in catalogue.assets().values():
+        for asset in catalog.assets().values():
             own = measures.get(asset.name, {})
             if (
                 (not self.name or fnmatch.fnmatchcase(asset.name, self.name))
@@ -87,7 +87,7 @@ def _lab(option: str, text: str) -> tuple[float, ...]:
 
 
 def _share(text: str, distance: float) -> Callable[[Sequence[AssetLabel]], float]:
-    """How much of an asset has labels of a name or a colour, 0 where it is not more than is asked for."""
+    """How much of an asset has labels of a name or a color, 0 where it is not more than is asked for."""
     match = _LABEL.fullmatch(text)
     wanted, least = (match[1], float(match[2] or 0)) if match else ("", 0.0)
     if least >= 1 or ">" in wanted:
@@ -110,7 +110,7 @@ def _size(text: str) -> Callable[[Asset], bool]:
         return lambda asset: True
     match = _SIZE.fullmatch(text)
     if not match:
-        raise ParameterError(f"--size {text}: expected WIDTHxHEIGHT, > or < before it, and m for metres behind it")
+        raise ParameterError(f"--size {text}: expected WIDTHxHEIGHT, > or < before it, and m for meters behind it")
     wanted = float(match[2]), float(match[3])
     compare = {">": operator.ge, "<": operator.le, "": operator.eq}[match[1]]
 

@@ -12,22 +12,22 @@ from typing import Any
 from ..api import materials
 from ..errors import Error
 from .asset import faults, read_sidecar
-from .catalogue import PLACES, SIDECAR, Catalogue
+from .catalog import PLACES, SIDECAR, Catalog
 from .runs import WORK
 
 
-def check(catalogue: Catalogue) -> Iterator[str]:
+def check(catalog: Catalog) -> Iterator[str]:
     """What is wrong with a library: every file is hashed, every document validated.
 
-    Folders that the catalogue does not name are no fault: a run was killed, or a newer asset took their place.
+    Folders that the catalog does not name are no fault: a run was killed, or a newer asset took their place.
     """
-    yield from catalogue.faults()
+    yield from catalog.faults()
     materialx = materials.has_materialx()
-    for asset in catalogue.assets().values():
+    for asset in catalog.assets().values():
         if not asset.folder:
             continue
-        folder = catalogue.library / asset.folder
-        rows = catalogue.files(asset.name)
+        folder = catalog.library / asset.folder
+        rows = catalog.files(asset.name)
         yield from faults(folder, [{"path": path, "bytes": size, "sha256": digest} for path, _, size, digest in rows])
         try:
             sidecar = read_sidecar(folder)
@@ -35,7 +35,7 @@ def check(catalogue: Catalogue) -> Iterator[str]:
             yield str(error)
             continue
         if (sidecar["name"], sidecar["key"], sidecar["status"]) != asset[:3]:
-            yield f"{folder / SIDECAR}: says something else than the catalogue"
+            yield f"{folder / SIDECAR}: says something else than the catalog"
         document = folder / f"{asset.name}.mtlx"
         if materialx and document.is_file():
             yield from dict.fromkeys(materials.materialx_faults(document))
@@ -44,13 +44,13 @@ def check(catalogue: Catalogue) -> Iterator[str]:
             yield from dict.fromkeys(materials.usd_faults(stage))
 
 
-def orphans(catalogue: Catalogue) -> list[Path]:
+def orphans(catalog: Catalog) -> list[Path]:
     """Folders of assets that another folder has replaced.
 
-    What was made of one that now fails is none, nor what the catalogue knows nothing of: it has lost a row, or a run
+    What was made of one that now fails is none, nor what the catalog knows nothing of: it has lost a row, or a run
     was killed, and `ingest` records it.
     """
-    assets, library = catalogue.assets(), catalogue.library
+    assets, library = catalog.assets(), catalog.library
     named = {asset.folder for asset in assets.values() if asset.folder}
     replaced = {asset.name for asset in assets.values() if asset.folder}
     folders = [folder for place in PLACES for folder in sorted((library / place).glob("*/*")) if folder.is_dir()]
@@ -61,15 +61,15 @@ def orphans(catalogue: Catalogue) -> list[Path]:
     ]
 
 
-def collect_garbage(catalogue: Catalogue) -> tuple[int, int]:
+def collect_garbage(catalog: Catalog) -> tuple[int, int]:
     """Remove what newer assets have replaced: (folders, bytes)."""
-    with catalogue.run() as run:
-        if len(list((catalogue.library / WORK).glob("run-*"))) > 1:
-            raise Error(f"{catalogue.library}: a run is at work: gc when it has ended")
-        folders, freed = orphans(catalogue), 0
+    with catalog.run() as run:
+        if len(list((catalog.library / WORK).glob("run-*"))) > 1:
+            raise Error(f"{catalog.library}: a run is at work: gc when it has ended")
+        folders, freed = orphans(catalog), 0
         for number, folder in enumerate(folders):
             freed += sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-            aside = catalogue.library / WORK / run / str(number)
+            aside = catalog.library / WORK / run / str(number)
             folder.rename(aside)  # gone in one go, and swept if this is killed
             shutil.rmtree(aside, ignore_errors=True)
             with contextlib.suppress(OSError):  # another version is there
@@ -77,14 +77,14 @@ def collect_garbage(catalogue: Catalogue) -> tuple[int, int]:
     return len(folders), freed
 
 
-def shown(catalogue: Catalogue, name: str) -> dict[str, Any]:
+def shown(catalog: Catalog, name: str) -> dict[str, Any]:
     """All that is known of an asset."""
-    asset = catalogue.asset(name)
+    asset = catalog.asset(name)
     if asset is None:
-        raise Error(f"{catalogue.library}: no asset '{name}': oiiotex-library list {catalogue.library} lists them")
+        raise Error(f"{catalog.library}: no asset '{name}': oiiotex-library list {catalog.library} lists them")
     facts: dict[str, Any] = {
         "name": asset.name, "status": asset.status, "reasons": list(asset.reasons), "photos": asset.root,
     }  # fmt: skip
     if asset.folder:
-        facts |= {"folder": str(catalogue.library / asset.folder)} | read_sidecar(catalogue.library / asset.folder)
+        facts |= {"folder": str(catalog.library / asset.folder)} | read_sidecar(catalog.library / asset.folder)
     return facts

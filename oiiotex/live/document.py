@@ -152,7 +152,7 @@ class Document:
         if room == "view" and not checked.keys().isdisjoint(("display", "view")):
             wanted = self.state[room] | checked
             if not self._is_view(wanted):
-                raise ParameterError(f"the colour config has no view '{wanted['view']}' of '{wanted['display']}'")
+                raise ParameterError(f"the color config has no view '{wanted['view']}' of '{wanted['display']}'")
         changed = {name: value for name, value in checked.items() if self.state[room][name] != value}
         if changed:
             self.state[room] |= changed

@@ -44,7 +44,7 @@ class PageSource:
     graph: str  # The graph's file; '' of a photo
     words: tuple[str, ...]  # The line up to the photo
     stem: str  # Of files' names
-    space: str | None  # Its colour space, as the config calls it; None where it says none
+    space: str | None  # Its color space, as the config calls it; None where it says none
     side: int  # px; of the square that a zoom takes of it
 
 
@@ -288,7 +288,7 @@ class Hub:
             "unsaved": self.unsaved,
         }
 
-    # --- colours ---
+    # --- colors ---
 
     def shown(self, space: str | None = "") -> Shown:
         """How pixels look with the document's display and view."""
@@ -298,8 +298,8 @@ class Hub:
 
     def picture(self, pixels: np.ndarray, shown: Shown) -> np.ndarray:
         """(height, width, channels) float32 of the photo's channels -> (height, width, 3) uint8 for the page."""
-        colour = [0, 1, 2] if self.source.image is None else list(channels_of(self.source.image.first.spec).colour)
-        chosen = pixels[..., colour] if pixels.shape[2] > max(colour) else pixels
+        color = [0, 1, 2] if self.source.image is None else list(channels_of(self.source.image.first.spec).color)
+        chosen = pixels[..., color] if pixels.shape[2] > max(color) else pixels
         if chosen.shape[2] < 3:
             chosen = np.repeat(chosen[..., :1], 3, axis=2)
         return shown(chosen[..., :3])

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Room Paint: a painting of labels, coarse and fine, becomes texture (LSA16 section 6.2, figures 13 to 15).
 
-An edit makes its neighbourhood anew. Where the fine layer has nothing, the coarse one stays; what it has lies inside
+An edit makes its neighborhood anew. Where the fine layer has nothing, the coarse one stays; what it has lies inside
 the label that it is part of. Every change is a step that is added to the history (`history`), from which nothing is
 taken away.
 """

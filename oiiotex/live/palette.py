@@ -88,11 +88,11 @@ class LabelPalette:
         return layers
 
     def read(self, layer: str, image: Image) -> np.ndarray:
-        """Numbers of a painting: ids of labels, or their colours; those of soft brushes are taken for the nearest."""
+        """Numbers of a painting: ids of labels, or their colors; those of soft brushes are taken for the nearest."""
         part = image.first
         self._require_same_labels(layer, image)
         channels = channels_of(part.spec)
-        meaning = self._meaning(layer, len(channels.colour) > 1)
+        meaning = self._meaning(layer, len(channels.color) > 1)
         pixels = part.pixels()
         codes = meaning.codes_of(pixels, channels)
         if layer == FINE and channels.alpha is not None:
@@ -104,14 +104,14 @@ class LabelPalette:
             raise ImageError(f"{image.source} has {meaning.strays(strays, 'px')}: paint with those of the palette")
         return meaning.keys[place, 0].astype(np.uint8)
 
-    def _meaning(self, layer: str, colours: bool) -> Meaning:
-        """Of a layer's colours, or ids."""
+    def _meaning(self, layer: str, colors: bool) -> Meaning:
+        """Of a layer's colors, or ids."""
         entries = self._entries[layer].items()
-        numbers = {code_of(e["colour"]) if colours else e["id"]: number for number, e in entries}
+        numbers = {code_of(e["color"]) if colors else e["id"]: number for number, e in entries}
         numbers |= {0: 0} if layer == FINE else {}
         codes = sorted(numbers)
         keys = np.array([[numbers[code]] * 2 for code in codes], np.int64)
-        return Meaning(np.array(codes, np.int64), keys, np.ones(len(codes), bool), colours, _SOFT)
+        return Meaning(np.array(codes, np.int64), keys, np.ones(len(codes), bool), colors, _SOFT)
 
     def _require_same_labels(self, layer: str, image: Image) -> None:
         """By the legend of `write`, where there is one."""
@@ -119,23 +119,23 @@ class LabelPalette:
         if not text:
             return
         try:
-            named = {entry["colour"]: entry["name"] for entry in json.loads(text).values()}
+            named = {entry["color"]: entry["name"] for entry in json.loads(text).values()}
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise ImageError(f"{image.source}: its legend cannot be read") from error
         for entry in self._entries[layer].values():
-            name = named.get(entry["colour"], entry["name"])
+            name = named.get(entry["color"], entry["name"])
             if name != entry["name"]:
                 raise ImageError(f"{image.source} is painted with {name}, this palette has {entry['name']} instead")
 
     def write(self, layer: str, path: Path, numbers: np.ndarray, facts: Mapping[str, Any]) -> None:
-        """Write a layer as an indexed PNG with its legend: colours are those of the table, so that --texpaint reads it.
+        """Write a layer as an indexed PNG with its legend: colors are those of the table, so that --texpaint reads it.
 
         `numbers` (height, width) uint8.
         """
         entries = self._entries[layer]
-        colours = {number: tuple(map(int, entry["colour"].split(","))) for number, entry in entries.items()}
-        legend = {str(number): {"name": e["name"], "colour": e["colour"]} for number, e in entries.items()}
-        write_indexed(path, numbers, colours, {_LEGEND: legend, _FACTS: dict(facts)})
+        colors = {number: tuple(map(int, entry["color"].split(","))) for number, entry in entries.items()}
+        legend = {str(number): {"name": e["name"], "color": e["color"]} for number, e in entries.items()}
+        write_indexed(path, numbers, colors, {_LEGEND: legend, _FACTS: dict(facts)})
 
 
 def extended(layers: Layers, width: int, height: int) -> Layers:

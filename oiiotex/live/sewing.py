@@ -39,11 +39,11 @@ class LiveSewing:
         hub, client = self._hub, await self._hub.client()
         values = self._values(seed) | ({"patch": self._patch()} if before is None else {"before": before})
         values |= {"plan": self._steps.plan(step)} if new else {}
-        labelled, paintings = await self._images(client, step)
+        labeled, paintings = await self._images(client, step)
         hub.tell({"do": "busy", "room": "paint", "done": 0, "total": 1})
         try:
             advance = hub.advancing("Sewing the painting") if before is None else None
-            facts, _ = await asyncio.wrap_future(_asked(client, labelled, paintings, values, BRUSH, advance))
+            facts, _ = await asyncio.wrap_future(_asked(client, labeled, paintings, values, BRUSH, advance))
         finally:
             for painting in paintings.values():
                 client.drop(painting)
@@ -68,12 +68,12 @@ class LiveSewing:
             Of the file.
         """
         client = await self._hub.client()
-        labelled, paintings = await self._images(client, step)
+        labeled, paintings = await self._images(client, step)
         values = self._values(seed) | {"size": f"{size[0]}x{size[1]}", "before": before}
 
         async def save() -> None:
             try:
-                request = _asked(client, labelled, paintings, values, EXPORT, self._hub.advancing())
+                request = _asked(client, labeled, paintings, values, EXPORT, self._hub.advancing())
                 facts, _ = await asyncio.wrap_future(request)
                 try:
                     await self._hub.save(facts["images"][0], name)
@@ -86,12 +86,10 @@ class LiveSewing:
         return save()
 
     async def _images(self, client: Client, step: int) -> tuple[int, dict[str, int]]:
-        """Numbers of the labelled photo and of the step's layers in the resident process."""
-        labelled, cache = (await self._hub.made("label"))["number"], self._hub.session.resources.cache
+        """Numbers of the labeled photo and of the step's layers in the resident process."""
+        labeled, cache = (await self._hub.made("label"))["number"], self._hub.session.resources.cache
         there = {layer: path for layer, path in self._steps.layers(step).items() if path.exists()}
-        return labelled, {
-            layer: await asyncio.to_thread(client.put, read(path, cache)) for layer, path in there.items()
-        }
+        return labeled, {layer: await asyncio.to_thread(client.put, read(path, cache)) for layer, path in there.items()}
 
     def _values(self, seed: int) -> dict[str, Any]:
         return {"table": self.table} | ({"seed": seed} if seed else {})
@@ -105,11 +103,11 @@ class LiveSewing:
 
 
 def _asked(
-    client: Client, labelled: int, paintings: dict[str, int], values: dict[str, Any], priority: int,
+    client: Client, labeled: int, paintings: dict[str, int], values: dict[str, Any], priority: int,
     advance: Callable[[int, int], None] | None,
 ) -> Request:  # fmt: skip
     """A painting's texture, of layers that the resident process has; it has a folder of its own."""
     fine = {FINE: paintings[FINE]} if FINE in paintings else None
-    images = [labelled, paintings[COARSE]]
+    images = [labeled, paintings[COARSE]]
     absolute = {name: os.path.abspath(value) if isinstance(value, Path) else value for name, value in values.items()}
     return client.make("paint", images, absolute, optional=fine, priority=priority, on_progress=advance)

@@ -7,7 +7,7 @@ import asyncio
 from typing import Any
 
 from ..api.images import Image, as_float, from_array, read, resized, write
-from ..api.painting import codes_of, colour_of
+from ..api.painting import codes_of, color_of
 from ..api.service import BRUSH, LOOKS, LinkError, Request
 from ..deferred import np, oiio
 from ..errors import Error, ImageError
@@ -52,7 +52,7 @@ class TileRoom:
             await self._begin()
 
     async def changed(self, room: str, names: set[str]) -> None:
-        """Make the tile anew, or show it in other colours."""
+        """Make the tile anew, or show it in other colors."""
         if self._hub.source.image is None:
             return
         if room == "view":
@@ -284,9 +284,9 @@ class TileRoom:
         else:
             ids = pixels[..., 0].clip(0, 255).astype(np.uint8)
         there = [int(n) for n in np.flatnonzero(np.bincount(ids.ravel())) if n]
-        colours = [colour_of(int(code)) for code in codes_of(np.array(there, int))]
+        colors = [color_of(int(code)) for code in codes_of(np.array(there, int))]
         step = -(-max(ids.shape) // MOST_SHOWN)
-        facts = {"room": "tile", "kind": "overlay", "name": name, "ids": there, "colours": colours}
+        facts = {"room": "tile", "kind": "overlay", "name": name, "ids": there, "colors": colors}
         self._hub.show(facts, ids[::step, ::step, None])
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A material for other programs: a MaterialX document, a stage of USD, Blender's catalogue of assets."""
+"""A material for other programs: a MaterialX document, a stage of USD, Blender's catalog of assets."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import Error
-from .naming import COLOURS
+from .naming import COLORS
 
 if TYPE_CHECKING:
     import MaterialX
@@ -34,7 +34,7 @@ _PREVIEW = {  # of UsdPreviewSurface, and the type and channel that they are rea
     "metal": ("metallic", "Float", "r"), "normal": ("normal", "Normal3f", "rgb"), "opacity": ("opacity", "Float", "r"),
     "ao": ("occlusion", "Float", "r"), "emission": ("emissiveColor", "Color3f", "rgb"),
 }  # fmt: skip
-_NAMESPACE = uuid.UUID("6f1d8a52-0f0b-4c55-9d0a-0a7d3f0e5b11")  # of Blender's catalogues
+_NAMESPACE = uuid.UUID("6f1d8a52-0f0b-4c55-9d0a-0a7d3f0e5b11")  # of Blender's catalogs
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Described:
     maps : mapping of role to str
         Files, below the asset's folder.
     space : str
-        Of its colours.
+        Of its colors.
     hand : str
         Of its normals: 'opengl', 'directx' or ''.
     lattice : bool
@@ -167,17 +167,17 @@ def _material(document: MaterialX.Document, described: Described, name: str, hex
 
 
 def _texture(graph: Any, role: str, file: str, kind: str, described: Described, hex_tiled: bool) -> Any:
-    """What reads a map. Hex-tiling is of colours alone, so of a gray map the first channel is taken."""
+    """What reads a map. Hex-tiling is of colors alone, so of a gray map the first channel is taken."""
     if not hex_tiled:
         node = graph.addNode("image", f"{role}_image", kind)
     else:
         node = graph.addNode("hextiledimage", f"{role}_image", "color3")
         node.setInputValue("scale", 0.0)  # stones have the size that they have
-        if role not in COLOURS:
+        if role not in COLORS:
             node.setInputValue("falloffcontrast", 0.0)
     source = node.addInput("file", "filename")
     source.setValueString(file)
-    if role in COLOURS:
+    if role in COLORS:
         source.setColorSpace(_SPACES.get(described.space, described.space))
     else:
         source.setColorSpace("none")
@@ -266,7 +266,7 @@ def write_usd(described: Described, folder: Path) -> None:
             texture.CreateIdAttr("UsdUVTexture")
             texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(f"./{file}")
             texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(st)
-            space = "sRGB" if role in COLOURS and described.space.startswith("srgb") else "raw"
+            space = "sRGB" if role in COLORS and described.space.startswith("srgb") else "raw"
             texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set(space)
             for wrap in ("wrapS", "wrapT"):
                 texture.CreateInput(wrap, Sdf.ValueTypeNames.Token).Set("repeat")
@@ -320,26 +320,26 @@ def _range(role: str, hand: str, inverted: bool) -> tuple[tuple[float, ...] | No
 # --- Blender ---
 
 
-def blender_catalogue(paths: Iterable[str], there: str = "") -> str:
-    """Blender's list of catalogues: a line for each path, with an id that is the same in every run.
+def blender_catalog(paths: Iterable[str], there: str = "") -> str:
+    """Blender's list of catalogs: a line for each path, with an id that is the same in every run.
 
     Parameters
     ----------
     paths : iterable of str
         Such as 'Materials/ground'.
     there : str
-        The list as it was: catalogues that are not ours stay, and so do names that somebody gave ours.
+        The list as it was: catalogs that are not ours stay, and so do names that somebody gave ours.
     """
-    made = {catalogue_id(path): f"{path}:{path.replace('/', '-')}" for path in sorted(set(paths))}
+    made = {catalog_id(path): f"{path}:{path.replace('/', '-')}" for path in sorted(set(paths))}
     others = {}
     for line in there.splitlines():
         identifier, colon, rest = line.partition(":")
-        if colon and not line.startswith("#") and identifier != catalogue_id(rest.partition(":")[0]):
+        if colon and not line.startswith("#") and identifier != catalog_id(rest.partition(":")[0]):
             others[identifier] = rest
-    lines = ["# Catalogues of assets for Blender's asset browser.", "VERSION 1", ""]
+    lines = ["# Catalogs of assets for Blender's asset browser.", "VERSION 1", ""]
     return "\n".join(lines + [f"{identifier}:{rest}" for identifier, rest in (made | others).items()]) + "\n"
 
 
-def catalogue_id(path: str) -> str:
-    """The id of a catalogue."""
+def catalog_id(path: str) -> str:
+    """The id of a catalog."""
     return str(uuid.uuid5(_NAMESPACE, path))

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-COLOURS = ("color", "specular", "emission")  # roles that are colours; all others are data
+COLORS = ("color", "specular", "emission")  # roles that are colors; all others are data
 PACKED = "arm"  # ambient occlusion, roughness and metalness as red, green and blue
 PACKED_ROLES = ("ao", "roughness", "metal")
 ROLES: dict[str, tuple[str, ...]] = {

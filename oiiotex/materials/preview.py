@@ -34,14 +34,14 @@ class Looks:
 
     Attributes
     ----------
-    colour : (h, w, 3) float32
+    color : (h, w, 3) float32
         Linear Rec. 709.
     normal : (h, w, 3) float32
         Of length 1, y up.
     roughness, metal, ao : (h, w, 1) float32
     """
 
-    colour: np.ndarray
+    color: np.ndarray
     normal: np.ndarray
     roughness: np.ndarray
     metal: np.ndarray
@@ -51,8 +51,8 @@ class Looks:
     def of(cls, maps: Mapping[str, Image], resources: Resources, hand: str) -> Looks:
         """Of delivered maps; what there is none of is plain. `hand`: of their normals, 'opengl' or 'directx'."""
         part = maps["color"].first
-        colour = _reduced(linear_of(part, resources))
-        size = colour.shape[:2]
+        color = _reduced(linear_of(part, resources))
+        size = color.shape[:2]
 
         def scalar(role: str, plain: float) -> np.ndarray:
             if role not in maps:
@@ -65,11 +65,11 @@ class Looks:
             signs = np.array([1, -1 if hand == "directx" else 1, 1], np.float32)
             normal = _fitted(vectors(maps["normal"]), size) * signs
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
-        return cls(colour, normal, rough, scalar("metal", 0.0), scalar("ao", 1.0))
+        return cls(color, normal, rough, scalar("metal", 0.0), scalar("ao", 1.0))
 
     def mean_lab(self) -> np.ndarray:
-        """The mean colour, in CIE Lab D65."""
-        return lab_of(self.colour.reshape(-1, 3).mean(axis=0))
+        """The mean color, in CIE Lab D65."""
+        return lab_of(self.color.reshape(-1, 3).mean(axis=0))
 
     def pictures(self, shape: str, lattice: bool) -> dict[str, np.ndarray]:
         """All pictures of an asset by file name, sRGB (h, w, 3).
@@ -82,15 +82,15 @@ class Looks:
             The tile has one, which hex-tiling would break.
         """
         lit = self.sphere(_LIT) if shape == "sphere" else self.plane(_LIT)
-        twice = repeated(self.colour, 2, _REPEATED)
+        twice = repeated(self.color, 2, _REPEATED)
         made = {
-            "thumbnail.jpg": _srgb(_reduced(self.colour, _THUMBNAIL)),
+            "thumbnail.jpg": _srgb(_reduced(self.color, _THUMBNAIL)),
             "preview_2x2.jpg": _srgb(twice),
             "lit.jpg": _srgb(lit),
         }
         card = [lit, twice]
         if not lattice:
-            rivals = [repeated(self.colour, _ACROSS, _RIVALS), hex_tiled(self.colour, _ACROSS, _RIVALS)]
+            rivals = [repeated(self.color, _ACROSS, _RIVALS), hex_tiled(self.color, _ACROSS, _RIVALS)]
             made["image_and_hextiled.jpg"] = _srgb(_beside(rivals, _RIVALS))
             card += rivals
         made["card.jpg"] = _srgb(_beside(card, CARD))
@@ -118,7 +118,7 @@ class Looks:
 
     def plane(self, side: int) -> np.ndarray:
         """On a plane to the horizon, lit from behind the viewer's left: linear, (side, side, 3)."""
-        height, width = self.colour.shape[:2]
+        height, width = self.color.shape[:2]
         v, u = np.meshgrid(
             (np.arange(height, dtype=np.float32) + 0.5) / height, (np.arange(width, dtype=np.float32) + 0.5) / width,
             indexing="ij",
@@ -132,7 +132,7 @@ class Looks:
         """What the eye sees of places of the tile whose normals stand so."""
         normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
         view = np.array(eye, np.float32) / np.linalg.norm(eye)
-        base, rough, metal, ao = (_bilinear(m, u, v) for m in (self.colour, self.roughness, self.metal, self.ao))
+        base, rough, metal, ao = (_bilinear(m, u, v) for m in (self.color, self.roughness, self.metal, self.ao))
         alpha = np.maximum(rough, 0.05) ** 2
         reflected = 0.04 * (1 - metal) + base * metal  # at normal incidence
         n_v = np.maximum((normal @ view)[..., None], 1e-3)
@@ -176,18 +176,18 @@ def hex_tiled(texels: np.ndarray, across: int, side: int) -> np.ndarray:
     for at_corner, weight in zip(ids, weights, strict=True):
         first, second = _hashes(at_corner)
         turn = 2 * np.pi * first
-        centre_u = (at_corner[..., 0] + 0.5 * at_corner[..., 1]) / scale
-        centre_v = at_corner[..., 1] * np.sqrt(3) / 2 / scale
-        right, down = u - centre_u, v - centre_v
-        place_u = np.cos(turn) * right + np.sin(turn) * down + centre_u + first
-        place_v = -np.sin(turn) * right + np.cos(turn) * down + centre_v + second
+        center_u = (at_corner[..., 0] + 0.5 * at_corner[..., 1]) / scale
+        center_v = at_corner[..., 1] * np.sqrt(3) / 2 / scale
+        right, down = u - center_u, v - center_v
+        place_u = np.cos(turn) * right + np.sin(turn) * down + center_u + first
+        place_v = -np.sin(turn) * right + np.cos(turn) * down + center_v + second
         shown += weight[..., None] * _bilinear(fine, place_u, place_v)
     return shown.astype(np.float32)
 
 
 def values(image: Image) -> np.ndarray:
-    """The colour channels of an image's first part as floats, whole numbers in 0 to 1: (h, w, c)."""
-    pixels = image.first.pixels()[..., list(channels_of(image.first.spec).colour)]
+    """The color channels of an image's first part as floats, whole numbers in 0 to 1: (h, w, c)."""
+    pixels = image.first.pixels()[..., list(channels_of(image.first.spec).color)]
     return as_float(pixels)
 
 
@@ -198,7 +198,7 @@ def vectors(normals: Image) -> np.ndarray:
 
 
 def linear_of(part: Part, resources: Resources) -> np.ndarray:
-    """The colours of a part as linear Rec. 709, (h, w, 3), 0 to 1."""
+    """The colors of a part as linear Rec. 709, (h, w, 3), 0 to 1."""
     return _linear(shown_pixels(part.pixels(), part, resources))
 
 
@@ -212,7 +212,7 @@ def lab_of(linear: np.ndarray) -> np.ndarray:
 
 
 def lab_of_srgb(code: Sequence[float]) -> np.ndarray:
-    """A colour of sRGB, 0 to 1, as CIE Lab D65."""
+    """A color of sRGB, 0 to 1, as CIE Lab D65."""
     return lab_of(_linear(np.asarray(code, np.float64)))
 
 

@@ -4,9 +4,9 @@
 HRRG08 sections 4.4, 5 and 6. Everything is decided on integers, so that every device finds the same candidates.
 
 Departures: one basis serves all levels (from level 4 of 7 on it holds at most .03 less of the variance than one each);
-neighbours are searched as PatchMatch does instead of exactly (tests/test_candidates.py states how near they come);
+neighbors are searched as PatchMatch does instead of exactly (tests/test_candidates.py states how near they come);
 a transfer function is found for levels of one exemplar, too, where HRRG08 takes the identity: self-loops lose their
-contrast without it; and where a zoom turns, candidates are found by shape, whatever their mean colour is. The last two
+contrast without it; and where a zoom turns, candidates are found by shape, whatever their mean color is. The last two
 are left out where `Levels.literal` says so.
 """
 
@@ -30,16 +30,16 @@ DISC = 0.06  # radius that keeps two candidates apart, in exemplar sides (the sh
 _BITS = 12  # of the fraction of the basis
 _JUMPS = (8, 4, 2, 1)
 _ROUNDS = 5
-_SAMPLES = 2000  # neighbourhoods of a level that the basis is found from
+_SAMPLES = 2000  # neighborhoods of a level that the basis is found from
 _VERSION = "oiiotex candidates 4"  # to be counted up where the same stacks lead to another analysis
 
 
 @dataclass(frozen=True)
 class Stacks:
-    """What is analysed."""
+    """What is analyzed."""
 
     levels: Levels
-    planes: np.ndarray  # (levels, side, side, 4) int16: colour of every texel on the integer grid
+    planes: np.ndarray  # (levels, side, side, 4) int16: color of every texel on the integer grid
     usable: np.ndarray  # (levels, side, side) bool: texels that may be candidates of themselves
     targets: np.ndarray  # (levels, side, side) bool: texels that may be candidates of others
     periodic: tuple[bool, ...]  # of every level, whether its exemplar is a torus; else it is mirrored
@@ -55,19 +55,19 @@ class Analysis:
     """What synthesis looks up."""
 
     stacks: Stacks
-    basis: np.ndarray  # (75, 16) int16: principal components of 5 x 5 neighbourhoods, times 4096
+    basis: np.ndarray  # (75, 16) int16: principal components of 5 x 5 neighborhoods, times 4096
     links: np.ndarray  # (levels, side^2, 2) uint32: the two candidates of every texel, as texels
     records: np.ndarray = field(
         repr=False
-    )  # (levels, side^2, 2, 16) int16: their transformed neighbourhoods (HRRG08 section 6)
+    )  # (levels, side^2, 2, 16) int16: their transformed neighborhoods (HRRG08 section 6)
     offsets: np.ndarray = field(
         repr=False
     )  # (levels, side^2, 2, 4) int16: the transfer functions c + b (HRRG08 eq. 4): b, and 0
-    variance: float = 0.0  # share of the neighbourhoods' variance that the basis holds
+    variance: float = 0.0  # share of the neighborhoods' variance that the basis holds
 
 
-def neighbourhoods(plane: np.ndarray, spacing: int, periodic: bool) -> np.ndarray:
-    """The 5 x 5 neighbourhoods of a plane's texels: (side^2, 75) float64, in the order rows, columns, channels."""
+def neighborhoods(plane: np.ndarray, spacing: int, periodic: bool) -> np.ndarray:
+    """The 5 x 5 neighborhoods of a plane's texels: (side^2, 75) float64, in the order rows, columns, channels."""
     side = len(plane)
     at = _places_around(side, spacing, periodic)
     padded = plane[at][:, at, :3].astype(np.float64)
@@ -76,7 +76,7 @@ def neighbourhoods(plane: np.ndarray, spacing: int, periodic: bool) -> np.ndarra
 
 
 def _around(plane: np.ndarray, spacing: int, periodic: bool, rows: np.ndarray) -> np.ndarray:
-    """Those rows of `neighbourhoods`."""
+    """Those rows of `neighborhoods`."""
     at = _places_around(len(plane), spacing, periodic)
     y, x = np.divmod(rows, len(plane))
     steps = [n * spacing for n in range(5)]
@@ -110,7 +110,7 @@ def texels_at_once(device: Device) -> int:
 
 
 def project(around: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """Neighbourhoods (n, 75) of whole numbers -> (n, 16) int16, exactly as cl/multiscale.cl does it."""
+    """Neighborhoods (n, 75) of whole numbers -> (n, 16) int16, exactly as cl/multiscale.cl does it."""
     return _scaled(around @ basis.astype(np.float64))
 
 
@@ -120,7 +120,7 @@ def _scaled(sums: np.ndarray) -> np.ndarray:
     return np.clip(rounded, -MOST_PROJECTED, MOST_PROJECTED).astype(np.int16)
 
 
-def analyse(
+def analyze(
     device: Device, stacks: Stacks, dims: int, correct: bool, budget: int, advance: Callable[[int, int], None],
     cache: Path | None,
 ) -> Analysis:  # fmt: skip
@@ -142,14 +142,14 @@ def analyse(
         advance(number, steps)
 
     basis, links, records, offsets, variance = cached_arrays(
-        cache, name, lambda: _analysed(device, stacks, dims, correct, budget, step)
+        cache, name, lambda: _analyzed(device, stacks, dims, correct, budget, step)
     )
     for number in range(told + 1, steps + 1):  # all of them, where it was kept from an earlier run
         step(number)
     return Analysis(stacks, basis, links, records, offsets, float(variance[0]))
 
 
-def _analysed(
+def _analyzed(
     device: Device, stacks: Stacks, dims: int, correct: bool, budget: int, step: Callable[[int], None]
 ) -> Arrays:
     """What follows from the stacks, of an `Analysis`: basis, links, records, offsets, variance."""
@@ -161,7 +161,7 @@ def _analysed(
         shapes = np.empty_like(projections)
     means = np.empty((count, side * side, 3))
     for number, plane in enumerate(stacks.planes):
-        around = neighbourhoods(plane, stacks.levels.spacing(number), stacks.periodic[number])
+        around = neighborhoods(plane, stacks.levels.spacing(number), stacks.periodic[number])
         projections[number] = project(around, basis)
         means[number] = around.reshape(-1, 25, 3).mean(1)
         if shapes is not projections:
@@ -181,12 +181,12 @@ def _transfers(
     count, texels = links.shape[:2]
     offsets = np.zeros((count, texels, 2, 4), np.int16)
     records = np.empty((count, texels, 2, DIMS), np.int16)
-    whole = basis.astype(np.int64).reshape(25, 3, DIMS).sum(0)  # the projection of one colour everywhere
+    whole = basis.astype(np.int64).reshape(25, 3, DIMS).sum(0)  # the projection of one color everywhere
     flat, flat_means = projections.reshape(-1, DIMS), means.reshape(-1, 3)
     for number in range(count):
         chosen = links[number].astype(np.int64)
         if correct:
-            # HRRG08 eq. 4 with r(c) = c + b: b is the difference of the neighbourhoods' means
+            # HRRG08 eq. 4 with r(c) = c + b: b is the difference of the neighborhoods' means
             away = np.rint(means[number][:, None] - flat_means[chosen]).astype(np.int64)
             away[alike[number][chosen // texels]] = 0  # an exemplar agrees with itself (section 5)
             offsets[number, ..., :3] = away
@@ -204,8 +204,8 @@ def _searched(
 ) -> np.ndarray:  # fmt: skip
     """The candidates of every texel: (levels, side^2, 2) uint32.
 
-    Where a zoom turns, neighbourhoods are compared by `shapes`, less their means: the transfer function takes up the
-    difference of these, and a flat place of any colour may come to detail of any other.
+    Where a zoom turns, neighborhoods are compared by `shapes`, less their means: the transfer function takes up the
+    difference of these, and a flat place of any color may come to detail of any other.
     """
     count, texels = projections.shape[:2]
     links = np.empty((count, texels, 2), np.uint32)

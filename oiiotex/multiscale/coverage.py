@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an analysed exemplar graph will not show well, before a pixel is made: HRRG08 section 8.
+"""What an analyzed exemplar graph will not show well, before a pixel is made: HRRG08 section 8.
 
 Exemplars that others are preferred to everywhere never appear; regions that nothing finer is alike come out with
-colours moved far, or with somebody else's structure.
+colors moved far, or with somebody else's structure.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import NamedTuple
 from ..color.lab_grid import FINE_STEPS
 from ..core.source_map import SourceMap
 from ..deferred import np
-from .candidate_sets import Analysis, neighbourhoods
+from .candidate_sets import Analysis, neighborhoods
 from .graph import Graph
 
-FAR = 15.0  # Lab units between the means of two neighbourhoods that are not alike
+FAR = 15.0  # Lab units between the means of two neighborhoods that are not alike
 RARE = 0.01  # an exemplar that is a candidate of fewer of the texels that it may replace does not show
 MUCH = 0.1  # of an exemplar without anything alike: shows
 
@@ -77,7 +77,7 @@ def unmatched(analysis: Analysis) -> tuple[Unmatched, ...]:
 
 
 def _means(analysis: Analysis, number: int) -> np.ndarray:
-    """(side^2, 3): of the neighbourhoods of a level."""
+    """(side^2, 3): of the neighborhoods of a level."""
     stacks = analysis.stacks
-    seen = neighbourhoods(stacks.planes[number], stacks.levels.spacing(number), stacks.periodic[number])
+    seen = neighborhoods(stacks.planes[number], stacks.levels.spacing(number), stacks.periodic[number])
     return seen.reshape(-1, 25, 3).mean(1)

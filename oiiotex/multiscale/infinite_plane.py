@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plane without end, ready to be looked at: a graph's exemplars read and analysed, and windows of it as pixels.
+"""A plane without end, ready to be looked at: a graph's exemplars read and analyzed, and windows of it as pixels.
 
 What --texsynth and --texzoom share. Pixels are made as texels and offsets (`States`), and shown as copies of exemplars'
 pixels with their offset on them (`Plane.pixels`).
@@ -27,7 +27,7 @@ from ..io.reading import read
 from ..regularity.offset_prices import InStep
 from ..session.progress import Progress
 from ..session.resources import Resources
-from .candidate_sets import Analysis, analyse
+from .candidate_sets import Analysis, analyze
 from .coverage import MUCH, RARE, shares, unmatched
 from .graph import Graph, read_graph
 from .stacks import Exemplar, load_exemplars, nearest_opaque, shown_level
@@ -149,14 +149,14 @@ def opened(
     resources: Resources, progress: Progress, graph: Graph, images: Sequence[Image], name: str, *, side: int, dims: int,
     correct: bool, literal: bool, space: Space,
 ) -> Plane:  # fmt: skip
-    """Read and analyse the exemplars of a graph, which messages call `name`; the rest as of --texsynth."""
-    with resources.stats.time("read and colour"):
+    """Read and analyze the exemplars of a graph, which messages call `name`; the rest as of --texsynth."""
+    with resources.stats.time("read and color"):
         exemplars, lens = load_exemplars(images, graph, resources, space, side)
     finest = exemplars[0].side.bit_length() - 1
     graph.require_levels(finest, name)
     looks = [array for exemplar in exemplars for array in (exemplar.values, exemplar.opaque)]
     key = hash_of(graph, dims, correct, literal, *looks)
-    analysis = resources.once(key, lambda: _analysed(resources, progress, graph, exemplars, dims, correct, literal))
+    analysis = resources.once(key, lambda: _analyzed(resources, progress, graph, exemplars, dims, correct, literal))
     return Plane(graph, tuple(images), exemplars, lens, analysis, finest)
 
 
@@ -167,13 +167,13 @@ def analysis_folder() -> Path:
     return cache_folder() / "candidates"
 
 
-def _analysed(
+def _analyzed(
     resources: Resources, progress: Progress, graph: Graph, exemplars: tuple[Exemplar, ...], dims: int, correct: bool,
     literal: bool,
 ) -> Analysis:  # fmt: skip
     with resources.stats.time("Gaussian stacks"):
         stacks = stacks_of(graph, exemplars, literal)
-    analysis = analyse(resources.device, stacks, dims, correct, resources.budget, progress.advance, analysis_folder())
+    analysis = analyze(resources.device, stacks, dims, correct, resources.budget, progress.advance, analysis_folder())
     _report(graph, exemplars, analysis)
     return analysis
 

@@ -41,8 +41,8 @@ class Multiscale(InLab, Reported, AnyWindow):
         le=MOST_LEVEL,
         help="1: no jitter up to the root's own resolution, finer detail for it as it is; 2 and more: up to that level",
     )
-    correct: bool = param(True, help="bring exemplars that do not agree in colour together (HRRG08 section 5)")
-    dims: int = param(16, ge=1, le=16, help="of projected neighbourhoods; 6 are the paper's, 16 repeat less")
+    correct: bool = param(True, help="bring exemplars that do not agree in color together (HRRG08 section 5)")
+    dims: int = param(16, ge=1, le=16, help="of projected neighborhoods; 6 are the paper's, 16 repeat less")
     side: int = param(
         256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="of an exemplar's square, at most"
     )
@@ -69,14 +69,14 @@ class Multiscale(InLab, Reported, AnyWindow):
         return str(self.graph) if self.graph else self.exemplar.source if self.exemplar else ""
 
     def opened(self, resources: Resources, progress: Progress) -> Plane:
-        """The plane, its exemplars read and analysed."""
+        """The plane, its exemplars read and analyzed."""
         if self.graph is not None:
             graph, images = graph_images(self.graph, resources)
         elif self.exemplar is not None:
             graph, images = self.single(self.exemplar.source), (self.exemplar,)
         else:
             raise ParameterError("expected an image, or graph=FILE")
-        if self.lock:  # the root comes out as it is only where its neighbourhoods go around, as its plane does
+        if self.lock:  # the root comes out as it is only where its neighborhoods go around, as its plane does
             graph = replace(graph, wraps=tuple("periodic" if n == graph.root else w for n, w in enumerate(graph.wraps)))
         for given in images:
             for part in given.parts[1:]:

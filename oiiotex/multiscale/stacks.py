@@ -4,7 +4,7 @@
 Departure from HRRG08: the radius of the filter is not defined there; here level k of L has sigma = sqrt(h^2 - 1) / 2 px
 for its spacing h = 2^(L-k), so that the finest level is the exemplar itself.
 
-An exemplar that tiles is a torus. Any other one is mirrored at its borders where a filter or a neighbourhood reaches
+An exemplar that tiles is a torus. Any other one is mirrored at its borders where a filter or a neighborhood reaches
 across them; HRRG08 and Lefebvre & Hoppe 2005 leave open how they are told apart (`tiles` is how it is done here).
 """
 
@@ -38,7 +38,7 @@ class Exemplar:
     """One exemplar, cut to a square whose side is a power of two."""
 
     name: str
-    pixels: np.ndarray  # (side, side, channels), in the root's colour space and pixel type
+    pixels: np.ndarray  # (side, side, channels), in the root's color space and pixel type
     values: np.ndarray  # (side, side, 4) float32: Lab, or data scaled to 0 .. 100, as `Lens.values` gives them
     opaque: np.ndarray | None  # (side, side) bool: where alpha is not 0; None: everywhere
     place: Window  # in the image's data window, from its corner, in pixels of the resampled image
@@ -54,9 +54,9 @@ class Exemplar:
 def load_exemplars(
     images: Sequence[Image], graph: Graph, resources: Resources, space: Space, most: int
 ) -> tuple[tuple[Exemplar, ...], Lens]:
-    """All exemplars, of one size, at most `most` px, and in the root's colour space, and how the root is seen.
+    """All exemplars, of one size, at most `most` px, and in the root's color space, and how the root is seen.
 
-    They are cut around their centres rather than resampled: a pixel keeps its size, so that scale relations hold and
+    They are cut around their centers rather than resampled: a pixel keeps its size, so that scale relations hold and
     detail stays sharp.
     """
     factors, root = graph.factors, graph.root
@@ -68,7 +68,7 @@ def load_exemplars(
         raise ImageError(f"{small.source} is {shortest} px wide or high: an exemplar has {LEAST} or more")
     side = 1 << (min(shortest, most).bit_length() - 1)
     need = _TEXEL_BYTES * side * side * side.bit_length()  # of the root's levels; those of others come on top
-    resources.require(need, "the analysed exemplars", "take a smaller side")
+    resources.require(need, "the analyzed exemplars", "take a smaller side")
     lens = lens_of(images[root], resources, space)
     exemplars = []
     for image, factor, wrap in zip(images, factors, graph.wraps, strict=True):
@@ -92,7 +92,7 @@ def _fitting(image: Image, root: Image, lens: Lens, resources: Resources, space:
         )
     own = lens_of(image, resources, space)
     if (own.space is None) != (lens.space is None):
-        raise ImageError(f"{image.source} and the root {root.source}: one is colour, the other is data")
+        raise ImageError(f"{image.source} and the root {root.source}: one is color, the other is data")
     if own.space is None:  # data of all exemplars mean the same
         return replace(own, low=lens.low, scale=lens.scale)
     return own

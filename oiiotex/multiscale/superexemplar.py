@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from .graph import Edge, Graph
 
-FIRST_CORRECTED = 2  # level; coarser ones have less than a neighbourhood of the root
+FIRST_CORRECTED = 2  # level; coarser ones have less than a neighborhood of the root
 LEAST_TURN = 2  # octaves
 
 
@@ -41,7 +41,7 @@ class Levels:
     literal: bool = False
 
     def spacing(self, number: int) -> int:
-        """h = 2^(L - k), px: how far apart a level's texels stand in a neighbourhood."""
+        """h = 2^(L - k), px: how far apart a level's texels stand in a neighborhood."""
         return 1 << (self.finest - self.stacks[number][1])
 
     def turns(self, number: int) -> bool:

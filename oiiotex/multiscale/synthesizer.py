@@ -2,7 +2,7 @@
 """Any window of any level of a texture that an exemplar graph defines: HRRG08 sections 4 and 5.
 
 The plane of level t has no end; a pixel of level t is 2^t times smaller than one of level 0, which is as large as the
-root. Pixels hold (exemplar, level, u) as one texel number and an accumulated transfer function, never a colour. What a
+root. Pixels hold (exemplar, level, u) as one texel number and an accumulated transfer function, never a color. What a
 window holds depends on nothing but its place: `plan` says which pixels of which level it needs.
 """
 
@@ -32,7 +32,7 @@ log = logging.getLogger("oiiotex")
 # correction, and the root shows as tiles; what is conspicuous in it comes back on a lattice
 FIRST_JITTER, JITTER = (1.0, 1.0, 1.0), 0.6
 PENALTY = 1.5  # kappa: by how much a second candidate must be better
-KEPT_IN_LOOPS = 0.84  # of the transfer function per level: it would drift out of all colours where a zoom never ends
+KEPT_IN_LOOPS = 0.84  # of the transfer function per level: it would drift out of all colors where a zoom never ends
 PASSES = 2
 _LEAST_SIDE = 16  # px of the smallest window that is tried where the device runs out of memory: its halo is larger
 MOST_LEVEL = 60  # places on it fit 64 bits with room for the halo
@@ -194,7 +194,7 @@ class Synthesizer:
             "spacing": np.array([levels.spacing(n) for n in range(len(levels.stacks))], np.int32),
         }
         self.nbytes = sum(table.nbytes for table in tables.values())  # on the device
-        self._tables = Buffers(device, {}, budget, "the analysed exemplars", tables=tables)
+        self._tables = Buffers(device, {}, budget, "the analyzed exemplars", tables=tables)
         middle = 1 << self._side - 1
         self._first: Any = SourceMap.of(middle, middle, self._side).packed  # of level 0
         self._moves = bool(analysis.offsets.any())
@@ -288,7 +288,7 @@ class Synthesizer:
         if fits:
             return self._free.pop(fits[0])[1]
         self._free.clear()
-        layout = {"texel": 4 * most, "r": 8 * most, "parent": 4 * most, "parent_r": 8 * most, "colour": 8 * most}
+        layout = {"texel": 4 * most, "r": 8 * most, "parent": 4 * most, "parent_r": 8 * most, "color": 8 * most}
         return Buffers(self._device, layout, self._budget, task)
 
     def _upsample(self, buffers: Buffers, entry: LevelPlan, before: Window) -> None:
@@ -296,7 +296,7 @@ class Synthesizer:
         period = settings.period(entry.level)
         self._run(
             "upsample", (window.width, window.height), buffers["parent"], buffers["parent_r"], buffers["texel"],
-            buffers["r"], buffers["colour"], tables["stack"], tables["finer"], tables["spacing"], self._side,
+            buffers["r"], buffers["color"], tables["stack"], tables["finer"], tables["spacing"], self._side,
             before.width, (window.left >> 1) - before.left, (window.top >> 1) - before.top, window.width, window.height,
             np.int64(window.left), np.int64(window.top), np.int64(period[0]), np.int64(period[1]),
             np.uint32(entry.level), np.uint32(settings.seed), settings.rho(entry.level), round(256 * settings.kept),
@@ -320,17 +320,17 @@ class Synthesizer:
         run, tables = self._run, self._tables
         place = whole.width, left - whole.left, top - whole.top, *count
         run(
-            "correct", (-(-count[0] // self._at_once), count[1]), buffers["texel"], buffers["r"], buffers["colour"],
+            "correct", (-(-count[0] // self._at_once), count[1]), buffers["texel"], buffers["r"], buffers["color"],
             tables["links"], tables["records"], tables["offsets"], tables["basis"], tables["spacing"], self._side,
             *place, round(16 * (self._settings.penalty - 1)),
         )  # fmt: skip
-        run("colour", count, buffers["texel"], buffers["r"], tables["stack"], buffers["colour"], *place)
+        run("color", count, buffers["texel"], buffers["r"], tables["stack"], buffers["color"], *place)
 
 
 def paired(basis: np.ndarray) -> np.ndarray:
     """The basis as cl/multiscale.cl reads it: pairs of rows (L, a) and (b, 0), dimension by dimension.
 
-    For every tap of a neighbourhood, and at last for the sum of all.
+    For every tap of a neighborhood, and at last for the sum of all.
     """
     taps = basis.reshape(25, 3, DIMS)
     rows = np.zeros((26, 4, DIMS), np.int16)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is analysed of an exemplar graph: its stack levels, and which of their texels may be jumped to."""
+"""What is analyzed of an exemplar graph: its stack levels, and which of their texels may be jumped to."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def lively_texels(levels: Levels, planes: np.ndarray, periodic: Sequence[bool], 
 
     Where a zoom never ends, flat matches flat, and every turn of the loop makes more of it (HRRG08 leaves this open:
     with its candidates a zoom loses its contrast). So in a loop only those texels are jumped to that have more detail
-    to come than `_DULL` of all: squared differences to the level where they turn, summed up over what a neighbourhood
+    to come than `_DULL` of all: squared differences to the level where they turn, summed up over what a neighborhood
     sees.
 
     `planes` (levels, side, side, 4) int16; returns (levels, side, side) bool.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nearest-neighbour fields: their sizes, how they begin, and how they go from level to level (MJH17 section 4.2).
+"""Nearest-neighbor fields: their sizes, how they begin, and how they go from level to level (MJH17 section 4.2).
 
 A target image is explained by an exemplar: for the patch at every target pixel the field names an exemplar patch.
 Fields are (rows, columns) source maps of their corners; images are (height, width, channels) int16
@@ -268,16 +268,16 @@ def upsample_field(
 ) -> SourceMap:
     """A field carried to the next finer level.
 
-    Patch centres are scaled; the offset inside a coarse pixel is kept, so that neighbours stay coherent. Coarse levels
+    Patch centers are scaled; the offset inside a coarse pixel is kept, so that neighbors stay coherent. Coarse levels
     do not resolve a fine lattice: as soon as it is seen, matches move to the nearest place that is in step with it.
 
     `allowed` (fine.exemplar_rows, fine.exemplar_columns) bool; `out` (fine.rows, fine.columns) uint32 or None.
     """
 
     def axis(n: int, from_n: int, ratio: float) -> tuple[np.ndarray, np.ndarray]:
-        centre = np.arange(n) + fine.patch // 2 + 0.5
-        source = np.clip((centre / ratio).astype(np.int64) - fine.patch // 2, 0, from_n - 1)
-        return source, centre - (source + fine.patch // 2 + 0.5) * ratio
+        center = np.arange(n) + fine.patch // 2 + 0.5
+        source = np.clip((center / ratio).astype(np.int64) - fine.patch // 2, 0, from_n - 1)
+        return source, center - (source + fine.patch // 2 + 0.5) * ratio
 
     from_y, rest_y = axis(fine.rows, coarse.rows, fine.height / coarse.height)
     from_x, rest_x = axis(fine.columns, coarse.columns, fine.width / coarse.width)

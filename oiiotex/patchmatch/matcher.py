@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 SEARCHES = 6  # windows of random search, from the whole exemplar down to about 2 px
 MATCH_PASSES = 8  # for a field on its own, with nothing to refine it later
-PICK_SIGMA = 3.0  # px; how fast a patch's say in the last vote falls off from its centre
+PICK_SIGMA = 3.0  # px; how fast a patch's say in the last vote falls off from its center
 
 
 class AddsPrices(Protocol):
@@ -279,7 +279,7 @@ def match_patches(
     device: Device, lab: np.ndarray, exemplar: SomeRows, field: SourceMap, patch: int, domain: Domain, seed: int,
     budget: int,
 ) -> SourceMap:  # fmt: skip
-    """The nearest-neighbour field of an image, from a first guess and `MATCH_PASSES` passes without uniformity.
+    """The nearest-neighbor field of an image, from a first guess and `MATCH_PASSES` passes without uniformity.
 
     Parameters
     ----------

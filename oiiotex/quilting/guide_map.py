@@ -17,7 +17,7 @@ from ..deferred import np
 from ..errors import ImageError, ParameterError, texture_filter
 from ..io.documents import read_document
 from ..labels.content_table import ContentTable
-from ..labels.legend import code_of, codes_in, colour_of, oklab_of
+from ..labels.legend import code_of, codes_in, color_of, oklab_of
 from ..session.resources import Resources
 from .quilt_plan import Grid
 from .quilter import GUIDE
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("oiiotex")
 
 SAMPLES = 16  # of the guide along a side of a cell: its histogram is taken from these
-_NAMED = 5  # colours that an error names
+_NAMED = 5  # colors that an error names
 _ROWS = 32  # of a guide that are looked at for the labels that it asks for
 _FAR = 2**53  # of ids in floats
 _LEAST = 0.01  # of what it asks for: labels with less are hardly asked for
@@ -41,30 +41,30 @@ class Meaning:
     Attributes
     ----------
     codes : (n,) int64
-        Ascending: ids, or colours as `legend.code_of` has them.
+        Ascending: ids, or colors as `legend.code_of` has them.
     keys : (n, 2) int64
         (k1, k2) of each.
     pure : (n,) bool
         It names one label, and so also says where in a cell it is wanted.
     soft : float
-        How far a colour may be from one of `codes` to be taken for it, in Oklab.
+        How far a color may be from one of `codes` to be taken for it, in Oklab.
     """
 
     codes: np.ndarray
     keys: np.ndarray
     pure: np.ndarray
-    colours: bool
+    colors: bool
     soft: float = 0.0
 
     def name(self, code: int) -> str:
         """As it is written in a table."""
-        return colour_of(code) if self.colours else str(code)
+        return color_of(code) if self.colors else str(code)
 
     def find(self, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where each is in `codes`, or the nearest colour within `soft`, and which are not."""
+        """Where each is in `codes`, or the nearest color within `soft`, and which are not."""
         place = np.minimum(np.searchsorted(self.codes, codes), len(self.codes) - 1)
         stray = self.codes[place] != codes
-        if self.colours and self.soft and stray.any():
+        if self.colors and self.soft and stray.any():
             others, inverse = np.unique(codes[stray], return_inverse=True)
             distance, nearest = self._nearest.query(oklab_of(others))
             place[stray], stray[stray] = nearest[inverse], (distance > self.soft)[inverse]
@@ -72,7 +72,7 @@ class Meaning:
 
     @functools.cached_property
     def _nearest(self) -> KDTree:
-        """Its colours in Oklab."""
+        """Its colors in Oklab."""
         from scipy.spatial import KDTree  # not loaded before it is needed
 
         return KDTree(oklab_of(self.codes))
@@ -82,17 +82,17 @@ class Meaning:
         worst = sorted(met, key=lambda code: (-met[code].count, code))
         named = ", ".join(f"{self.name(code)} ({met[code].text(unit)})" for code in worst[:_NAMED])
         more = f" and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
-        limit = f", beyond soft={self.soft:g} of any that does" if self.colours and self.soft else ""
-        return f"{'colours' if self.colours else 'ids'} that mean no label{limit}: {named}{more}"
+        limit = f", beyond soft={self.soft:g} of any that does" if self.colors and self.soft else ""
+        return f"{'colors' if self.colors else 'ids'} that mean no label{limit}: {named}{more}"
 
     def codes_of(self, pixels: np.ndarray, channels: Channels) -> np.ndarray:
         """The codes of pixels of a guide, int64."""
-        if not self.colours:
-            ids = pixels[..., channels.colour[0]]
+        if not self.colors:
+            ids = pixels[..., channels.color[0]]
             if ids.dtype.kind == "f":  # NaN and what no int64 holds mean no label
                 ids = np.rint(np.clip(np.nan_to_num(ids.astype(np.float64), nan=-1), -_FAR, _FAR))
             return ids.astype(np.int64)
-        three = channels.colour if len(channels.colour) == 3 else channels.colour[:1] * 3
+        three = channels.color if len(channels.color) == 3 else channels.color[:1] * 3
         return codes_in(pixels, three, channels.alpha)
 
 
@@ -128,14 +128,14 @@ class Table:
     path: Path
     keys: dict[int, Any]
     finer: dict[int, Any]
-    colours: bool
+    colors: bool
     level: int | None
     soft: float
 
 
 SOFT = (
-    "how far a colour of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and"
-    " white are 1 apart: what soft brushes blend is within 0.2 of `palette`'s colours; 0: none"
+    "how far a color of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and"
+    " white are 1 apart: what soft brushes blend is within 0.2 of `palette`'s colors; 0: none"
 )
 
 
@@ -146,27 +146,21 @@ def read_table(path: Path, soft: float = 0.0) -> Table:
         named: list[dict[str, Any]] = [document, {}]
         level = int(document["level"]) if "labels" in document else None
         if level is not None:
-            named = [{_colour(entry): entry["id"] for entry in document[rows]} for rows in ("labels", "finer")]
-        colours = {"," in name for rows in named for name in rows}
+            named = [{entry["color"]: entry["id"] for entry in document[rows]} for rows in ("labels", "finer")]
+        colors = {"," in name for rows in named for name in rows}
         keys, finer = ({code_of(n) if "," in n else int(n): key for n, key in rows.items()} for rows in named)
     except (ImageError, ValueError, KeyError, TypeError, AttributeError) as error:
         problem = f"not a table of '255,0,0' or ids to labels or [k1, k2], nor of {texture_filter('palette')}: {error}"
         raise ImageError(problem, parameter="table", value=str(path)) from error
     if not keys:
         raise ImageError(f"table={path} is empty")
-    if len(colours) > 1:
-        raise ImageError(f"table={path} has both colours and ids")
-    return Table(path, keys, finer, colours.pop(), level, soft)
-
-
-def _colour(entry: dict[str, Any]) -> str:
-    """The colour of a palette's entry, however it is spelled; ValueError where it has none, or two."""
-    (colour,) = {entry[name] for name in ("colour", "color") if name in entry}
-    return colour
+    if len(colors) > 1:
+        raise ImageError(f"table={path} has both colors and ids")
+    return Table(path, keys, finer, colors.pop(), level, soft)
 
 
 def meaning_of(guide: Part, table: Table | None, labels: np.ndarray, fine: bool = False) -> Meaning:
-    """What a guide's ids or colours mean: by the table, or, of ids without one, the labels (n,) that the exemplar has.
+    """What a guide's ids or colors mean: by the table, or, of ids without one, the labels (n,) that the exemplar has.
 
     fine: it speaks of the table's finer level.
     """
@@ -175,9 +169,9 @@ def meaning_of(guide: Part, table: Table | None, labels: np.ndarray, fine: bool 
         raise ImageError("the label map has no label to paint with")
     rows = {} if table is None else table.finer if fine else table.keys
     if table is None or not rows:
-        if len(channels_of(guide.spec).colour) > 1:
+        if len(channels_of(guide.spec).color) > 1:
             name = "fine" if fine else f"guide {guide.name}"
-            raise ParameterError(f"{name} holds colours: table=FILE.json says which label each one means")
+            raise ParameterError(f"{name} holds colors: table=FILE.json says which label each one means")
         return Meaning(labels, np.stack([labels, labels], 1), np.ones(len(labels), bool), False)
     codes = sorted(rows)
     pure = np.array([not isinstance(rows[code], list) for code in codes])
@@ -187,14 +181,14 @@ def meaning_of(guide: Part, table: Table | None, labels: np.ndarray, fine: bool 
             raise ImageError(f"table={table.path}: {key} is no label or pair of labels; there is 1 to {labels.max()}")
     if fine and 0 not in rows:  # nothing is painted there, and brushes that are soft blend into it, too
         codes, keys, pure = [0, *codes], [[0, 0], *keys], np.concatenate([[True], pure])
-    return Meaning(np.array(codes, np.int64), np.array(keys, np.int64), pure, table.colours, table.soft)
+    return Meaning(np.array(codes, np.int64), np.array(keys, np.int64), pure, table.colors, table.soft)
 
 
 def labels_met(guide: Part, meaning: Meaning) -> list[int]:
     """The labels that the guide asks for by themselves, found on some of its rows; those it hardly asks for are not."""
     whole = guide.window
     channels = channels_of(guide.spec)
-    if meaning.colours != (len(channels.colour) > 1):
+    if meaning.colors != (len(channels.color) > 1):
         return []  # `wishes_of` says what is wrong
     met = np.zeros(len(meaning.codes), np.int64)
     for y in np.unique(whole.top + (2 * np.arange(_ROWS) + 1) * whole.height // (2 * _ROWS)):
@@ -216,7 +210,7 @@ class Wishes:
 def wishes_of(guide: Part, meaning: Meaning, grid: Grid, resources: Resources) -> Wishes:
     """One look through the guide, row of cells by row of cells; it is scaled to the output by the nearest pixel.
 
-    Raises ImageError where it has ids or colours that mean nothing: named, with how many of them were met.
+    Raises ImageError where it has ids or colors that mean nothing: named, with how many of them were met.
     """
     rows, columns = grid.shape
     keys = np.zeros((rows, columns, 2), np.int32)
@@ -242,7 +236,7 @@ def wishes_of(guide: Part, meaning: Meaning, grid: Grid, resources: Resources) -
         raise ImageError(f"the guide has {strays}; there is {meant}")
     if blended:
         share = 100 * blended / (rows * columns * SAMPLES**2)
-        log.warning("%s: %.0f %% of it is of no colour of the table, and taken for the nearest", guide.name, share)
+        log.warning("%s: %.0f %% of it is of no color of the table, and taken for the nearest", guide.name, share)
     return Wishes(keys, wanted)
 
 
@@ -256,11 +250,11 @@ def _rows(guide: Part, meaning: Meaning, grid: Grid) -> Iterator[tuple[np.ndarra
     """For every row of cells its sample rows (SAMPLES,), and the guide's codes there: (SAMPLES, guide width) int64."""
     whole = guide.window
     channels = channels_of(guide.spec)
-    if not meaning.colours and len(channels.colour) > 1:
-        raise ImageError(f"the table names ids, but guide {guide.name} holds colours")
+    if not meaning.colors and len(channels.color) > 1:
+        raise ImageError(f"the table names ids, but guide {guide.name} holds colors")
     for at in _samples(grid.ys, grid.patch, grid.height) * whole.height // grid.height:
         codes = np.empty((SAMPLES, whole.width), np.int64)
-        for n, y in enumerate(at):  # row by row: where the torus closes they are not neighbours
+        for n, y in enumerate(at):  # row by row: where the torus closes they are not neighbors
             row = guide.read(Window(whole.left, whole.top + int(y), whole.right, whole.top + int(y) + 1))[0]
             codes[n] = meaning.codes_of(row, channels)
         yield whole.top + at, codes

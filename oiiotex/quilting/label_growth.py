@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A label map of any size grown from a found one: the future work of LSA16 §7.
 
-A label map is itself a texture. It is reduced to cells of about a quarter of its scale, labels become colours that lie
+A label map is itself a texture. It is reduced to cells of about a quarter of its scale, labels become colors that lie
 far apart, and PatchMatch with voting (`optimization.synthesize`, without projection) makes a map of the new size:
 uniform use of the found map and matching of histograms hold the shares, whole patches hold what lies beside what. Of
-several starts the one is taken whose shares and neighbourhoods are nearest to those found.
+several starts the one is taken whose shares and neighborhoods are nearest to those found.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _LEAST, _MOST = 24, 192  # cells along the found map's shorter side
 _PATCHES = (11, 9, 7, 5)
 _UNIFORMITY = 0.3  # strong: shares matter more here than the coherence of single borders
 _ITERATIONS = 20
-_SIDE = 100.0  # of the cube of colours, Lab units
+_SIDE = 100.0  # of the cube of colors, Lab units
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Grown:
     ids: np.ndarray  # (height, width) uint32: one per cell
     cell: int  # its side, px
     shares: float
-    neighbours: float
+    neighbors: float
 
 
 def cell_side(rho: float, width: int, height: int) -> int:
@@ -60,7 +60,7 @@ def cells_of(ids: np.ndarray, side: int) -> np.ndarray:
 
 
 def apart(count: int) -> np.ndarray:
-    """Colours (count, 3) on a grid of the cube, each as far as can be from those before it."""
+    """Colors (count, 3) on a grid of the cube, each as far as can be from those before it."""
     steps = max(2, int(np.ceil(count ** (1 / 3))) + 1)
     grid = np.stack(np.meshgrid(*[np.linspace(0, _SIDE, steps)] * 3, indexing="ij"), -1).reshape(-1, 3)
     chosen, nearest = [0], np.full(len(grid), np.inf)
@@ -111,7 +111,7 @@ def grow_labels(
         grown = synthesis.source.gather(index)
         off = _away(_shares(index, allowed, len(labels)), _shares(grown, np.ones(grown.shape, bool), len(labels)))
         beside = _away(_pairs(index, allowed, len(labels)), _pairs(grown, np.ones(grown.shape, bool), len(labels)))
-        if best is None or off + beside < best.shares + best.neighbours:
+        if best is None or off + beside < best.shares + best.neighbors:
             best = Grown(labels[grown].astype(np.uint32), side, off, beside)
     assert best is not None
     return best
@@ -124,7 +124,7 @@ def _patch(shape: tuple[int, ...], allowed: np.ndarray, size: tuple[int, int]) -
         inside = np.lib.stride_tricks.sliding_window_view(allowed, (min(patch, shape[0]), min(patch, shape[1])))
         if (4 * patch <= least or patch == _PATCHES[-1]) and inside.all((2, 3)).any():
             return patch
-    raise ImageError("the labelled pieces of the label map are too small to grow from")
+    raise ImageError("the labeled pieces of the label map are too small to grow from")
 
 
 def _shares(index: np.ndarray, counted: np.ndarray, count: int) -> np.ndarray:
@@ -132,7 +132,7 @@ def _shares(index: np.ndarray, counted: np.ndarray, count: int) -> np.ndarray:
 
 
 def _pairs(index: np.ndarray, counted: np.ndarray, count: int) -> np.ndarray:
-    """Shares of pairs of different labels among all neighbours, whichever is left or above: (count^2,)."""
+    """Shares of pairs of different labels among all neighbors, whichever is left or above: (count^2,)."""
     sums = np.zeros(count * count)
     total = 0
     for a, b, ok in (

@@ -28,7 +28,7 @@ def painted_labels(
 ) -> Callable[[Window], np.ndarray]:  # fmt: skip
     """The labels that a fine painting asks for in any window of the result: (height, width) int64, 0 where none.
 
-    Colours that mean no label are none where it is not `strict`, else named with their counts and places.
+    Colors that mean no label are none where it is not `strict`, else named with their counts and places.
     """
     whole, channels = fine.window, channels_of(fine.spec)
 

@@ -61,7 +61,7 @@ def _regridded(
     }
     for name, values in (("offsets", plan.offsets), ("keys", keys), ("guide", guide)):
         cells[name][corners] = values[:rows, :columns]
-    if times == 1:  # else no neighbour is kept, and cuts are made when neighbours are
+    if times == 1:  # else no neighbor is kept, and cuts are made when neighbors are
         for cut, old in zip(cuts, (plan.vertical, plan.horizontal), strict=True):
             cut[corners] = old[:rows, :columns]
     return Plan(grid, cells["offsets"], *cuts).arrays(exemplar) | cells

@@ -20,7 +20,7 @@ from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError, ParameterError, present
 from ..exemplar.exemplar_masks import both, label_levels, label_map
-from ..exemplar.exemplar_op import ExemplarPixels, LabelledExemplar
+from ..exemplar.exemplar_op import ExemplarPixels, LabeledExemplar
 from ..exemplar.photo_lattice import Structured, fitting_size, least_size
 from ..labels.content_table import (
     TABLE_BYTES,
@@ -49,7 +49,7 @@ _REGIONS = 12  # of the exemplar, from which a guide's label should be had
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quilted(LabelledExemplar, Gather):
+class Quilted(LabeledExemplar, Gather):
     """What is sewn from patches of a photo."""
 
     size: Size | None = param(
@@ -72,12 +72,12 @@ class Quilted(LabelledExemplar, Gather):
         help="a region of the exemplar that is shown oftener than twice, and than once more than this times its fair"
         " share, costs, the more the oftener",
     )
-    finer: float = param(0.5, ge=0, le=100, help="weight of finer levels' labels in the overlaps, beside colour")
-    guidance: float = param(1.0, ge=0, le=100, help="weight of the guide's labels inside a patch, beside colour")
+    finer: float = param(0.5, ge=0, le=100, help="weight of finer levels' labels in the overlaps, beside color")
+    guidance: float = param(1.0, ge=0, le=100, help="weight of the guide's labels inside a patch, beside color")
     keep: bool = param(False, help="label parts of the exemplar follow, made from the same sources")
 
     def read(self, resources: Resources, *also: np.ndarray | None) -> ExemplarPixels:
-        """As `LabelledExemplar.read`, where the table of its contents fits the memory, too."""
+        """As `LabeledExemplar.read`, where the table of its contents fits the memory, too."""
         spec = self.exemplar.first.spec
         require_addressable((spec.height, spec.width))
         resources.require(
@@ -251,7 +251,7 @@ class Sewing:
         return Demand(keys, wishes.wanted)
 
     def _meant(self, ids: np.ndarray) -> Meaning:
-        """What the guide's ids or colours mean."""
+        """What the guide's ids or colors mean."""
         there = np.flatnonzero(np.bincount(ids.ravel()))
         return meaning_of(present(self.guide).first, None, there) if self.meaning is None else self.meaning(there)
 

@@ -35,7 +35,7 @@ class Grid(Domain):
     """Where patches lie in the output; a little closer along an axis that wraps, where its size asks for it."""
 
     patch: int  # side, px
-    overlap: int  # of neighbours: at most a third of a patch
+    overlap: int  # of neighbors: at most a third of a patch
 
     def __post_init__(self) -> None:
         for size, wraps, axis in ((self.width, self.wrap_x, "wide"), (self.height, self.wrap_y, "high")):

@@ -276,7 +276,7 @@ def _material(name: str, candidates: list[_Candidate], facts: Facts, recipe: Lib
             questions.append('are its normals OpenGL\'s or DirectX\'? normals = "opengl" or "directx" says it')
         maps["normal"] = replace(maps["normal"], hand=hand)
     if "color" not in maps and not questions:
-        questions.append("which is its colour? maps = { color = FILE } says it, skip = true leaves it out")
+        questions.append("which is its color? maps = { color = FILE } says it, skip = true leaves it out")
     ordered = {role: maps[role] for role in sorted(maps, key=lambda role: (role != "color", role))}
     return Material(name, ordered, facts, tuple(questions))
 

@@ -16,7 +16,7 @@ from ..api.files import OUTSIDE, OutsideError, writing_only_below
 from ..api.images import from_array
 from ..api.lines import LANGUAGE, parse, split_modifiers
 from ..api.lines import Step as WrittenStep
-from ..api.materials import COLOURS, ROLES
+from ..api.materials import COLORS, ROLES
 from ..deferred import np
 from ..errors import Error, ParameterError, within
 from .found import MapFile
@@ -32,7 +32,7 @@ _NOT_HERE = {
     "--tev": _SHOWS, "--oiioattrib": "it would hold for the lines of other materials, too",
 }  # fmt: skip
 _EVERY_MAP = {role: MapFile(f"{role}.png", hand="opengl") for role in ROLES}
-_KINDS = {"color": "colour", "normal": "normal", "height": "height"}
+_KINDS = {"color": "color", "normal": "normal", "height": "height"}
 
 
 class ProductStep(NamedTuple):
@@ -242,7 +242,7 @@ class _Filler:
             path = f"{self.product}/{role}{_suffix(deliver)}"
             self.outputs[role] = path
             kind = "uint16" if deliver.format == "tiff" else "float" if role == "height" else "half"
-            convert = ["--tocolorspace", deliver.colour] if role in COLOURS and deliver.colour else []
+            convert = ["--tocolorspace", deliver.color] if role in COLORS and deliver.color else []
             words = [*convert, "-d", kind, "-o", path, *(["--pop", *words] if words else [])]
         return words
 

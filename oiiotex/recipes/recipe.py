@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from ..api.files import Allowed, Limit, read_as
-from ..api.materials import COLOURS, ROLES
+from ..api.materials import COLORS, ROLES
 from ..errors import Error, ParameterError
 
 _MOST_BYTES = 4 << 20
@@ -28,10 +28,10 @@ def _require_among(what: str, value: str, allowed: tuple[str, ...]) -> None:
 class Facts:
     """What is known of a material; '' and () where nothing is."""
 
-    licence: str = ""
+    license: str = ""
     author: str = ""
     tags: tuple[str, ...] = ()
-    size_m: tuple[float, ...] = ()  # width and height in metres
+    size_m: tuple[float, ...] = ()  # width and height in meters
     normals: Literal["", "opengl", "directx"] = ""  # what its map of normals is
     maps: Mapping[str, str] = field(default_factory=dict)  # by role: files below the photos, ARCHIVE.zip!MEMBER in one
     skip: bool = False  # it is left out
@@ -40,7 +40,7 @@ class Facts:
         for role in self.maps:
             _require_among("maps", role, tuple(ROLES))
         if self.size_m and (len(self.size_m) != 2 or min(self.size_m) <= 0):
-            raise ParameterError(f"size_m={list(self.size_m)}: expected width and height in metres")
+            raise ParameterError(f"size_m={list(self.size_m)}: expected width and height in meters")
 
     def under(self, own: Facts) -> Facts:
         """These, where `own` says nothing else; tags of both."""
@@ -58,7 +58,7 @@ class Find(Facts):
 
 @dataclass(frozen=True, kw_only=True)
 class Role:
-    """How a role's files are recognised and read."""
+    """How a role's files are recognized and read."""
 
     words: tuple[str, ...] = ()
     space: str | None = None
@@ -83,7 +83,7 @@ class Deliver:
     """What an asset holds beside what lines have made."""
 
     format: Literal["exr", "tiff"] = "exr"
-    colour: str = "lin_rec709_scene"
+    color: str = "lin_rec709_scene"
     normals: Literal["opengl", ""] = "opengl"
     tx: bool = True
     shape: Literal["sphere", "plane"] = "sphere"
@@ -127,12 +127,12 @@ class LibraryRecipe:
     assets: Mapping[str, Facts] = field(default_factory=dict)
 
     def space(self, role: str, floats: bool) -> str:
-        """The colour space of a role's files: '' as they say."""
+        """The color space of a role's files: '' as they say."""
         said = self.roles.get(role, Role())
         own = said.space_float if floats else said.space
         if own is not None:
             return own
-        return ("lin_rec709_scene" if floats else "srgb_rec709_scene") if role in COLOURS else "data"
+        return ("lin_rec709_scene" if floats else "srgb_rec709_scene") if role in COLORS else "data"
 
     @property
     def words(self) -> dict[str, tuple[str, ...]]:

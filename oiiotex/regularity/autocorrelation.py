@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How alike a texture is to itself at a distance: normalised autocorrelation, and that folded onto a lattice's cell."""
+"""How alike a texture is to itself at a distance: normalized autocorrelation, and that folded onto a lattice's cell."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ def high_passed(values: np.ndarray, usable: np.ndarray, wraps: tuple[bool, bool]
 
 @dataclass(frozen=True)
 class Autocorrelation:
-    """Normalised autocorrelation over offsets.
+    """Normalized autocorrelation over offsets.
 
     Attributes
     ----------
     ncc : (2 reach_y + 1, 2 reach_x + 1) float64
-        Centred: offset 0 is in the middle. -1 to 1; 0 where too few pixels say anything.
+        Centerd: offset 0 is in the middle. -1 to 1; 0 where too few pixels say anything.
     weight : the same
         Number of pixels that say it; 0 where too few do.
     """

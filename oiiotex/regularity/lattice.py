@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A photo's lattice: the one or two frequencies at which it repeats, found by what it has in common with itself.
 
-Candidates are peaks of the normalised autocorrelation: pairs of them span lattices of rank 2, peaks of its spectrum are
+Candidates are peaks of the normalized autocorrelation: pairs of them span lattices of rank 2, peaks of its spectrum are
 stripes (rank 1). The one that the autocorrelation is highest on, on the average, is refined to a fraction of a pixel by
 least squares over its peaks, farther and farther away. Whether it is more than chance is asked of the photo itself
 (order_significance): rows of cells are shifted against each other at random, and what such a photo shows of the
@@ -45,7 +45,7 @@ class Lattice:
     order : float
         How far it stands above chance, in deviations.
     likeness : (BINS,) * rank float64
-        The photo's normalised autocorrelation, the mean over all offsets of equal phase.
+        The photo's normalized autocorrelation, the mean over all offsets of equal phase.
     """
 
     frequencies: np.ndarray
@@ -313,7 +313,7 @@ def _refined(vectors: np.ndarray, ncc: np.ndarray, weight: np.ndarray) -> np.nda
 
 
 def _parabola(before: np.ndarray, peak: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Where between its neighbours a peak lies, -0.5 to 0.5."""
+    """Where between its neighbors a peak lies, -0.5 to 0.5."""
     bend = np.minimum(before - 2 * peak + after, -1e-12)
     return np.clip(0.5 * (before - after) / bend, -0.5, 0.5)
 

@@ -2,7 +2,7 @@
 """What it costs to copy from a place of the photo that does not lie on its lattice as the target's place does.
 
 Not in MJH17. A target patch at x and its match at e are in step where e - x is a vector of the lattice. How much they
-are out of step is the phase of e - x, and what a phase costs is what the photo's normalised autocorrelation, folded
+are out of step is the phase of e - x, and what a phase costs is what the photo's normalized autocorrelation, folded
 onto one cell of the lattice, loses against phase 0, in units of the most that any phase loses. All vectors of the
 lattice cost nothing, 0 among them, so a place of the photo is as near as another: neither uniformity nor the way out
 of a stain is dearer than before. On a torus the lattice of the result is the nearest that closes.

@@ -9,7 +9,7 @@ from .lattice import Lattice
 
 
 def peaks_over_floor(values: np.ndarray, lattice: Lattice, wraps: bool, usable: np.ndarray | None = None) -> np.ndarray:
-    """The normalised autocorrelation at the lattice's first three vectors, less its mean over the cell around each.
+    """The normalized autocorrelation at the lattice's first three vectors, less its mean over the cell around each.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ _POOLED = 14.0  # px: the Gaussian whose textons describe a place at first
 _AMONG = 64.0  # px: the Gaussian within which regions lie among each other
 _POOLED_PART, _AMONG_PART = 8, 4  # of the shorter side: no more than that
 _SAMPLE = 4096  # places that the first regions are learned from
-_TRIALS = 4  # draws for each of their centres: with one, covering hangs on it (.625 to .642)
+_TRIALS = 4  # draws for each of their centers: with one, covering hangs on it (.625 to .642)
 _ROOTS = 2047  # steps of a root of a share: products of two histograms are whole numbers that a float32 holds
 _REACH = 2.5  # of Gaussians, sigmas
 _WEIGHTS = (2.7, -3.6, 0.48)  # of `_Regions.evidence`, nats
@@ -44,9 +44,9 @@ def fine_regions(values: np.ndarray, side: int, resources: Resources, least: int
     points = np.rint(np.sqrt(shares.reshape(len(shares), -1).T) * np.float32(_ROOTS)).astype(np.int16)
     seen = np.flatnonzero(values.any(-1))
     count = max(least, min(_MOST, int(len(seen) * side**2 / _ROOM)))
-    centres = codebook(points[seen[:: max(1, len(seen) // _SAMPLE)]], count, _TRIALS).astype(np.float32)
-    products = points.astype(np.float32) @ centres.T  # exact
-    return (2 * products.astype(np.float64) - (centres.astype(np.float64) ** 2).sum(1)).argmax(1).reshape(height, width)
+    centers = codebook(points[seen[:: max(1, len(seen) // _SAMPLE)]], count, _TRIALS).astype(np.float32)
+    products = points.astype(np.float32) @ centers.T  # exact
+    return (2 * products.astype(np.float64) - (centers.astype(np.float64) ** 2).sum(1)).argmax(1).reshape(height, width)
 
 
 def merged(

@@ -59,7 +59,7 @@ class DecompositionSettings:
     features : str
         "bank" or "haar".
     bins : int
-        Textons; of colour and structure each with "haar".
+        Textons; of color and structure each with "haar".
     radius, shift : float
         Of the disc, and how far to look for the best match, px.
     scales : int
@@ -77,7 +77,7 @@ class DecompositionSettings:
     refine : bool
         Of the clique partition.
     assign : str
-        "competition" or "neighbours".
+        "competition" or "neighbors".
     """
 
     features: str = "bank"
@@ -244,7 +244,7 @@ def _members(values: np.ndarray, labels: np.ndarray, side: int, radius: float, r
 
     In every round a subtexture has the texton distribution of its cells. A cell is a member of each by a share: the
     likelihood of its textons times what its surroundings are members of (the mean field of a Potts model with
-    Gaussian neighbourhoods). Surroundings count for more from round to round, so that borders settle late.
+    Gaussian neighborhoods). Surroundings count for more from round to round, so that borders settle late.
     """
     height, width, bins = values.shape
     cells, seen = values.reshape(-1, bins), values.any(-1).ravel()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Texton histograms of neighbourhoods, and how alike two places are when both may look a little aside.
+"""Texton histograms of neighborhoods, and how alike two places are when both may look a little aside.
 
-CZF02 section II: Caenen, Zalesny, Ferrari, Van Gool. Colour and Haar details are quantised to 8 textons each; a pixel
+CZF02 section II: Caenen, Zalesny, Ferrari, Van Gool. Color and Haar details are quantized to 8 textons each; a pixel
 belongs to all of them by weights (eq. 1); a place has the mean of the weights over a disc (eq. 2); two places are
 compared by the Bhattacharyya coefficient (eq. 3), the second with the best of its surroundings (section II B).
 
@@ -21,9 +21,9 @@ from ..labels.filter_bank import Texture, texton_map
 from ..session.resources import Resources
 
 UNIT = 4000  # steps of a root of a histogram: the product of two fits the 24 bits of a float32
-BINS = 8  # of colour, and as many of structure: CZF02 section II A
+BINS = 8  # of color, and as many of structure: CZF02 section II A
 FULL = 255  # steps of a weight
-_COLOUR = 2.2  # weight of L, a and b each against each of 21 responses in filter bank textons
+_COLOR = 2.2  # weight of L, a and b each against each of 21 responses in filter bank textons
 _LEARNED = 4000  # pixels that these are learned from: twice as many change no score and take .1 s longer
 _SAMPLE = 16384  # pixels that bins are learned from
 _LLOYD = 12  # rounds of a bisection
@@ -44,7 +44,7 @@ class Counts:
 
 
 def weighted_counts(pixels: LabPixels, resources: Resources, bins: int = BINS) -> Counts:
-    """CZF02 section II A: weights (eq. 1) of colour bins, then of Haar bins, of every pixel."""
+    """CZF02 section II A: weights (eq. 1) of color bins, then of Haar bins, of every pixel."""
     groups = [pixels.lab, haar_details(pixels.lab[..., 0])]
     values = np.concatenate([_weights(group, pixels.seen, bins, resources) for group in groups], axis=-1)
     return Counts(values * pixels.seen[..., None], 1)
@@ -55,7 +55,7 @@ def bank_counts(texture: Texture, resources: Resources, bins: int, side: int) ->
 
     `side`: of a cell, px.
     """
-    textons = texton_map(texture, resources, bins, _COLOUR, _LEARNED)
+    textons = texton_map(texture, resources, bins, _COLOR, _LEARNED)
     height, width = textons.shape
     across, down = -(-width // side), -(-height // side)
     cell = (np.arange(height) // side)[:, None] * across + np.arange(width) // side
@@ -75,7 +75,7 @@ def haar_details(light: np.ndarray) -> np.ndarray:
 
 
 def bisected(points: np.ndarray, bins: int) -> np.ndarray:
-    """Centres (at most bins, d) float32 of a hierarchical clustering of points (n, d).
+    """Centers (at most bins, d) float32 of a hierarchical clustering of points (n, d).
 
     The cluster of the largest error is halved until there are `bins`, or none has an error.
     """
@@ -107,20 +107,20 @@ def _halves(points: np.ndarray) -> list[np.ndarray]:
 def _weights(values: np.ndarray, seen: np.ndarray, bins: int, resources: Resources) -> np.ndarray:
     """CZF02 eq. 1, (h, w, bins) int32 in steps of 1 / 255.
 
-    sigma, which the paper leaves open, is the root of the mean squared distance to the nearest centre. The weights of
+    sigma, which the paper leaves open, is the root of the mean squared distance to the nearest center. The weights of
     a pixel are brought to a sum of 1, so that no pixel counts more than another.
     """
     points = values.reshape(-1, values.shape[-1])
     known = np.flatnonzero(seen)
     sample = points[known[:: max(1, len(known) // _SAMPLE)]] if len(known) else points[:1]
-    centres = bisected(sample, bins)
-    squares = (centres**2).sum(1)
-    apart = np.maximum((sample**2).sum(1)[:, None] + squares - 2 * sample @ centres.T, 0).min(1)
+    centers = bisected(sample, bins)
+    squares = (centers**2).sum(1)
+    apart = np.maximum((sample**2).sum(1)[:, None] + squares - 2 * sample @ centers.T, 0).min(1)
     variance = max(float(apart.mean(dtype=np.float64)), 1e-3)
 
     def weigh(first: int) -> np.ndarray:
         here = points[first : first + _BLOCK]
-        away = squares - 2 * here @ centres.T  # up to a constant of the pixel, which the sum takes out
+        away = squares - 2 * here @ centers.T  # up to a constant of the pixel, which the sum takes out
         away -= away.min(1, keepdims=True)
         weight = np.exp(away / np.float32(-2 * variance))
         return np.rint(weight * (FULL / weight.sum(1, keepdims=True))).astype(np.int32)
@@ -175,7 +175,7 @@ class Samples:
 
 
 def sample_grid(seen: np.ndarray, step: int) -> Samples:
-    """Places `step` cells apart (CZF02 section II B): neighbours would find each other, shifted, and say nothing."""
+    """Places `step` cells apart (CZF02 section II B): neighbors would find each other, shifted, and say nothing."""
     height, width = seen.shape
     rows = np.arange(min(step // 2, height - 1), height, step)
     columns = np.arange(min(step // 2, width - 1), width, step)

@@ -198,7 +198,7 @@ class Client:
             self._open.pop(facts["re"], None)
         if state == "done":
             request.set_result((facts, arrays))
-        elif state == "cancelled":
+        elif state == "canceled":
             request.set_exception(CancelledError())
         else:
             request.set_exception(of_facts(facts))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is to be done: by priority, one at a time, because there is one device; more urgent jobs come in between.
 
-A job is asked for leave whenever it reports progress. There it ends if it was cancelled, and there jobs of higher
+A job is asked for leave whenever it reports progress. There it ends if it was canceled, and there jobs of higher
 priority are done, on its thread: so an export of an hour holds up no brush, and kernels are never set up twice at once.
 """
 
@@ -26,13 +26,13 @@ class DeviceJob:
     """Something to be done.
 
     `report`: called with (state, value): 'progress' (done, total), 'done' what `work` gave, 'failed' an Error,
-    'cancelled'.
+    'canceled'.
     """
 
     priority: int  # 0 first; among equals who came first
     work: Callable[[DeviceJob], Any]  # Is called with the job
     report: Callable[[str, Any], None]
-    cancelled: bool = False
+    canceled: bool = False
     log: list[tuple[str, str]] = field(default_factory=list)
     _jobs: Jobs | None = None
     _number: int = field(default_factory=lambda: next(_numbers))
@@ -42,14 +42,14 @@ class DeviceJob:
         return (self.priority, self._number) < (other.priority, other._number)
 
     def advance(self, done: int, total: int) -> bool:
-        """As a session's `progress`: False where the job was cancelled."""
+        """As a session's `progress`: False where the job was canceled."""
         now = time.monotonic()
         if now - self._told >= REPORT_EVERY:
             self._told = now
             self.report("progress", (done, total))
         if self._jobs is not None:
             self._jobs.let_in(self)
-        return not self.cancelled
+        return not self.canceled
 
 
 class Jobs:
@@ -82,17 +82,17 @@ class Jobs:
     def cancel(self, job: DeviceJob) -> None:
         """Leave a job undone, or end it where it next reports progress."""
         with self._changed:
-            job.cancelled = True
+            job.canceled = True
             waited = job in self._waiting
             if waited:
                 self._waiting.remove(job)
                 heapq.heapify(self._waiting)
         if waited:
-            job.report("cancelled", None)
+            job.report("canceled", None)
 
     def let_in(self, job: DeviceJob) -> None:
         """Do what is more urgent than a job that runs."""
-        while not job.cancelled:
+        while not job.canceled:
             with self._changed:
                 if not (self._waiting and self._waiting[0].priority < job.priority):
                     return
@@ -112,7 +112,7 @@ class Jobs:
         try:
             result = job.work(job)
         except Interrupted as error:
-            job.report(*(("cancelled", None) if job.cancelled else ("failed", error)))
+            job.report(*(("canceled", None) if job.canceled else ("failed", error)))
         except Error as error:
             job.report("failed", error)
         except MemoryError:

@@ -36,7 +36,7 @@ from .work import Bench
 
 MOST_JOBS = 256  # of a client, that wait or run
 MOST_CLIENTS = 128  # each has a thread, and a message of 16 MB at most
-MEMORY_SHARE = 4  # of the budget: analyses of photos and planes that are kept
+MEMORY_SHARE = 4  # of the budget: analyzes of photos and planes that are kept
 _CREDENTIALS = struct.Struct("3i")
 
 log = logging.getLogger("oiiotex")

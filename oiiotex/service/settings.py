@@ -34,7 +34,7 @@ class ResidentSettings(Settings):
 
     @classmethod
     def of(cls, session: Session) -> ResidentSettings:
-        """Those of a session, but for what belongs to one line; the environment's colour config becomes a word."""
+        """Those of a session, but for what belongs to one line; the environment's color config becomes a word."""
         config = session.settings.colorconfig or os.environ.get("OCIO")
         if config and os.path.exists(config):
             config = os.path.abspath(config)

@@ -67,7 +67,7 @@ class OpenTexture:
 
 
 class _EndlessTexture:
-    """A plane of --texsynth. Beyond its level 0, where a pixel is as large as the exemplar, there is one colour."""
+    """A plane of --texsynth. Beyond its level 0, where a pixel is as large as the exemplar, there is one color."""
 
     def __init__(self, file: TextureFile, session: Session):
         photo = None if file.photo is None else _opened(file.photo, file, session)
@@ -152,7 +152,7 @@ def opened(text: str, session: Session) -> OpenTexture:
 
 
 def _opened(path: str, file: TextureFile, session: Session) -> Image:
-    """An image of the file's, one for all textures of it, so that it is analysed once."""
+    """An image of the file's, one for all textures of it, so that it is analyzed once."""
 
     def read_and_tagged() -> Image:
         image = read(path, session.resources.cache)

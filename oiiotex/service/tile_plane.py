@@ -2,9 +2,9 @@
 """A plane without end of tiles that fit each other, any place of it alone.
 
 CSHD03 (Cohen, Shade, Hiller, Deussen, Wang Tiles for Image and Texture Generation, SIGGRAPH 2003) lay tiles row by row,
-each by what lies above and left of it. Here (departure) the colours of all edges are drawn from their places, as Wei,
-Tile-Based Texture Mapping on Graphics Hardware, 2004, does, so that a tile is known without its neighbours. It wants a
-set that has a tile for any four colours: all tiles alike at their edges, or the whole set.
+each by what lies above and left of it. Here (departure) the colors of all edges are drawn from their places, as Wei,
+Tile-Based Texture Mapping on Graphics Hardware, 2004, does, so that a tile is known without its neighbors. It wants a
+set that has a tile for any four colors: all tiles alike at their edges, or the whole set.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError
 from ..patchmatch.field import hash_at
-from ..patchmatch.wang_tiles import TWO_COLOURS_FROM, Edges
+from ..patchmatch.wang_tiles import TWO_COLORS_FROM, Edges
 
 _UP, _LEFT, _CHOICE = 0x71E1, 0x71E2, 0x71E3  # what is drawn at a place
 _EDGES = re.compile(r"n(\d{1,3})e(\d{1,3})s(\d{1,3})w(\d{1,3})", re.ASCII)
@@ -35,16 +35,16 @@ class TilePlane:
         for part in tiles.parts:
             if _kind(part.spec) != kind:
                 raise ImageError(
-                    f"{tiles.source}: part '{part.name}' is of another size, type or colour space than the first tile"
+                    f"{tiles.source}: part '{part.name}' is of another size, type or color space than the first tile"
                 )
             self._fits.setdefault(_edges(part, tiles.source), []).append(part)
-        if len(tiles.parts) >= TWO_COLOURS_FROM and not any(map(_said, tiles.parts)):
+        if len(tiles.parts) >= TWO_COLORS_FROM and not any(map(_said, tiles.parts)):
             raise ImageError(
                 f"{tiles.source}: {len(tiles.parts)} tiles that do not say their edges ({EDGES}): write the set as EXR,"
                 " which holds that"
             )
-        self._colours = 1 + max(itertools.chain(*self._fits))
-        every = (Edges(*colours) for colours in itertools.product(range(self._colours), repeat=4))
+        self._colors = 1 + max(itertools.chain(*self._fits))
+        every = (Edges(*colors) for colors in itertools.product(range(self._colors), repeat=4))
         lacking = next((edges for edges in every if edges not in self._fits), None)
         if lacking is not None:
             raise ImageError(
@@ -68,8 +68,8 @@ class TilePlane:
         return np.concatenate(strips)
 
     def _at(self, x: int, y: int) -> Part:
-        north, south = (self._drawn(_UP, x, row, self._colours) for row in (y, y + 1))
-        west, east = (self._drawn(_LEFT, column, y, self._colours) for column in (x, x + 1))
+        north, south = (self._drawn(_UP, x, row, self._colors) for row in (y, y + 1))
+        west, east = (self._drawn(_LEFT, column, y, self._colors) for column in (x, x + 1))
         fits = self._fits[Edges(north, east, south, west)]
         return fits[self._drawn(_CHOICE, x, y, len(fits))]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run opens once and shares: device, colour config, cache, threads, checkpoints; and what it may hold."""
+"""What a run opens once and shares: device, color config, cache, threads, checkpoints; and what it may hold."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class Resources:
 
     @functools.cached_property
     def color(self) -> ColorConfig:
-        """The colour config."""
+        """The color config."""
         from ..color.config import ColorConfig
 
         return ColorConfig(self.settings.colorconfig, self.settings.interchange)
@@ -137,7 +137,7 @@ class Resources:
         return value
 
     def remembered(self, key: Hashable, make: Callable[[], Result], *held: object) -> Result:
-        """What `make` gives, or gave under that key: analyses that a resident process keeps from job to job.
+        """What `make` gives, or gave under that key: analyzes that a resident process keeps from job to job.
 
         Parameters
         ----------

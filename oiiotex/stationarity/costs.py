@@ -38,7 +38,7 @@ def stationarity_cost(
     """MJH17 eq. 1: 0 where a texture looks the same everywhere.
 
     The mean over all pairs of `SITES` x `SITES` places of the difference between what is seen there through a Gaussian:
-    the earth mover's distance between histograms of colours (eq. 3) or of the responses of steerable filters (eq. 4),
+    the earth mover's distance between histograms of colors (eq. 3) or of the responses of steerable filters (eq. 4),
     or the squared difference of moments (eq. 2), summed over channels, filters and orders.
 
     Moments of different order have units that do not add, and are ruled by where zero lies. So they are taken of values
@@ -182,7 +182,7 @@ def texture_cost(
 
 
 def _windows(size: int, sigma: float, wrap: bool) -> np.ndarray:
-    """Normalised Gaussian weights of all pixels of one axis, a row for every site: (sites, size) float64."""
+    """Normalized Gaussian weights of all pixels of one axis, a row for every site: (sites, size) float64."""
     sites = np.arange(min(SITES, size)) * size / min(SITES, size)
     away = np.abs(np.arange(size)[None, :] - sites[:, None])
     if wrap:

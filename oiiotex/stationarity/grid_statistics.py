@@ -80,7 +80,7 @@ class Cells:
 
     @property
     def steps(self) -> tuple[float, float]:
-        """Px from a cell's centre to the next along y, along x."""
+        """Px from a cell's center to the next along y, along x."""
         sizes, counts = (self.window.height, self.window.width), (self.down, self.across)
         y, x = (size / n if wraps else self.side for size, n, wraps in zip(sizes, counts, self.wraps, strict=True))
         return y, x
@@ -244,7 +244,7 @@ class SplineSurface:
     Parameters
     ----------
     grid : (down + 2 MARGIN, across + 2 MARGIN, fields) float
-        Values at the cells' centres, with the margin.
+        Values at the cells' centers, with the margin.
     """
 
     _KEPT = 16  # rows of the grid, spread to full width

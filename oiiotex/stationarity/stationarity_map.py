@@ -35,7 +35,7 @@ _LARGEST_CELL = 512  # px
 class Deviation:
     """How unlike the rest of an image its places are.
 
-    `local` (down + 4, across + 4) float: at the cells' centres, and `grid_statistics.MARGIN` beyond: the mean
+    `local` (down + 4, across + 4) float: at the cells' centers, and `grid_statistics.MARGIN` beyond: the mean
     difference between what is seen there and what is seen from all cells, summed over channels, in Lab units; of
     moments in squared ones.
     """
@@ -127,7 +127,7 @@ def _cell_histograms(
 ) -> np.ndarray:
     """Histograms with triangular bins (the Parzen window w_r of MJH17 eq. 3), (channels, across, BINS) int32.
 
-    Of values (height, width, >= channels) in one row of cells; a pixel counts `SHARES`. Ranges go from the centre of
+    Of values (height, width, >= channels) in one row of cells; a pixel counts `SHARES`. Ranges go from the center of
     the first bin to that of the last.
     """
     across = cells.across

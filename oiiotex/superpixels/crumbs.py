@@ -2,7 +2,7 @@
 """Crumbs of noise join what lies around them while a label map is made, so that what is kept does not grow with noise.
 
 Where a large image is noise, pixels at borders of superpixels make millions of pieces of a few pixels each. They join
-neighbours as small pieces do afterwards (`run_length.small_joined`), but within strips of a fixed number of rows, which
+neighbors as small pieces do afterwards (`run_length.small_joined`), but within strips of a fixed number of rows, which
 follow from the image alone: first in one set of strips, then in another that begins half a strip later. A piece that is
 less than half a strip high lies wholly within a strip of either set.
 """
@@ -19,7 +19,7 @@ _HIGH = 64  # rows of a strip
 
 
 def without_crumbs(strips: Iterable[Strip], height: int, least: float) -> Iterator[Strip]:
-    """A label map in which pieces below `least` px, and less than 64 rows high, have the label of a neighbour.
+    """A label map in which pieces below `least` px, and less than 64 rows high, have the label of a neighbor.
 
     `least`: px.
     """

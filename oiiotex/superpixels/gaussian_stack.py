@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mean colours of superpixels as a Gaussian stack of the image has them: LSA16 section 3.3.
+"""Mean colors of superpixels as a Gaussian stack of the image has them: LSA16 section 3.3.
 
 I_g = G_dsigma * I_(g-1), so level g is a blur of sqrt(sum of dsigma^2) px in all. Where the paper blurs the whole
 image, squares of pixels are blurred, twice as wide whenever the blur is three squares wide: a level costs milliseconds,

@@ -123,12 +123,12 @@ class _RegionGraph:
         self.alive = len(sizes)
         self.merges: list[tuple[int, int]] = []
 
-    def merge_until(self, target: int, colours: np.ndarray, weight: float) -> None:
-        """Merge the pair of least cost, again and again, until at most `target` are left or none are neighbours."""
+    def merge_until(self, target: int, colors: np.ndarray, weight: float) -> None:
+        """Merge the pair of least cost, again and again, until at most `target` are left or none are neighbors."""
         if self.alive <= target or not len(self._edges):
             return
         root, n = self._root, len(self._root)
-        columns = (self._sizes, *colours.T, *self._places.T)
+        columns = (self._sizes, *colors.T, *self._places.T)
         sums = np.stack([np.bincount(root, column, n) for column in columns], 1)  # superpixels x (size, L, a, b, x, y)
         size = np.maximum(sums[:, 0], 1.0)
         means = sums[:, 1:] / size[:, None]
@@ -143,8 +143,8 @@ class _RegionGraph:
         heap = list(zip(cost.tolist(), a.tolist(), b.tolist(), [0] * len(a), [0] * len(a), strict=True))
         heapq.heapify(heap)
         left = np.flatnonzero(root == np.arange(n))
-        sizes, centres = (dict(zip(left.tolist(), of[left].tolist(), strict=True)) for of in (size, means))
-        self._pop(heap, target, sizes, centres, weight)
+        sizes, centers = (dict(zip(left.tolist(), of[left].tolist(), strict=True)) for of in (size, means))
+        self._pop(heap, target, sizes, centers, weight)
 
     def _pop(
         self, heap: list[tuple[float, int, int, int, int]], target: int, size: dict[int, float],

@@ -78,11 +78,11 @@ class LabelSquares:
 
 
 def refined_slots(
-    lab: LabGrid, grid: SeedGrid, squares: LabelSquares, settled: Slic, centres: np.ndarray, resources: Resources
+    lab: LabGrid, grid: SeedGrid, squares: LabelSquares, settled: Slic, centers: np.ndarray, resources: Resources
 ) -> Iterator[tuple[Band, Any]]:
     """As `Slic.slots` of the image: which of nine seeds a pixel chooses, band by band.
 
-    `centres` (down, across, 5) float64: its seeds: L, a, b in steps, x, y in squares.
+    `centers` (down, across, 5) float64: its seeds: L, a, b in steps, x, y in squares.
     """
     device, side, strips = resources.device, squares.reduced.side, grid.strips(lab.band_rows)
     run = device.program("superpixels")
@@ -90,11 +90,11 @@ def refined_slots(
     layout["slots"] = lab.band_rows * lab.width
     with Buffers(device, layout, resources.budget, f"{grid.count} superpixels") as buffers:
         cells = [device.upload(grid.of_squares.cells(axis)) for axis in (0, 1)]
-        for band, slots in settled.slots(centres):
+        for band, slots in settled.slots(centers):
             shape = squares.width, squares.height
             run("seeds", shape, band.lab, slots, *cells, buffers["seeds"], *shape)
-        centres = centres * [1, 1, 1, side, side] + [0, 0, 0, (side - 1) / 2, (side - 1) / 2]
-        device.write(buffers["candidates"], candidates(grid, centres, np.arange(grid.count)))
+        centers = centers * [1, 1, 1, side, side] + [0, 0, 0, (side - 1) / 2, (side - 1) / 2]
+        device.write(buffers["candidates"], candidates(grid, centers, np.arange(grid.count)))
         tables = [device.upload(t) for t in (strips, grid.edges(1), grid.cells(1))]
         for band in lab.bands():
             first, end = np.searchsorted(strips[:, 0], (band.top, band.bottom)).tolist()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Label maps as runs along rows: connected pieces, who borders on whom, small pieces given to their neighbours.
+"""Label maps as runs along rows: connected pieces, who borders on whom, small pieces given to their neighbors.
 
 A run is a stretch of one row with one label. Work and memory go with the number of runs, a fraction of that of pixels.
 Pieces are numbered by their first pixel in reading order, so no cut into bands can be seen in what comes out.
@@ -48,7 +48,7 @@ class Runs:
         lengths = np.diff(starts, append=(bottom - top) * self.width)
         return np.repeat(self.label[begin:end], lengths).reshape(bottom - top, self.width)[:, left:right]
 
-    def relabelled(self, of: np.ndarray) -> Runs:
+    def relabeled(self, of: np.ndarray) -> Runs:
         """Each label replaced by `of[label]`, runs that then meet their like joined."""
         label = np.append(of, OUTSIDE).astype(np.int32)[self.label]
         keep = np.ones(len(label), bool)
@@ -191,7 +191,7 @@ class _Finder:
         borders = Borders.of(whole[a], whole[b], length, count)
         starts = np.concatenate([[0], np.cumsum(np.concatenate(self._per_row))])
         runs = Runs(self._width, height, starts, np.concatenate(self._left), np.concatenate(self._piece))
-        return Pieces(runs.relabelled(whole), sizes, borders)
+        return Pieces(runs.relabeled(whole), sizes, borders)
 
 
 def _overlaps(upper: np.ndarray, lower: np.ndarray, width: int, rows: int) -> tuple[np.ndarray, ...]:
@@ -225,17 +225,17 @@ def _united(a: np.ndarray, b: np.ndarray, count: int) -> tuple[int, np.ndarray]:
 
 
 def without_small(pieces: Pieces, least: float) -> Pieces:
-    """Pieces below `least` pixels joined to neighbours, until none has a neighbour; see `small_joined`."""
+    """Pieces below `least` pixels joined to neighbors, until none has a neighbor; see `small_joined`."""
     of, sizes, borders, _ = small_joined(pieces, least, np.zeros(len(pieces.sizes), bool))
-    return Pieces(pieces.runs.relabelled(of), sizes, borders)
+    return Pieces(pieces.runs.relabeled(of), sizes, borders)
 
 
 def small_joined(
     pieces: Pieces, least: float, unknown: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, Borders, np.ndarray]:
-    """Which pieces become one where those below `least` pixels join neighbours.
+    """Which pieces become one where those below `least` pixels join neighbors.
 
-    In every round each small piece chooses one neighbour: one that is not small, else a small one; of these the one
+    In every round each small piece chooses one neighbor: one that is not small, else a small one; of these the one
     with the longest common border; of these the first. What has chosen each other becomes one, so every round leaves
     at most half of the small pieces, and neither the order of work nor tiles can be seen.
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """SLIC in Lab on the device: LSA16 section 3.1, after Achanta et al. 2012, doi:10.1109/TPAMI.2012.120.
 
-A pixel chooses among the seeds of its own and the eight neighbouring cells of a regular grid. Departures:
+A pixel chooses among the seeds of its own and the eight neighboring cells of a regular grid. Departures:
 
 1. Seeds start as the means of their cells, not on single pixels: no noise, and no look at the image out of order.
-2. A distance is an exact integer: Lab stands on a grid of 1/8, centres on one of 1/64 (`Seeds.candidates`). The
+2. A distance is an exact integer: Lab stands on a grid of 1/8, centers on one of 1/64 (`Seeds.candidates`). The
    partition is the same for any order of summation, tile, register width or device; ties go to the lower seed.
 3. A seed stays where it is until its mean is 0.2 Lab away, and cells whose nine seeds stand still are not looked at
    again: what 1000 iterations cost is what still moves.
@@ -32,7 +32,7 @@ NONE = 255  # the slot of transparent pixels
 _STRIP = 16  # rows that one work-item looks at
 _SUMS = 6  # pixels, L, a, b, x, y
 _SCALE = 4  # integer distances are squared steps times this
-_STILL = 0.2  # Lab units by eq. 1 up to which a seed stays where it is: 0.01 sigma where colour does not change
+_STILL = 0.2  # Lab units by eq. 1 up to which a seed stays where it is: 0.01 sigma where color does not change
 _ABSENT = 1 << 30  # base of a candidate that nobody chooses
 NINE = tuple((dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1))
 
@@ -106,10 +106,10 @@ class SeedGrid:
 
     @property
     def units(self) -> tuple[float, float, float, float]:
-        """What a candidate's coefficients are of colour and place, and what becomes of their squares."""
+        """What a candidate's coefficients are of color and place, and what becomes of their squares."""
         unit = float(1 << self.shift)
-        per_colour, per_place = -2.0 * _SCALE, -2.0 * _SCALE * self.weight / unit
-        return per_colour, per_place, 4.0 * _SCALE, unit * unit / (4 * _SCALE * self.weight)
+        per_color, per_place = -2.0 * _SCALE, -2.0 * _SCALE * self.weight / unit
+        return per_color, per_place, 4.0 * _SCALE, unit * unit / (4 * _SCALE * self.weight)
 
     def edges(self, axis: int) -> np.ndarray:
         """First column (axis 1) or row (axis 0) of every cell and the end, int32."""
@@ -141,7 +141,7 @@ class SeedGrid:
         return (y[:-1] + y[1:]) // 2, (x[:-1] + x[1:]) // 2
 
 
-def centres_of(sums: np.ndarray, before: np.ndarray) -> np.ndarray:
+def centers_of(sums: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Means (down, across, 5) of L, a, b in steps, x, y in px from sums (down, across, 6); a seed without pixels stays.
 
     Seeds that never had a pixel are NaN.
@@ -150,14 +150,14 @@ def centres_of(sums: np.ndarray, before: np.ndarray) -> np.ndarray:
     return np.where(count > 0, sums[..., 1:] / np.maximum(count, 1), before)
 
 
-def candidates(grid: SeedGrid, centres: np.ndarray, cells: np.ndarray) -> np.ndarray:
+def candidates(grid: SeedGrid, centers: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """The nine seeds around each of `cells` (k,), counted row by row, as linear functions of a pixel: (k, 9, 4) int32.
 
     |v - c|^2 = |v|^2 - 2 v c + |c|^2, of which |v|^2 is the same for all nine. The coefficients -2 c are rounded to
-    integers, and |c|^2 is that of the rounded centre, so borders between cells of seeds are straight.
+    integers, and |c|^2 is that of the rounded center, so borders between cells of seeds are straight.
     """
     padded = np.full((grid.down + 2, grid.across + 2, 5), np.nan)  # rows x columns of seeds x (L, a, b, x, y)
-    padded[1:-1, 1:-1] = centres
+    padded[1:-1, 1:-1] = centers
     row, column = (n[:, None] for n in np.divmod(cells, grid.across))
     dy, dx = np.array(NINE).T
     near = padded[row + 1 + dy, column + 1 + dx]  # cells x 9 x 5
@@ -166,10 +166,10 @@ def candidates(grid: SeedGrid, centres: np.ndarray, cells: np.ndarray) -> np.nda
     near[..., 4] -= rows[row]
     absent = np.isnan(near[..., 0])
     near[absent] = 0
-    per_colour, per_place, colour_unit, place_unit = grid.units
-    coefficients = np.rint(near * ([per_colour] * 3 + [per_place] * 2))
+    per_color, per_place, color_unit, place_unit = grid.units
+    coefficients = np.rint(near * ([per_color] * 3 + [per_place] * 2))
     squares = coefficients * coefficients
-    base = (squares[..., 0] + squares[..., 1] + squares[..., 2]) / colour_unit
+    base = (squares[..., 0] + squares[..., 1] + squares[..., 2]) / color_unit
     base += (squares[..., 3] + squares[..., 4]) * place_unit
     c = coefficients.astype(np.int32)
     packed = np.empty((*absent.shape, 4), np.int32)
@@ -190,7 +190,7 @@ def own_cells_only(grid: SeedGrid) -> np.ndarray:
 
 def _layout(grid: SeedGrid, strips: int) -> dict[str, int]:
     """Bytes of tables of seeds and cells on the device."""
-    per_seed = {"candidates": 16 * 9, "totals": 8 * 9 * _SUMS, "active": 1, "centres": 8 * 5, "moved": 1}
+    per_seed = {"candidates": 16 * 9, "totals": 8 * 9 * _SUMS, "active": 1, "centers": 8 * 5, "moved": 1}
     return {name: size * grid.count for name, size in per_seed.items()} | {"sums": 4 * 9 * _SUMS * strips * grid.across}
 
 
@@ -200,7 +200,7 @@ def least_bytes(grid: SeedGrid) -> int:
 
 
 class Slic:
-    """SLIC on a `LabGrid`: centres that no longer move, and the slots of all pixels."""
+    """SLIC on a `LabGrid`: centers that no longer move, and the slots of all pixels."""
 
     def __init__(self, lab: LabGrid | LabelSquares, grid: SeedGrid, resources: Resources):
         self._lab, self.grid, self._device = lab, grid, resources.device
@@ -233,7 +233,7 @@ class Slic:
         device, buffers, grid = self._device, self._buffers, self.grid
         run = device.program("slic_seeds")
         edges, shape = (self._tables[4], self._tables[1]), (grid.across, grid.down)
-        seeds, cells = (buffers["centres"], buffers["moved"]), (buffers["candidates"], buffers["active"])
+        seeds, cells = (buffers["centers"], buffers["moved"]), (buffers["candidates"], buffers["active"])
         weight, still, *units = map(np.float64, (grid.weight, (_STILL * FINE_STEPS) ** 2, *grid.units))
 
         def move(start: int) -> None:
@@ -245,13 +245,13 @@ class Slic:
         active = np.ones(grid.count, bool)
         device.write(buffers["candidates"], own_cells_only(grid))
         device.write(buffers["active"], active.view(np.uint8))
-        device.fill(buffers["centres"], np.float64(0), 5 * grid.count)
+        device.fill(buffers["centers"], np.float64(0), 5 * grid.count)
         self._look(active)
         move(1)
         if jitter is not None:
-            centres = device.read(buffers["centres"], (grid.down, grid.across, 5), np.float64)
-            centres[..., 3:] += jitter
-            device.write(buffers["centres"], centres)
+            centers = device.read(buffers["centers"], (grid.down, grid.across, 5), np.float64)
+            centers[..., 3:] += jitter
+            device.write(buffers["centers"], centers)
         follow(1)
         for _ in range(iterations - 1):
             self._look(active)
@@ -260,38 +260,38 @@ class Slic:
             active = device.read(buffers["active"], (grid.count,), np.uint8).view(bool)
             if not active.any():
                 break
-        return device.read(buffers["centres"], (grid.down, grid.across, 5), np.float64)
+        return device.read(buffers["centers"], (grid.down, grid.across, 5), np.float64)
 
     def _settled_here(self, iterations: int, jitter: np.ndarray | None) -> np.ndarray:
         """On the host, for devices without double precision: the same to the bit."""
         grid = self.grid
         present = own_cells_only(grid)
-        centres = np.full((grid.down, grid.across, 5), np.nan)  # rows x columns of seeds x (L, a, b, x, y)
-        centres = centres_of(self._sums(present, np.ones(grid.count, bool)), centres)
+        centers = np.full((grid.down, grid.across, 5), np.nan)  # rows x columns of seeds x (L, a, b, x, y)
+        centers = centers_of(self._sums(present, np.ones(grid.count, bool)), centers)
         if jitter is not None:
-            centres[..., 3:] += jitter
-        following = candidates(grid, centres, np.arange(grid.count))
+            centers[..., 3:] += jitter
+        following = candidates(grid, centers, np.arange(grid.count))
         active = np.ones(grid.count, bool)
         for _ in range(iterations - 1):
             present = following
-            means = centres_of(self._sums(present, active), centres)
-            away = (means - centres) ** 2
+            means = centers_of(self._sums(present, active), centers)
+            away = (means - centers) ** 2
             away = away[..., 0] + away[..., 1] + away[..., 2] + grid.weight * (away[..., 3] + away[..., 4])
             moved = np.zeros((grid.down + 2, grid.across + 2), bool)
             moved[1:-1, 1:-1] = away > (_STILL * FINE_STEPS) ** 2
-            centres = np.where(moved[1:-1, 1:-1, None], means, centres)
+            centers = np.where(moved[1:-1, 1:-1, None], means, centers)
             beside = [moved[1 + dy : 1 + dy + grid.down, 1 + dx : 1 + dx + grid.across] for dy, dx in NINE]
             near = np.flatnonzero(np.any(beside, 0))
             following = present.copy()
-            following[near] = candidates(grid, centres, near)
+            following[near] = candidates(grid, centers, near)
             active = (following != present).any((1, 2))
             if not active.any():
                 break
-        return centres
+        return centers
 
-    def slots(self, centres: np.ndarray) -> Iterator[tuple[Band, Any]]:
+    def slots(self, centers: np.ndarray) -> Iterator[tuple[Band, Any]]:
         """(band, a buffer of its slots (rows, width) uint8) from top to bottom: which of nine seeds a pixel chooses."""
-        self._device.write(self._buffers["candidates"], candidates(self.grid, centres, np.arange(self.grid.count)))
+        self._device.write(self._buffers["candidates"], candidates(self.grid, centers, np.arange(self.grid.count)))
         for band in self._lab.bands():
             self._assign(band, keep=1)
             yield band, self._buffers["slots"]

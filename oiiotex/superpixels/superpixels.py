@@ -82,12 +82,12 @@ class Superpixels:
         """LSA16 eq. 3: the sum over pixels of the squared distance (eq. 1) to the mean of their superpixel, Lab^2."""
         n = self.sizes[:, None]
         sums = present(self.power_sums)
-        colour = sums[..., 1].sum() - (sums[..., 0] ** 2 / n).sum()
+        color = sums[..., 1].sum() - (sums[..., 0] ** 2 / n).sum()
         rows, left, right = self.runs.rows().astype(np.float64), self.runs.left, self.runs.right()
         inside = self.runs.label != OUTSIDE
         squares = ((_squares(right) - _squares(left)) + rows**2 * (right - left))[inside].sum()
         place = squares - (self.positions**2 * n).sum()
-        return float(colour + (compactness / self.sigma) ** 2 * place)
+        return float(color + (compactness / self.sigma) ** 2 * place)
 
 
 def finest_scale(window: Window) -> float:
@@ -124,7 +124,7 @@ def superpixels(
     runs : int
         The best of so many runs by eq. 3; all but the first begin with seeds moved at random.
     minsize : int, optional
-        Smaller pieces are joined to neighbours; a quarter of sigma^2 when left out.
+        Smaller pieces are joined to neighbors; a quarter of sigma^2 when left out.
     seed : int
         Of those random moves.
     literal : bool
@@ -164,10 +164,10 @@ def superpixels(
             settled, settling = (squares, grid.of_squares) if on_squares else (lab, grid)
             slic = opened.enter_context(Slic(settled, settling, resources))
             for run in range(runs):
-                centres = slic.iterate(iterations, _jitter(settling, seed, run) if run else None)
+                centers = slic.iterate(iterations, _jitter(settling, seed, run) if run else None)
                 advance(2 * run + 2, 2 * runs + 1)
                 slots = (
-                    refined_slots(lab, grid, squares, slic, centres, resources) if on_squares else slic.slots(centres)
+                    refined_slots(lab, grid, squares, slic, centers, resources) if on_squares else slic.slots(centers)
                 )
                 strips = _strips(slots, grid, resources)
                 if on_squares:

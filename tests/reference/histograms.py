@@ -23,8 +23,8 @@ def gaussian_rows(size: int, sigma: float, wrap: bool) -> np.ndarray:
 def soft_members(values: np.ndarray, low: float, high: float, bins: int) -> np.ndarray:
     """(bins, ...): triangular membership of every value in every bin."""
     place = np.clip((values - low) / max(1.0, high - low), 0, 1) * (bins - 1)
-    centres = np.arange(bins).reshape(-1, *(1 for _ in values.shape))
-    return np.maximum(0.0, 1.0 - np.abs(place - centres))
+    centers = np.arange(bins).reshape(-1, *(1 for _ in values.shape))
+    return np.maximum(0.0, 1.0 - np.abs(place - centers))
 
 
 def project(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Neighbours, projections, Potts fields and pooled counts as their equations say them: the oracles of labels/."""
+"""Neighbors, projections, Potts fields and pooled counts as their equations say them: the oracles of labels/."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def on_simplex(rows: np.ndarray) -> np.ndarray:
 
 
 def memberships(quadratic: np.ndarray, linear: np.ndarray, steps: int = 20000) -> np.ndarray:
-    """Rows on the simplex that minimise x Q x^T / 2 - x c^T, by steps down the slope."""
+    """Rows on the simplex that minimize x Q x^T / 2 - x c^T, by steps down the slope."""
     x = np.full(linear.shape, 1.0 / linear.shape[1])
     for _ in range(steps):
         x = on_simplex(x - (x @ quadratic - linear) / np.linalg.norm(quadratic, 2))

@@ -85,14 +85,14 @@ class Oracle:
                 return at
         return u, v
 
-    def colour(self, pixel):
+    def color(self, pixel):
         return self.stack[pixel[0]] + pixel[1]
 
     def corrected(self, level, sub, x, y):
         r = self.ask(level, sub, x, y)[1]
         near = [(a, b) for b in range(-2, 3) for a in range(-2, 3)]
-        colours = np.array([self.colour(self.ask(level, sub, x + a, y + b)) - r for a, b in near])
-        wanted = np.clip((colours.reshape(75) @ self.basis + 2048) >> 12, -5790, 5790)
+        colors = np.array([self.color(self.ask(level, sub, x + a, y + b)) - r for a, b in near])
+        wanted = np.clip((colors.reshape(75) @ self.basis + 2048) >> 12, -5790, 5790)
         best, chosen = None, None
         around = [(0, 0), (1, 0), (-1, 1), (0, 1), (1, 1), (-1, -1), (0, -1), (1, -1), (-1, 0)]
         for k in range(2):

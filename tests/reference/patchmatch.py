@@ -74,7 +74,7 @@ class Oracle:
                 best[:] = [cost, ey, ex]
 
     def propagate(self, jump: int) -> None:
-        """Offers of the four neighbours, all as they were before."""
+        """Offers of the four neighbors, all as they were before."""
         g = self.g
         old_y, old_x = self.y.copy(), self.x.copy()
         for r in range(g.rows):

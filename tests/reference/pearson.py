@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Pearson system in closed form (Johnson & Kotz 1970, as MJH17 section 4.3 has it): a distribution by four moments.
 
-All here are standardised: mean 0, variance 1. Types I to III and V to VII, and the normal distribution, are scipy's;
+All here are standardized: mean 0, variance 1. Types I to III and V to VII, and the normal distribution, are scipy's;
 type IV, which scipy lacks, has a closed density whose cumulative is summed up.
 
 `python -m tests.reference.pearson` writes the table that `oiiotex.projections.pearson_table` reads.
@@ -29,7 +29,7 @@ from oiiotex.projections.pearson_table import (
 )
 
 _SCORE = 4.0  # shares of the table are those below normal scores from -4 to 4, in equal steps
-_NEAR = 1e-6  # to a border between two types, relative: there the neighbour's formula loses its digits
+_NEAR = 1e-6  # to a border between two types, relative: there the neighbor's formula loses its digits
 _PLACES, _FAR = 4097, 10.0  # at which the density of type IV is summed: up to sinh(10) deviations away
 
 
@@ -41,9 +41,9 @@ def pearson_ppf(shares: np.ndarray, skewness: float, kurtosis: float) -> np.ndar
     shares : (n,) float
         Between 0 and 1.
     skewness : float
-        Third standardised moment.
+        Third standardized moment.
     kurtosis : float
-        Fourth standardised moment, 3 for the normal distribution. At its bound 1 + skewness^2, and below, where no
+        Fourth standardized moment, 3 for the normal distribution. At its bound 1 + skewness^2, and below, where no
         distribution has it, this is the two values that have just this skewness.
 
     Returns

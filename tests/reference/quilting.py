@@ -61,8 +61,8 @@ class Oracle:
         height, width = self.table.key_map.shape
         return 0 <= y < height and 0 <= x < width and int(self.table.key_map[y, x]) in self.taken[key][0]
 
-    # neighbours: (i, j) or None, and how far the patch is from them
-    def neighbour(self, i: int, j: int, side: int):
+    # neighbors: (i, j) or None, and how far the patch is from them
+    def neighbor(self, i: int, j: int, side: int):
         g = self.grid
         rows, columns = g.shape
         if side in (LEFT, RIGHT):
@@ -93,7 +93,7 @@ class Oracle:
         """The source among the cells of one row."""
         g = self.grid
         while True:
-            right = self.neighbour(i, j, RIGHT)
+            right = self.neighbor(i, j, RIGHT)
             if not self.placed(right):
                 break
             step = self.step(g.xs, j, right[1], g.width)
@@ -101,14 +101,14 @@ class Oracle:
                 break
             lx, j = lx - step, right[1]
         if lx < g.overlap and lx < self.plan.vertical[i, j, ly]:
-            left = self.neighbour(i, j, LEFT)
+            left = self.neighbor(i, j, LEFT)
             return self.pixel(left, ly, lx + self.step(g.xs, left[1], j, g.width))
         return self.pixel((i, j), ly, lx)
 
     def under(self, i: int, j: int, ly: int, lx: int) -> tuple[int, int]:
         """The source of a pixel of cell (i, j) if the cell were not there."""
         g = self.grid
-        left, up = self.neighbour(i, j, LEFT), self.neighbour(i, j, TOP)
+        left, up = self.neighbor(i, j, LEFT), self.neighbor(i, j, TOP)
         if lx < g.overlap and self.placed(left):
             x = lx + self.step(g.xs, left[1], j, g.width)
             if ly >= self.plan.horizontal[left][x]:
@@ -130,22 +130,22 @@ class Oracle:
     def surroundings(self, i: int, j: int):
         """The overlaps of a cell as an image, and a mask of where they are."""
         g = self.grid
-        sides = [self.placed(self.neighbour(i, j, side)) for side in range(4)]
+        sides = [self.placed(self.neighbor(i, j, side)) for side in range(4)]
         image, there = np.zeros((g.patch, g.patch, 3), np.int64), np.zeros((g.patch, g.patch), bool)
         corners = {LEFT: (0, 0), TOP: (0, 0), RIGHT: (0, g.patch), BOTTOM: (g.patch, 0)}
         if sides[RIGHT]:
-            corners[RIGHT] = (0, self.step(g.xs, j, self.neighbour(i, j, RIGHT)[1], g.width))
+            corners[RIGHT] = (0, self.step(g.xs, j, self.neighbor(i, j, RIGHT)[1], g.width))
         if sides[BOTTOM]:
-            corners[BOTTOM] = (self.step(g.ys, i, self.neighbour(i, j, BOTTOM)[0], g.height), 0)
+            corners[BOTTOM] = (self.step(g.ys, i, self.neighbor(i, j, BOTTOM)[0], g.height), 0)
         right, bottom = corners[RIGHT][1], corners[BOTTOM][0]
         for ly in range(g.patch):
             for lx in range(g.patch):
                 if (sides[LEFT] and lx < g.overlap) or (sides[TOP] and ly < g.overlap):
                     at = self.under(i, j, ly, lx)
                 elif right <= lx < right + g.overlap:
-                    at = self.pixel(self.neighbour(i, j, RIGHT), ly, lx - right)
+                    at = self.pixel(self.neighbor(i, j, RIGHT), ly, lx - right)
                 elif bottom <= ly < bottom + g.overlap:
-                    at = self.pixel(self.neighbour(i, j, BOTTOM), ly - bottom, lx)
+                    at = self.pixel(self.neighbor(i, j, BOTTOM), ly - bottom, lx)
                 else:
                     continue
                 image[ly, lx], there[ly, lx] = self.lab[at], True
@@ -274,7 +274,7 @@ class Oracle:
             found = {cell: self.best(*cell, int(self.keys[cell])) for cell in cells}
             for cell in cells:
                 self.take(cell, *found[cell])
-            near = {cell: [self.neighbour(*cell, side) for side in range(4)] for cell in cells}
+            near = {cell: [self.neighbor(*cell, side) for side in range(4)] for cell in cells}
             for cell in cells:
                 for side in (LEFT, TOP):
                     if self.placed(near[cell][side]):

@@ -29,13 +29,13 @@ def choices(lab: np.ndarray, candidates: np.ndarray, row_edges, column_edges, sh
     return slots
 
 
-def distances(lab: np.ndarray, centres: np.ndarray, weight: float) -> np.ndarray:
-    """LSA16 eq. 1, squared, in squared steps: (seeds, h, w) of (h, w, 4) pixels and (seeds, 5) centres."""
+def distances(lab: np.ndarray, centers: np.ndarray, weight: float) -> np.ndarray:
+    """LSA16 eq. 1, squared, in squared steps: (seeds, h, w) of (h, w, 4) pixels and (seeds, 5) centers."""
     y, x = np.mgrid[0 : lab.shape[0], 0 : lab.shape[1]]
     found = []
-    for c in centres:
-        colour = ((lab[..., :3] - c[:3]) ** 2).sum(-1)
-        found.append(colour + weight * ((x - c[3]) ** 2 + (y - c[4]) ** 2))
+    for c in centers:
+        color = ((lab[..., :3] - c[:3]) ** 2).sum(-1)
+        found.append(color + weight * ((x - c[3]) ** 2 + (y - c[4]) ** 2))
     return np.stack(found)
 
 
@@ -52,11 +52,11 @@ def merged(sizes, positions, edges, sigmas, levels) -> tuple[list, list]:
 
         def cost(edge, sigma=sigma, mean=mean):
             one, other = members[edge[0]], members[edge[1]]
-            _, colour, place = mean(one + other)
+            _, color, place = mean(one + other)
             total = 0.0
             for part in (one, other):
                 n, c, p = mean(part)
-                total += n * (((c - colour) ** 2).sum() + ((p - place) ** 2).sum() / sigma**2)
+                total += n * (((c - color) ** 2).sum() + ((p - place) ** 2).sum() / sigma**2)
             return total
 
         while len(members) > int(sizes.sum() / sigma**2) and edges:

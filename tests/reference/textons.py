@@ -19,9 +19,9 @@ def bhattacharyya(p: np.ndarray, q: np.ndarray) -> float:
     return float(np.sqrt(p * q).sum())
 
 
-def weights(values: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """CZF02 eq. 1 with sums of 1; sigma^2 is the mean quantisation error: (n, d), (k, d) -> (n, k)."""
-    apart = ((values[:, None] - centres) ** 2).sum(-1)
+def weights(values: np.ndarray, centers: np.ndarray) -> np.ndarray:
+    """CZF02 eq. 1 with sums of 1; sigma^2 is the mean quantization error: (n, d), (k, d) -> (n, k)."""
+    apart = ((values[:, None] - centers) ** 2).sum(-1)
     found = np.exp(-apart / (2 * apart.min(1).mean()))
     return found / found.sum(1, keepdims=True)
 
@@ -38,7 +38,7 @@ def best_match(counts: np.ndarray, i: tuple[int, int], j: tuple[int, int], radiu
 
 
 def members(values: np.ndarray, labels: np.ndarray, sigma: float, couplings: tuple, updates: int) -> np.ndarray:
-    """Mean field of a Potts model with Gaussian neighbourhoods: (h, w, k) counts, (h, w) -> (h, w, n) float64."""
+    """Mean field of a Potts model with Gaussian neighborhoods: (h, w, k) counts, (h, w) -> (h, w, n) float64."""
     member = np.eye(labels.max() + 1)[labels]
     for coupling in couplings:
         chances = np.einsum("yxn,yxk->nk", member, values) + 5

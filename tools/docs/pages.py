@@ -7,13 +7,14 @@ A page is the declaration followed by what a person wrote below the line `<!-- b
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from oiiotex.cli.language.parse import Option
 from oiiotex.cli.printing.report import description, on_a_line
 from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.core.op import Op
-from oiiotex.core.parameters import declared
+from oiiotex.core.parameters import Parameter, declared
 from oiiotex.filters import OURS
 from tools.docs import stubs
 
@@ -35,21 +36,25 @@ def page_text(op: type[Op], path: Path) -> str:
     if further is not None:
         lines.append(f"| {further.name} | {further.help}: with {further.count}=N, N - 1 images above the first |")
     lines.append("")
-    if op.modifiers():
-        lines += ["| modifier | default | allowed | |", "|---|---|---|---|"]
-        for p in op.modifiers():
-            default = (
-                "" if p.required or p.default is None else int(p.default) if isinstance(p.default, bool) else p.default
-            )
-            allowed = p.allowed().replace("|", "\\|")
-            lines.append(f"| `{p.name}` | {default} | {allowed} | {say(p.help)} |")
-        lines.append("")
+    lines += _table([p for p in op.modifiers() if not p.advanced], say)
+    advanced = _table([p for p in op.modifiers() if p.advanced], say)
+    if advanced:
+        lines += ['<details markdown="1">', "<summary>Advanced modifiers</summary>", "", *advanced, "</details>", ""]
     lines += ["| output | |", "|---|---|", *(f"| {o.name} | {say(o.text)} |" for o in op.outputs), ""]
     lines += [
         f"Works in {op.space.value}; {op.reach}. Python: `oiiotex.filters.{op.name}{_call(op)}`.",
         "",
     ]
     return "\n".join(lines) + f"\n{MARK}{_by_hand(path)}"
+
+
+def _table(modifiers: Sequence[Parameter], say: Callable[[str], str]) -> list[str]:
+    """What modifiers do, the values that they take, their defaults and examples."""
+    rows = []
+    for p in modifiers:
+        cells = (f"`{p.name}`", say(p.help), p.allowed(), p.default_text, f"`{p.name}={p.sample}`" if p.sample else "")
+        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return ["| modifier | | values | default | example |", "|---|---|---|---|---|", *rows, ""] if rows else []
 
 
 def _call(op: type[Op]) -> str:

@@ -36,7 +36,7 @@ def new_image(name: str, pixels: np.ndarray, line: str, like=None):
     line : str
         What makes it.
     like : bpy.types.Image, optional
-        Whose colour space and depth it has; it is data of floats when left out.
+        Whose color space and depth it has; it is data of floats when left out.
     """
     height, width, channels = pixels.shape
     full = np.ones((height, width, 4), np.float32)

@@ -57,7 +57,7 @@ class _Making:
     def invoke(self, context, event):
         """Begin."""
         if not self._begun(context):
-            return {"CANCELLED"}
+            return {"CANCELED"}
         manager = context.window_manager
         manager.progress_begin(0, 100)
         self._timer = manager.event_timer_add(0.1, window=context.window)
@@ -81,7 +81,7 @@ class _Making:
     def execute(self, context):
         """Wait for it: from scripts, and where a setting of the last one is changed."""
         if not self._begun(context):
-            return {"CANCELLED"}
+            return {"CANCELED"}
         self._job.wait()
         return self._ended(context)
 
@@ -109,7 +109,7 @@ class _Making:
             made = self.finish(context, [bpy.data.images[name] for name in self._names], results, self._line)
         except Failed as error:
             self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+            return {"CANCELED"}
         for text in self._job.warnings:
             self.report({"WARNING"}, text)
         if context.space_data is not None and context.space_data.type == "IMAGE_EDITOR":
@@ -150,7 +150,7 @@ class MakeTile(_Sized, _OneImage, bpy.types.Operator):
 
 
 class Flatten(_OneImage, bpy.types.Operator):
-    """Take uneven light out of the image shown: its colours are the same everywhere on a large scale"""
+    """Take uneven light out of the image shown: its colors are the same everywhere on a large scale"""
 
     bl_idname = "oiiotex.flatten"
     bl_label = "Flatten"
@@ -233,7 +233,7 @@ class MakeMaterial(_Sized, _Making, bpy.types.Operator):
         return bool(_nodes(context))
 
     def maps(self, context, image):
-        """Those of its nodes, what is coloured first."""
+        """Those of its nodes, what is colored first."""
         images = list(dict.fromkeys(node.image for node in _nodes(context)))
         images.sort(key=lambda one: _space(one) is None)
         sizes = {tuple(one.size) for one in images}
@@ -247,7 +247,7 @@ class MakeMaterial(_Sized, _Making, bpy.types.Operator):
         """With what each of the maps is, by what its node goes to."""
         images = self.maps(context, image)
         kinds = {node.image: _kind(node) for node in _nodes(context)}
-        named = [kinds[one] if _space(one) is None else "colour" for one in images]
+        named = [kinds[one] if _space(one) is None else "color" for one in images]
         return super().values(context, image) | ({"n": len(images), "kinds": ",".join(named)} if images[1:] else {})
 
     def finish(self, context, images, results, line):
@@ -321,7 +321,7 @@ def _space(image) -> str | None:
         raise Failed(f"{image.name} has no pixels that can be read: its file may be missing")
     name = name_of_space(image)
     if name not in SPACES:
-        raise Failed(f"{image.name}: colour space {name}: expected {', '.join(SPACES)}")
+        raise Failed(f"{image.name}: color space {name}: expected {', '.join(SPACES)}")
     return SPACES[name]
 
 
@@ -345,7 +345,7 @@ def _nodes(context) -> list:
 
 
 def _kind(node) -> str:
-    """What a map of data is, by what its colour goes to."""
+    """What a map of data is, by what its color goes to."""
     goes = {link.to_node.type for link in node.outputs["Color"].links}
     return "normal" if "NORMAL_MAP" in goes else "height" if goes & {"DISPLACEMENT", "BUMP"} else "data"
 

@@ -49,7 +49,7 @@ class Process:
         ----------
         op : str
         maps : list of (pixels, space)
-            What it is made of: (height, width, channels) float32 or uint8, in a colour space or None for data.
+            What it is made of: (height, width, channels) float32 or uint8, in a color space or None for data.
         values : dict
             Its modifiers.
         parts : str, optional
@@ -122,7 +122,7 @@ class Job:
             There is none.
         """
         if self._stopped:
-            raise Failed("cancelled")
+            raise Failed("canceled")
         if self._error is not None:
             raise Failed(self._error)
         return self._results
@@ -158,7 +158,7 @@ class Job:
             elif answer["state"] == "done":
                 return answer, pixels
             else:
-                raise Failed(answer.get("text") or "cancelled")
+                raise Failed(answer.get("text") or "canceled")
 
 
 class Line:
@@ -193,7 +193,7 @@ class Line:
         """Nothing; raises Failed where the program did."""
         said = self._program.communicate()[1].strip().splitlines()
         if self._stopped:
-            raise Failed("cancelled")
+            raise Failed("canceled")
         if self._program.returncode:
             raise Failed(said[-1] if said else f"the program ended with {self._program.returncode}")
 

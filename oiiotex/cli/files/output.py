@@ -49,8 +49,8 @@ class WriteModifiers:
     dither: bool | None = param(None, help="dither where 8 bits are made of more")
     autocrop: bool | None = param(None, help="exactly the display window, where the format has none")
     autotrim: bool | None = param(None, help="without black borders, where the format has a data window")
-    autocc: bool | None = param(None, help="convert to the colour space that the file's name says")
-    unpremult: bool | None = param(None, help="convert colours undone of alpha")
+    autocc: bool | None = param(None, help="convert to the color space that the file's name says")
+    unpremult: bool | None = param(None, help="convert colors undone of alpha")
     contig: bool = param(False, help="channels interleaved")
     separate: bool = param(False, help="channels one after the other")
     fileformatname: str = param("", help="the format, whatever the name's extension")
@@ -222,7 +222,7 @@ def software(chain: Chain) -> dict[str, Any]:
     if chain.settings.get("--sansattrib"):
         words = without(words, {"attrib": 2, "sattrib": 2})
     line = shlex.join(["oiiotex", *words]).encode(errors="backslashreplace").decode()
-    # OpenImageIO believes a texture's hash and average colour only where this begins with its own name
+    # OpenImageIO believes a texture's hash and average color only where this begins with its own name
     program = f"OpenImageIO {oiio.__version__}, oiiotex {__version__}"
     attributes: dict[str, Any] = {"Software": f"{program} : {hashlib.sha1(line.encode()).hexdigest()}"}
     if chain.settings.get("--history"):
@@ -253,7 +253,7 @@ def _trimmed(chain: Chain, image: Image, path: str) -> Image:
 
 
 def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bool) -> tuple[Image, Format]:
-    """In the colour space, and of the type, that the config finds in the file's name (--autocc)."""
+    """In the color space, and of the type, that the config finds in the file's name (--autocc)."""
     from ...host.color import ColorConvert
 
     colors = chain.session.resources.color

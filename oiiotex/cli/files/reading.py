@@ -30,8 +30,8 @@ _PRINTING = ("--info", "--stats", "--hash", "--dumpdata")  # of every image as i
 class ReadModifiers:
     """Of -i."""
 
-    autocc: bool | None = param(None, help="convert to scene linear, from the colour space that name or tag say")
-    unpremult: bool | None = param(None, help="convert colours undone of alpha")
+    autocc: bool | None = param(None, help="convert to scene linear, from the color space that name or tag say")
+    unpremult: bool | None = param(None, help="convert colors undone of alpha")
     native: bool | None = param(None, help="ops work on the file's own pixel type instead of float")
     type: str | None = param(None, help="ops work on this pixel type instead of float")
     ch: str | None = param(None, help="channels to read, as --ch takes them")
@@ -48,8 +48,8 @@ _PLAIN = ReadModifiers()
 
 def read_input(chain: Chain, path: str, given: ReadModifiers = _PLAIN) -> None:
     """Read an image (as naming it does) and put it on the stack."""
-    if path in chain.labelled:
-        chain.push(chain.labelled[path])
+    if path in chain.labeled:
+        chain.push(chain.labeled[path])
         return
     try:
         image = _opened(chain, path, given)
@@ -214,7 +214,7 @@ def all_parts(chain: Chain) -> None:
 class AutoccModifiers:
     """Of --autocc."""
 
-    unpremult: bool = param(False, help="convert colours undone of alpha")
+    unpremult: bool = param(False, help="convert colors undone of alpha")
 
 
 def autocc_on(chain: Chain, given: AutoccModifiers) -> None:

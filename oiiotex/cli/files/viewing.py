@@ -48,7 +48,7 @@ def show(chain: Chain, given: ViewModifiers) -> None:
 
 
 def _linear(chain: Chain, image: Image) -> Image:
-    """As tev takes colours, in linear Rec. 709, where the image says what its own are."""
+    """As tev takes colors, in linear Rec. 709, where the image says what its own are."""
     tag = image.first.spec.get_string_attribute("oiio:ColorSpace")
     if not tag or chain.session.resources.color.is_data(tag):
         return image

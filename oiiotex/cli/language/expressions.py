@@ -268,7 +268,7 @@ class _Evaluation:
 
     def _image(self, which: str) -> Image:
         """What IMG[which] means: a label, a place in the stack, a file, or an expression for one of the latter."""
-        labels = self._chain.labelled
+        labels = self._chain.labeled
         if which in labels:
             return labels[which]
         if integer_in(which) is None and os.path.exists(which):

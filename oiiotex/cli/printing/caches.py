@@ -12,7 +12,7 @@ from ...opencl.cache_folders import cache_folder
 _KINDS = {
     "probe": "which OpenCL devices work here",
     "linker": "the linker that a runtime without one is given",
-    "candidates": "analysed exemplars of --texsynth and --texzoom",
+    "candidates": "analyzed exemplars of --texsynth and --texzoom",
     "sigmas": "scales of --texsigmas and :amount=",
 }
 

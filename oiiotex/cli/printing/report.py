@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from dataclasses import MISSING
+from collections.abc import Sequence
 
 from ... import __version__, filters
 from ...core.op import Op
@@ -72,8 +72,8 @@ def page(name: str = "") -> str:
     if isinstance(declaration, Refused):
         return f"{declaration.name} of oiiotool is not here: {declaration.reason}"
     if isinstance(declaration, Option):
-        rows = [_modifier(p) for p in declaration.parameters()]
-        return "\n".join([declaration.call, "", declaration.help, *(["", "Modifiers:", *rows] if rows else [])])
+        rows = _modifier_rows(declaration.parameters())
+        return "\n".join([declaration.call, "", declaration.help, *(["", *rows] if rows else [])])
     return _op_page(declaration)
 
 
@@ -92,8 +92,8 @@ def _modifier_page(declaration: type[Op] | Option | Refused, name: str) -> str:
         )
     one = known[name]
     text = one.help if isinstance(declaration, (Option, Refused)) else on_a_line(one.help, declaration)
-    default = "" if one.default in (None, MISSING, "") else f"; {_word(one.default)} when left out"
-    return f"{flag}:{name}=\n\n{textwrap.fill(text, 110)}\n\nAllowed: {one.allowed()}{default}"
+    example = f"\n\nExample: {flag}:{name}={one.sample}" if one.sample else ""
+    return f"{flag}:{name}=\n\n{textwrap.fill(one.described(text), 110)}{example}"
 
 
 def _op_page(op: type[Op]) -> str:
@@ -102,8 +102,8 @@ def _op_page(op: type[Op]) -> str:
     images += f" {further.name}" if further else ""
     lines = [f"{call(op)}  ({images} -> {op.main().name})", "", description(op)]
     if op.arguments():
-        lines += ["", "Arguments:", *(f"  {p.name.upper():12s} {p.help}; {p.allowed()}" for p in op.arguments())]
-    lines += ["", "Modifiers:", *([_modifier(p) for p in op.modifiers()] or ["  none"])]
+        lines += ["", "Arguments:", *(_entry(p.name.upper(), p) for p in op.arguments())]
+    lines += ["", *(_modifier_rows(op.modifiers()) or ["Modifiers: none"])]
     if len(op.outputs) > 1 or op.prefix == Op.prefix:
         lines += ["", "Outputs:", *(f"  {o.name:12s} {o.text}" for o in op.outputs)]
     lines += ["", f"Works in {op.space.value}; {op.reach}."]
@@ -138,14 +138,15 @@ def description(op: type[Op]) -> str:
     return f"{head}\n{textwrap.dedent(rest)}".strip()
 
 
-def _modifier(p: Parameter) -> str:
-    default = "" if p.default is None else f" [{_word(p.default)}]"
-    name = f"  :{p.name:11s} "
-    return textwrap.fill(f"{p.help}; {p.allowed()}{default}", 110, initial_indent=name, subsequent_indent=" " * 15)
+def _modifier_rows(modifiers: Sequence[Parameter]) -> list[str]:
+    """Their help, the advanced ones last."""
+    common = [_entry(f":{p.name}", p) for p in modifiers if not p.advanced]
+    advanced = [_entry(f":{p.name}", p) for p in modifiers if p.advanced]
+    return [*(["Modifiers:", *common] if common else []), *(["Advanced modifiers:", *advanced] if advanced else [])]
 
 
-def _word(value: object) -> str:
-    return str(int(value)) if isinstance(value, bool) else str(value)
+def _entry(name: str, p: Parameter) -> str:
+    return textwrap.fill(p.described(p.help), 110, initial_indent=f"  {name:12s} ", subsequent_indent=" " * 15)
 
 
 def time_table(stats: Stats, wall: float) -> str:

@@ -132,7 +132,7 @@ def _option_lines(option: Option) -> Iterator[str]:
 def _modifier_lines(modifiers: Iterable[Parameter]) -> Iterator[str]:
     yield ".RS"
     for parameter in modifiers:
-        yield from _entry(f":{parameter.name}=", f"{parameter.help}; {parameter.allowed()}")
+        yield from _entry(f":{parameter.name}=", parameter.described(parameter.help))
     yield ".RE"
 
 

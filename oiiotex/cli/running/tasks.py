@@ -78,7 +78,7 @@ def work(job: Job) -> tuple[str, Error | None, int]:
 
 
 def _session_of(job: Job) -> Session:
-    """A session with the device and the colours of the last one, where that was opened alike."""
+    """A session with the device and the colors of the last one, where that was opened alike."""
     words = list(job.task.frame.words)
     session = session_for(parse(words, LANGUAGE), words)
     settings = session.settings

@@ -47,7 +47,7 @@ class Chain:
         self.inputs: set[str] = set()  # the files that were read, and names that computed images have
         self.written: set[str] = set()  # real paths of files that ops wrote: nothing that follows may overwrite them
         self.stack: list[Image] = []  # the last is the top
-        self.labelled: dict[str, Image] = {}  # by the names of --label
+        self.labeled: dict[str, Image] = {}  # by the names of --label
         self.user: dict[str, int | float | str] = {}  # variables of expressions
         self.first = First()
         self.settings: dict[str, Any] = {}  # what options have set for later ones, by the option's name

@@ -21,7 +21,7 @@ def label(chain: Chain, name: str) -> None:
     """Name the top image: naming it puts it on the stack again."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
         raise ParameterError(f"'{name}' is no label: expected letters, digits and _")
-    chain.labelled[name] = chain.stack[-1] = _cached(chain, chain.top)
+    chain.labeled[name] = chain.stack[-1] = _cached(chain, chain.top)
 
 
 def duplicate(chain: Chain) -> None:

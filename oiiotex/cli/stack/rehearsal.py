@@ -122,7 +122,7 @@ class _Unopened(Resources):
 
 
 def _untouched(session: Session) -> Session:
-    """With the settings and the colours of that session."""
+    """With the settings and the colors of that session."""
     settings = replace(session.settings, autocc=False, all_parts=False, profile=False)
     return Session.of(_Unopened(settings, session.resources), Progress())
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Filters that look at a neighbourhood, or at all of the image."""
+"""Filters that look at a neighborhood, or at all of the image."""
 
 from __future__ import annotations
 
@@ -114,9 +114,9 @@ def _median(source: oiio.ImageBuf, roi: oiio.ROI, width: int, height: int) -> oi
     return oiio.ImageBufAlgo.median_filter(source, width, height, roi)
 
 
-def _require_stack(given: str, neighbours: int, roi: oiio.ROI) -> None:
+def _require_stack(given: str, neighbors: int, roi: oiio.ROI) -> None:
     """Refuse what a median would keep on its stack."""
-    if neighbours * roi.nchannels * 4 > _STACK:
+    if neighbors * roi.nchannels * 4 > _STACK:
         raise ParameterError(f"{given}: too large for {roi.nchannels} channels")
 
 
@@ -139,7 +139,7 @@ class Unsharp(Area):
             return kernel_size(self.kernel, 1, self.width)[1] // 2
         return kernel_size(self.kernel, self.width, self.width)[0] // 2
 
-    def neighbourhood(self) -> tuple[int, int]:
+    def neighborhood(self) -> tuple[int, int]:
         """Of each of its blurs, of columns and of rows; of a median, of both."""
         return 2 * self.half() + 1, 2 * self.half() + 1 if self.kernel == "median" else 1
 
@@ -212,7 +212,7 @@ def _decorrelated(source: oiio.ImageBuf, *values: Any) -> oiio.ImageBuf:
 def _demosaic(
     source: oiio.ImageBuf, roi: oiio.ROI, pattern: str, algorithm: str, layout: str, mode: str, white: Numbers | None
 ) -> oiio.ImageBuf:
-    """In colour."""
+    """In color."""
     if white is not None and len(white) not in (3, 4):
         raise ParameterError(f"white_balance={white}: three or four values are wanted")
     # ImageBufAlgo takes the remainder of coordinates, which fails for negative ones
@@ -241,7 +241,7 @@ FILTERING = (
     FillHoles,
     op("fft", "Fourier transform of the first channel, to real and imaginary.", Fourier),
     op("ifft", "Inverse Fourier transform of real and imaginary, to one channel.", Fourier, _ifft),
-    op("decorrstretch", "Stretch colours along their principal axes, so that slight differences show.", AtOnce,
+    op("decorrstretch", "Stretch colors along their principal axes, so that slight differences show.", AtOnce,
        _decorrelated,
        source=(Image, image(help="the image")),
        firstchannel=param(0, ge=0, help="first channel"),
@@ -251,11 +251,11 @@ FILTERING = (
        mean=(float | None, param(None, help="mean of each result channel; as it was when left out")),
        percentile=param(0.0, ge=0, le=49.9999, unit="%", help="map what lies this far from both ends on 0 and 1"),
        mode=param("covariance", choices=("covariance", "correlation"), help="which matrix gives the axes")),
-    op("demosaic", "Colour from a raw mosaic of colour filters.", Area, _demosaic,
+    op("demosaic", "Color from a raw mosaic of color filters.", Area, _demosaic,
        halo=lambda use: (_PERIOD + 4, _PERIOD + 4),  # two pixels, and at the edges a period of the pattern
        source=(Image, image(help="the mosaic")),
        pattern=param("auto", choices=("auto", "bayer", "xtrans"), help="kind of mosaic"),
-       algorithm=param("auto", choices=("auto", "linear", "MHC"), help="how colour is interpolated"),
+       algorithm=param("auto", choices=("auto", "linear", "MHC"), help="how color is interpolated"),
        layout=param("auto", help="of the mosaic, such as RGGB, or GRBG; by the metadata if auto"),
        white_balance_mode=param("auto", choices=("auto", "manual", "none"), help="auto: by the metadata"),
        white_balance=(Numbers | None, param(None, help="R,G1,B,G2 or R,G,B; counts if manual"))),

@@ -194,7 +194,7 @@ class Fit(HostOp, Gather):
     filter: str = _FILTER
     pad: bool = param(False, help="pad to the size with black")
     fillmode: str = param("letterbox", choices=("letterbox", "width", "height"), help="what fills the size")
-    exact: bool = param(False, help="centre to a part of a pixel and keep the proportions exactly; not streamed")
+    exact: bool = param(False, help="center to a part of a pixel and keep the proportions exactly; not streamed")
     highlightcomp: bool = HIGHLIGHTS
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:

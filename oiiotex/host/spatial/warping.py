@@ -163,12 +163,12 @@ class Warp(Warped):
 
 @dataclass(frozen=True, kw_only=True)
 class Rotate(Warped):
-    """Rotate clockwise by an angle, about the centre of the display window."""
+    """Rotate clockwise by an angle, about the center of the display window."""
 
     name: ClassVar[str] = "rotate"
 
     angle: float = argument(unit="degrees", ge=-1e9, le=1e9, help="clockwise")
-    center: Numbers | None = param(None, help="X,Y that stays; the centre of the display window when left out")
+    center: Numbers | None = param(None, help="X,Y that stays; the center of the display window when left out")
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The rotated part, not yet computed."""

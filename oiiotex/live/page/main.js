@@ -72,7 +72,7 @@ const looking = {};
 function buildLooking() {
   const views = (display) => (shell.facts.views[display] ?? []).map((view) => [view, view]);
   looking.display = choice("Display", {
-    title: "Display of the colour config", options: Object.keys(shell.facts.views).map((name) => [name, name]),
+    title: "Display of the color config", options: Object.keys(shell.facts.views).map((name) => [name, name]),
     change: (display) => {
       const view = shell.facts.views[display].includes(shell.state.view.view) ? shell.state.view.view : shell.facts.views[display][0];
       shell.set("view", { display, view });

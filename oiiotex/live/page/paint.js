@@ -61,7 +61,7 @@ export class PaintRoom {
     const panel = make("aside", {},
       section("Labels", this.palette),
       section("Tool", make("div", { className: "buttons", style: "margin:0 0 6px" }, this.tools), this.brush, make("div", { className: "buttons" }, this.undo, this.redo), this.fact),
-      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Save", "Write the texture as a file beside the document, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times, button("Open", "A painting from elsewhere: a picture in the palette's colours, or ids, that lies beside the photo or the document", () => this.shell.ask("paint", { do: "paintings" })), button("New", "All of it in the chosen label. A step that can be undone", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
+      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Save", "Write the texture as a file beside the document, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times, button("Open", "A painting from elsewhere: a picture in the palette's colors, or ids, that lies beside the photo or the document", () => this.shell.ask("paint", { do: "paintings" })), button("New", "All of it in the chosen label. A step that can be undone", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
     this.opening = make("dialog", { ariaLabel: "Open a painting" });
     this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.planView.element, this.textureView.element)), panel, this.opening);
   }
@@ -151,7 +151,7 @@ export class PaintRoom {
 
   /** Paintings that can be opened. */
   offer(names) {
-    const text = names.length ? "Pictures beside the photo and the document. One in the palette's colours, or of ids of labels, can be opened:" : "No picture lies beside the photo or the document. Put a painting there: a PNG in the palette's colours, or ids of labels as EXR or TIFF.";
+    const text = names.length ? "Pictures beside the photo and the document. One in the palette's colors, or of ids of labels, can be opened:" : "No picture lies beside the photo or the document. Put a painting there: a PNG in the palette's colors, or ids of labels as EXR or TIFF.";
     const close = button("Close", "Open none", () => this.opening.close());
     const choose = (name) => { this.opening.close(); this.ask({ do: "bring", name }); };
     const files = names.map((name) => button(name, `Open ${name}`, () => choose(name)));
@@ -165,17 +165,17 @@ export class PaintRoom {
 
   showPalette(facts, picture) {
     this.labels = facts.labels;
-    this.colours = new Uint32Array(256).fill(0xff000000);
+    this.colors = new Uint32Array(256).fill(0xff000000);
     this.dimmed = new Uint32Array(256).fill(0xff000000);
     this.finer = new Uint32Array(256);
     this.parents.fill(0);
-    const packed = (colour, times) => colour.split(",").reduce((sum, channel, n) => sum | (Math.round(times * Number(channel)) << (8 * n)), 0xff000000);
-    for (const { id, colour } of facts.labels) {
-      this.colours[id] = packed(colour, 1);
-      this.dimmed[id] = packed(colour, 0.4);
+    const packed = (color, times) => color.split(",").reduce((sum, channel, n) => sum | (Math.round(times * Number(channel)) << (8 * n)), 0xff000000);
+    for (const { id, color } of facts.labels) {
+      this.colors[id] = packed(color, 1);
+      this.dimmed[id] = packed(color, 0.4);
     }
-    for (const { number, parent, colour } of facts.finer) {
-      this.finer[number] = packed(colour, 1);
+    for (const { number, parent, color } of facts.finer) {
+      this.finer[number] = packed(color, 1);
       this.parents[number] = parent;
     }
     const total = facts.labels.reduce((sum, one) => sum + one.area, 0);
@@ -185,7 +185,7 @@ export class PaintRoom {
       const name = label.name.includes("/") ? `Label ${label.id}` : label.name;
       const one = button("", `Paint with label ${label.id}${within.length ? `, ${within.length} within` : ""}`, () => this.set({ layer: "coarse", label: label.id, finer: 0 }), { className: "swatch" });
       one.dataset.layer = "coarse";
-      one.append(make("i", { style: `background:rgb(${label.colour})` }), this.swatch(label, picture, 48, 28), make("b", { textContent: name }), make("small", { textContent: `${Math.round((100 * label.area) / total)} %` }));
+      one.append(make("i", { style: `background:rgb(${label.color})` }), this.swatch(label, picture, 48, 28), make("b", { textContent: name }), make("small", { textContent: `${Math.round((100 * label.area) / total)} %` }));
       const finer = within.map((part) => this.finerSwatch(part, label, this.swatch(part, picture, 38, 24)));
       if (within.length) finer.push(this.finerSwatch({ number: 0 }, label, make("span", { textContent: "all" })));
       const group = make("div", { className: "entry" }, one, make("div", { className: "within", role: "group", ariaLabel: `Within ${name}` }, ...finer));
@@ -208,9 +208,9 @@ export class PaintRoom {
   }
 
   /** Chooses a finer label, or none, to paint with inside a label. */
-  finerSwatch({ number, id, colour }, label, face) {
+  finerSwatch({ number, id, color }, label, face) {
     const title = number ? `Paint with ${id} of the finer labels, inside label ${label.id}` : `Take finer labels away inside label ${label.id}: all of it again`;
-    const one = button("", title, () => this.set({ layer: "fine", label: label.id, finer: number }), { style: colour ? `border-color:rgb(${colour})` : "" });
+    const one = button("", title, () => this.set({ layer: "fine", label: label.id, finer: number }), { style: color ? `border-color:rgb(${color})` : "" });
     one.dataset.layer = "fine";
     one.dataset.finer = number;
     one.append(face);
@@ -219,15 +219,15 @@ export class PaintRoom {
 
   drawPlan(left, top, right, bottom) {
     const [width] = this.size;
-    if (right <= left || bottom <= top || !this.colours) return;
+    if (right <= left || bottom <= top || !this.colors) return;
     const image = new ImageData(right - left, bottom - top);
     const out = new Uint32Array(image.data.buffer);
     const { coarse, fine } = this.layers;
     for (let y = top, at = 0; y < bottom; y++) {
       for (let x = left; x < right; x++, at++) {
         const place = y * width + x;
-        if (!fine[place]) out[at] = this.colours[coarse[place]];
-        else out[at] = (x + y) & 8 ? this.finer[fine[place]] : this.dimmed[coarse[place]]; // hatched: colours of both layers may be the same
+        if (!fine[place]) out[at] = this.colors[coarse[place]];
+        else out[at] = (x + y) & 8 ? this.finer[fine[place]] : this.dimmed[coarse[place]]; // hatched: colors of both layers may be the same
       }
     }
     this.plan.getContext("2d").putImageData(image, left, top);

@@ -235,7 +235,7 @@ export class TileRoom {
     const plane = this.planes[name];
     if (plane && !this.shownOver) {
       if (this.tintOf !== plane || this.tintStale) {
-        this.tint = this.tinted({ plane, width, height, ids: [255], colours: [name === "mask" ? "90,170,110" : "214,130,60"] });
+        this.tint = this.tinted({ plane, width, height, ids: [255], colors: [name === "mask" ? "90,170,110" : "214,130,60"] });
         this.tintOf = plane;
         this.tintStale = false;
       }
@@ -243,11 +243,11 @@ export class TileRoom {
     }
   }
 
-  /** A plane of ids as a canvas of half transparent colours. */
-  tinted({ plane, width, height, ids, colours }) {
+  /** A plane of ids as a canvas of half transparent colors. */
+  tinted({ plane, width, height, ids, colors }) {
     const table = new Uint32Array(256);
     ids.forEach((id, n) => {
-      const [red, green, blue] = colours[n].split(",").map(Number);
+      const [red, green, blue] = colors[n].split(",").map(Number);
       table[id] = 0x8c000000 | red | (green << 8) | (blue << 16);
     });
     const canvas = make("canvas", { width, height });

@@ -167,7 +167,7 @@ TEXT = """\
 # Beside other ways
 
 Made by `python -m tools.docs.pictures.comparison` from eight photos, reduced to {side} x {side} px. Every pane is
-what was made, laid out 2 x 2, so that what repeats shows; Wang tiles (16, two colours for each edge) are laid out at
+what was made, laid out 2 x 2, so that what repeats shows; Wang tiles (16, two colors for each edge) are laid out at
 random over the same area. From left to right and top to bottom:
 
 {columns}.

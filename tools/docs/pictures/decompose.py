@@ -13,7 +13,7 @@ from benchmarks.subtextures.decompose import PAPER, grouped_by
 from oiiotex import filters
 from oiiotex.core.image import to_buffer
 from oiiotex.filters.texdecompose import Decompose
-from oiiotex.labels.legend import colours_of
+from oiiotex.labels.legend import colors_of
 from oiiotex.run import run
 from oiiotex.session import Session
 from tools.docs.pictures.layout import beside, halved, pixels, shrunk, small, stacked, write_jpeg
@@ -32,8 +32,8 @@ COMPOSED = (
 
 
 def painted(ids: np.ndarray, side: int = SIDE) -> np.ndarray:
-    """Labels in distinct colours."""
-    return np.rint(255 * colours_of(small(ids, side).astype(int))).astype(np.uint8)
+    """Labels in distinct colors."""
+    return np.rint(255 * colors_of(small(ids, side).astype(int))).astype(np.uint8)
 
 
 def labels_of(case: Case, way: str = "", **values: object) -> np.ndarray:
@@ -43,10 +43,10 @@ def labels_of(case: Case, way: str = "", **values: object) -> np.ndarray:
 
 
 def mosaics() -> None:
-    """Each mosaic at hand: picture, truth, default, shift=0, normalised cuts told the count, the paper's way."""
+    """Each mosaic at hand: picture, truth, default, shift=0, normalized cuts told the count, the paper's way."""
     rows = []
     for case in cases("mosaic"):
-        ways = ({}, {"shift": 0}, {"way": "normalised cuts, count told"}, PAPER)
+        ways = ({}, {"shift": 0}, {"way": "normalized cuts, count told"}, PAPER)
         maps = [case.truth, *(labels_of(case, **values) for values in ways)]
         rows.append(beside(small(pixels(to_buffer(case.image.first)), SIDE), *map(painted, maps)))
     write_jpeg(stacked(rows, 6), "decompose_mosaics.jpg", 70)

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from benchmarks.dominant.composites import TWELVE, composite, seen_as
 from oiiotex import filters
-from oiiotex.charts.dominant_chart import COLOURS, Plot
+from oiiotex.charts.dominant_chart import COLORS, Plot
 from oiiotex.dominant.diffusion import dominant_texture
 from oiiotex.dominant.refinement import refined_mask
 from oiiotex.session import Session
@@ -34,7 +34,7 @@ def kept_alone(photo: oiio.ImageBuf, **values: object) -> np.ndarray:
 
 
 def dominant_columns() -> None:
-    """LDR09 figure 6: photos, what is dominant in them, the same by eq. 7, the larger half of a normalised cut."""
+    """LDR09 figure 6: photos, what is dominant in them, the same by eq. 7, the larger half of a normalized cut."""
     panes = []
     for name in COLUMNS:
         photo = test_photo(name)
@@ -120,11 +120,11 @@ def texel_points(name: str = "stained_plaster_wall.jpg", side: int = 384) -> Non
     density = np.log(np.maximum(found.density, 1e-9))
     order = np.argsort(density)  # the dense ones above
     share = np.linspace(0, 1, len(order))[:, None]
-    colours = np.empty((len(order), 3))
-    colours[order] = np.clip(1.5 - np.abs(4 * share - [3.0, 2.0, 1.0]), 0, 1)  # blue, green, red
-    of_type = np.array(COLOURS)[found.types]
+    colors = np.empty((len(order), 3))
+    colors[order] = np.clip(1.5 - np.abs(4 * share - [3.0, 2.0, 1.0]), 0, 1)  # blue, green, red
+    of_type = np.array(COLORS)[found.types]
     panels = []
-    for across, up, shown in ((0, 1, colours), (2, 1, colours), (0, 1, of_type)):
+    for across, up, shown in ((0, 1, colors), (2, 1, colors), (0, 1, of_type)):
         panel = Plot(found.texels.values[:, across], found.texels.values[:, up])
         panel.texts.append((f"component {up + 1} over {across + 1}", 44, 16))
         row, column = panel.place(found.texels.values[:, across], found.texels.values[:, up])

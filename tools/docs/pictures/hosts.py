@@ -39,10 +39,10 @@ def plain(name: str) -> np.ndarray:
         for column in range(WIDTH):
             s = 0.5 + (column - WIDTH / 2) * across
             # a pixel to the right moves s; one below moves nearer, and s towards the middle
-            colour = textures.texture(
+            color = textures.texture(
                 name, options, s, 0.75 - away / SIZE, across, 0.0, -(s - 0.5) / below, along, 3
             )  # fmt: skip
-            picture[row, column] = haze * np.array(colour) + (1 - haze) * picture[0, 0]
+            picture[row, column] = haze * np.array(color) + (1 - haze) * picture[0, 0]
     error = textures.geterror()
     if error:
         raise SystemExit(error)

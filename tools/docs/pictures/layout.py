@@ -90,7 +90,7 @@ def test_photo(name: str) -> oiio.ImageBuf | None:
     return shrunk(oiio.ImageBuf(str(path)), 1024)
 
 
-def labelled(name: str, side: int) -> dict[str, oiio.ImageBuf] | None:
+def labeled(name: str, side: int) -> dict[str, oiio.ImageBuf] | None:
     """A test photo with its label parts, or None where there are no photos."""
     path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / f"{name}.jpg"
     if not path.is_file():

@@ -18,7 +18,7 @@ import OpenImageIO as oiio
 
 from benchmarks.studio.library import RECIPE, write_photos
 from oiiotex.charts.tile_preview import repeated
-from oiiotex.library.catalogue import Catalogue
+from oiiotex.library.catalog import Catalog
 from tests.conftest import data_folder
 from tools.docs.pictures.layout import beside, write_jpeg
 
@@ -55,8 +55,8 @@ def photographed(page: Path, target: Path) -> None:
 
 def shown(library: Path, name: str, picture: str) -> np.ndarray:
     """A picture of an asset, 256 px high."""
-    with Catalogue(library) as catalogue:
-        asset = catalogue.asset(name)
+    with Catalog(library) as catalog:
+        asset = catalog.asset(name)
     assert asset is not None
     path = library / asset.folder / f"{picture}.jpg"
     pixels = oiio.ImageBuf(str(path)).get_pixels(oiio.UINT8)

@@ -14,12 +14,12 @@ from scipy.cluster.vq import kmeans2
 
 from benchmarks.shared.peers import CROPS, SYNTHESIZERS
 from oiiotex import filters
-from oiiotex.labels.legend import colours_of
+from oiiotex.labels.legend import colors_of
 from tools.demo import gravel, save, stained
 from tools.docs.pictures.layout import (
     beside,
     halved,
-    labelled,
+    labeled,
     pixels,
     shrunk,
     small,
@@ -56,7 +56,7 @@ def flattened_wall() -> None:
     write_jpeg(beside(pixels(photo), pixels(filters.flatten(photo)), gray), "flatten_wall.jpg")
 
 
-def labelled_photo(name: str, side: int = 512) -> dict[str, oiio.ImageBuf] | None:
+def labeled_photo(name: str, side: int = 512) -> dict[str, oiio.ImageBuf] | None:
     """A test photo made small, with its label maps; None where there are no photos."""
     path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / name
     if not path.is_file():
@@ -69,7 +69,7 @@ def cut_labels() -> None:
     """One label of a photo, and what --texcut makes of it, 2 x 2."""
     rows = []
     for name, level, label in (("flower_meadow_stones.jpg", -2, 1), ("fieldstone_wall_kodim01.jpg", -2, 1)):
-        photo = labelled_photo(name)
+        photo = labeled_photo(name)
         if photo is None:
             return
         first, *maps = photo.values()
@@ -89,7 +89,7 @@ def _id_picture(ids: np.ndarray) -> oiio.ImageBuf:
 
 def painted_meadow() -> None:
     """A palette, a painting at one scale and at two, of a meadow."""
-    photo = labelled_photo("flower_meadow_stones.jpg", 640)
+    photo = labeled_photo("flower_meadow_stones.jpg", 640)
     if photo is None:
         return
     first, *maps = photo.values()
@@ -116,7 +116,7 @@ def composites() -> None:
     """Photos, and larger textures made of them without a guide."""
     rows = []
     for name, below in (("flower_meadow_stones.jpg", 1), ("moss_grass_stones_ground.jpg", 2)):
-        photo = labelled_photo(name, 640)
+        photo = labeled_photo(name, 640)
         if photo is None:
             return
         made = filters.composite(photo, level=max(1, len(photo) - 1 - below), size=(1280, 800), seed=1)
@@ -125,7 +125,7 @@ def composites() -> None:
 
 
 def layered_textures() -> None:
-    """LSA16 figure 7: a photo, its colours in as many clusters as one says, levels of labels from coarse to fine."""
+    """LSA16 figure 7: a photo, its colors in as many clusters as one says, levels of labels from coarse to fine."""
     rows = []
     for name, count in LAYERED:
         photo = test_photo(name)
@@ -141,7 +141,7 @@ def layered_textures() -> None:
         for ids in maps:
             pieces = sum(ndimage.label(ids == label)[1] for label in np.unique(ids))
             print(f"{name}: {len(np.unique(ids))} labels in {pieces} pieces")
-            panes.append(np.rint(255 * colours_of(small(ids, SIDE))).astype(np.uint8))
+            panes.append(np.rint(255 * colors_of(small(ids, SIDE))).astype(np.uint8))
         rows.append(np.pad(beside(*panes), ((0, 10), (0, 0), (0, 0)), constant_values=255))
     width = max(row.shape[1] for row in rows)
     rows = [np.pad(r, ((0, 0), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows]
@@ -168,14 +168,14 @@ def moved_borders(sigma: float = 94.0, side: int = 340) -> None:
         near = [ndimage.binary_dilation(edge, iterations=2) for edge in edges]  # what moved by a pixel has not moved
         shown = small(pixels(photo), side) // 2 + 110
         both = (edges[0] & near[1]) | (edges[1] & near[0])
-        for edge, colour in ((edges[0], (220, 90, 0)), (edges[1], (0, 70, 220)), (both, (0, 0, 0))):
-            shown[edge] = colour
+        for edge, color in ((edges[0], (220, 90, 0)), (edges[1], (0, 70, 220)), (both, (0, 0, 0))):
+            shown[edge] = color
         panes.append(shown)
     write_jpeg(beside(*panes), "superpixel_moves.jpg")
 
 
-def mean_colours(counts: tuple[int, ...] = (400, 100, 40), side: int = 240) -> None:
-    """LSA16 figure 2: superpixels in their mean colours, of the hierarchy, of SLIC, of SLIC of a blurred photo."""
+def mean_colors(counts: tuple[int, ...] = (400, 100, 40), side: int = 240) -> None:
+    """LSA16 figure 2: superpixels in their mean colors, of the hierarchy, of SLIC, of SLIC of a blurred photo."""
     photo = test_photo("stone_breccia.jpg")
     if photo is None:
         return
@@ -193,14 +193,14 @@ def mean_colours(counts: tuple[int, ...] = (400, 100, 40), side: int = 240) -> N
 
 
 def averaged(picture: np.ndarray, ids: np.ndarray) -> np.ndarray:
-    """Each region's mean colour; (h, w, 3) uint8."""
+    """Each region's mean color; (h, w, 3) uint8."""
     areas = np.maximum(np.bincount(ids.ravel()), 1)
     means = [np.bincount(ids.ravel(), picture[..., c].ravel()) / areas for c in range(3)]
     return np.rint(np.stack(means, -1)[ids]).astype(np.uint8)
 
 
 def borders(ids: np.ndarray) -> np.ndarray:
-    """Pixels whose left or upper neighbour has another id."""
+    """Pixels whose left or upper neighbor has another id."""
     edge = np.zeros(ids.shape, bool)
     edge[1:] |= ids[1:] != ids[:-1]
     edge[:, 1:] |= ids[:, 1:] != ids[:, :-1]
@@ -238,7 +238,7 @@ def quilts() -> None:
         quilt = pixels(filters.quilt(photo, size=(768, 512), seed=1))
         panes.append(halved(beside(pixels(photo)[:512], quilt)))
     write_jpeg(np.concatenate(panes), "quilts.jpg")
-    parts = labelled("stone_breccia", 768)
+    parts = labeled("stone_breccia", 768)
     if parts is None:
         return
     areas = {n: np.bincount(parts[f"label.{n}"].get_pixels(oiio.UINT32).ravel())[1:] for n in range(1, len(parts))}
@@ -292,5 +292,5 @@ if __name__ == "__main__":
     composites()
     layered_textures()
     moved_borders()
-    mean_colours()
+    mean_colors()
     contact_sheets()

@@ -27,7 +27,7 @@ def one_channel(values: np.ndarray) -> oiio.ImageBuf:
 
 
 def ellipse(photo: oiio.ImageBuf, x: float, y: float, across: float, down: float) -> np.ndarray:
-    """A mask, (height, width) bool; centre and half axes as shares of the photo."""
+    """A mask, (height, width) bool; center and half axes as shares of the photo."""
     v, u = np.mgrid[0 : photo.spec().height, 0 : photo.spec().width]
     v, u = v / photo.spec().height, u / photo.spec().width
     return ((u - x) / across) ** 2 + ((v - y) / down) ** 2 < 1
@@ -76,13 +76,13 @@ def material_set(side: int = 384) -> None:
         return
     maps = [shrunk(oiio.ImageBuf(str(folder / f"mossy_rock_{name}.jpg")), side) for name in names]
     gray = [maps[0], maps[1], *(oiio.ImageBufAlgo.channels(m, (0,)) for m in maps[2:])]
-    made = filters.stationarize(gray[0], maps=gray[1:], kinds=("colour", "normal", "data", "data"), seed=SEED)
+    made = filters.stationarize(gray[0], maps=gray[1:], kinds=("color", "normal", "data", "data"), seed=SEED)
     rows = [beside(*(np.broadcast_to(pixels(m), (side, side, 3)) for m in row)) for row in (maps, made)]
     write_jpeg(halved(stacked(rows)), "stationarize_material.jpg")
 
 
 def levelled_heights(side: int = 256) -> None:
-    """The relief of a rock, lit from the upper left: the photo's, led by colours alone, matched, and levelled."""
+    """The relief of a rock, lit from the upper left: the photo's, led by colors alone, matched, and levelled."""
     folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "pbr" / "mossy_rock"
     if not folder.is_dir():
         print(f"no {folder}: its picture stays as it is")
@@ -92,9 +92,7 @@ def levelled_heights(side: int = 256) -> None:
     )
     height = oiio.ImageBufAlgo.copy(oiio.ImageBufAlgo.channels(height, (0,)), "float")
     ways = ({"match": (1, 0)}, {}, {"relevel": True})
-    made = [
-        filters.stationarize(albedo, maps=[height], kinds=("colour", "height"), seed=SEED, **way)[1] for way in ways
-    ]
+    made = [filters.stationarize(albedo, maps=[height], kinds=("color", "height"), seed=SEED, **way)[1] for way in ways]
     write_jpeg(beside(*map(lit, (height, *made))), "stationarize_heights.jpg")
 
 

@@ -89,7 +89,7 @@ def zooms() -> np.ndarray:
 
 
 def rainbow() -> np.ndarray:
-    """Figure 5: coloured stripes and gray pebbles 8 times finer; not corrected, corrected."""
+    """Figure 5: colored stripes and gray pebbles 8 times finer; not corrected, corrected."""
     phase = np.arange(128)[:, None, None] / 64 * 2 * np.pi
     stripes = np.broadcast_to(0.5 + 0.45 * np.sin(phase + np.array([0.0, 2.1, 4.2])), (128, 128, 3))
     gray = pictures.pebbles(128, 128, 2).mean(-1, keepdims=True) * np.ones(3)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a library holds, in a SQLite database: assets, files, measures, failures, and which run is at which asset.
 
-Folders are the truth: each says in its asset.json what it is. The catalogue is how they are found and searched, and it
+Folders are the truth: each says in its asset.json what it is. The catalog is how they are found and searched, and it
 is written after them, in one transaction an asset. It lies on a disk of the machine that runs `ingest`: SQLite's
 write-ahead log wants shared memory. Workers on other machines write folders alone.
 """
@@ -26,7 +26,7 @@ _PATIENCE = 60.0  # s that one writer waits for another
 _TABLES = """
 CREATE TABLE assets (
     name TEXT PRIMARY KEY, key TEXT NOT NULL, status TEXT NOT NULL, folder TEXT NOT NULL, reasons TEXT NOT NULL,
-    root TEXT NOT NULL, licence TEXT, author TEXT, width INTEGER, height INTEGER, size_m TEXT,
+    root TEXT NOT NULL, license TEXT, author TEXT, width INTEGER, height INTEGER, size_m TEXT,
     l REAL, a REAL, b REAL, seconds REAL, made TEXT NOT NULL);
 CREATE TABLE files (
     asset TEXT NOT NULL REFERENCES assets ON DELETE CASCADE, path TEXT NOT NULL, role TEXT NOT NULL,
@@ -46,13 +46,13 @@ CREATE TABLE claims (asset TEXT PRIMARY KEY, run TEXT NOT NULL) WITHOUT ROWID;
 """
 
 _ASSETS = (
-    "SELECT name, key, status, folder, reasons, root, licence, author, width, height, size_m, l, a, b, seconds, made"
+    "SELECT name, key, status, folder, reasons, root, license, author, width, height, size_m, l, a, b, seconds, made"
     " FROM assets"
 )
 
 
 class Asset(NamedTuple):
-    """A row of the catalogue."""
+    """A row of the catalog."""
 
     name: str
     key: str
@@ -60,32 +60,32 @@ class Asset(NamedTuple):
     folder: str = ""  # Below the library; '' where there is none
     reasons: tuple[str, ...] = ()  # Why it is not ok
     root: str = ""  # The folder of photos that it was found in
-    licence: str = ""
+    license: str = ""
     author: str = ""
     width: int = 0
     height: int = 0
     size_m: tuple[float, ...] = ()
-    lab: tuple[float, ...] = ()  # Its mean colour; () where there is none
+    lab: tuple[float, ...] = ()  # Its mean color; () where there is none
     seconds: float = 0.0
     made: str = ""
 
 
 class AssetLabel(NamedTuple):
-    """A label of an asset: its name, its share of the pixels, its mean colour in CIE Lab."""
+    """A label of an asset: its name, its share of the pixels, its mean color in CIE Lab."""
 
     name: str
     share: float
     lab: tuple[float, ...]
 
 
-class Catalogue:
-    """The catalogue of a library.
+class Catalog:
+    """The catalog of a library.
 
     Parameters
     ----------
     library : Path
     create : bool
-        Make library and catalogue where they are not.
+        Make library and catalog where they are not.
 
     Raises
     ------
@@ -109,7 +109,7 @@ class Catalogue:
                 self._require_filled()
 
     def _require_filled(self) -> None:
-        """Refuse a catalogue without assets beside folders of them: what is there would be taken for nothing, or go."""
+        """Refuse a catalog without assets beside folders of them: what is there would be taken for nothing, or go."""
         if self._data.execute("SELECT 1 FROM assets LIMIT 1").fetchone():
             return
         if any(next((self.library / place).glob(f"*/*/{SIDECAR}"), None) for place in PLACES):
@@ -127,7 +127,7 @@ class Catalogue:
                 told = f"this oiiotex reads {_VERSION}: remove {FILE}* and ingest again"
                 raise Error(f"{self.library}: a library of version {version}; {told}")
 
-    def __enter__(self) -> Catalogue:
+    def __enter__(self) -> Catalog:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Images in a colour space that the tests of colour make, and what the filters see of them."""
+"""Images in a color space that the tests of color make, and what the filters see of them."""
 
 from __future__ import annotations
 

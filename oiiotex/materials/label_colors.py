@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a label map says of a material, for who looks for it: how much of it is of which colour."""
+"""What a label map says of a material, for who looks for it: how much of it is of which color."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from ..session.resources import Resources
 from .preview import lab_of, linear_of
 
 
-def label_colours(labels: Image, colour: Image, resources: Resources) -> list[tuple[str, float, list[float]]]:
+def label_colors(labels: Image, color: Image, resources: Resources) -> list[tuple[str, float, list[float]]]:
     """The labels of an image, the largest first; none where it has no label maps.
 
     Parameters
     ----------
     labels : Image
-        With parts label.N; where its first part is the photo (`--texlabel:keep=1`), colours are that one's.
-    colour : Image
-        Whose colours they are else; of another size it says nothing, and there are none.
+        With parts label.N; where its first part is the photo (`--texlabel:keep=1`), colors are that one's.
+    color : Image
+        Whose colors they are else; of another size it says nothing, and there are none.
 
     Returns
     -------
     list of (str, float, list of float)
-        Of the coarsest level: name, share of the pixels, 0 to 1, mean colour in CIE Lab D65.
+        Of the coarsest level: name, share of the pixels, 0 to 1, mean color in CIE Lab D65.
     """
     maps = label_maps(labels)
     if not maps:
         return []
-    coarsest, photo = maps[max(maps)], colour.first if holds_ids(labels.first) else labels.first
+    coarsest, photo = maps[max(maps)], color.first if holds_ids(labels.first) else labels.first
     ids = coarsest.ids.astype(np.int64)
     if ids.shape != (photo.spec.height, photo.spec.width):
         return []
