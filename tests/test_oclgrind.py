@@ -53,7 +53,7 @@ exemplar_rows.REGION = use_prices.REGION = 3
 def in_pieces(device, shape, recipe, geometries, scales, constraints, budget, held):
     grids = memory.grids_of(recipe, geometries, scales, constraints)
     layout = memory.layout(recipe, geometries, grids, constraints, None, None, 3 + exemplar_rows.piece_halo(5))
-    return memory.Plan(layout, 0, 0, False)
+    return memory.MemoryPlan(layout, 0, 0, False)
 optimization.plan_memory = in_pieces
 synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
 """,
