@@ -182,5 +182,6 @@ def test_a_mask_lies_where_its_windows_say():
     np.testing.assert_array_equal(pixels(filters.patchmatch(photo, mask=crop, seed=1)), expected)
     away = buffer(whole)
     away.specmod().x = away.specmod().full_x = 500
-    with pytest.raises(errors.ImageError, match=r"^patchmatch: mask is .*[+]500[+]0, the exemplar .*: they must be alike, or in"):
+    unlike = r"^patchmatch: mask is .*[+]500[+]0, the exemplar .*: they must be alike, or in"
+    with pytest.raises(errors.ImageError, match=unlike):
         filters.patchmatch(photo, mask=away)
