@@ -208,7 +208,7 @@ def borders(ids: np.ndarray) -> np.ndarray:
 
 
 def contact_sheets() -> None:
-    """Every test photo beside its 2 x 2 preview."""
+    """Every test photo next to its 2 x 2 preview."""
     folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos"
     if not folder.is_dir():
         print(f"no photos in {folder}: the contact sheets stay as they are")
@@ -262,7 +262,7 @@ def quilts() -> None:
 def quilts_beside_peers(size: tuple[int, int] = (400, 300)) -> None:
     """Crops of photos, what the peers that are installed synthesize, --texquilt and its patch=96; at half the size."""
     tools = [tool for tool in SYNTHESIZERS if tool.available()]
-    print("beside quilts:", ", ".join(tool.name for tool in tools) or "no peer, the picture stays as it is")
+    print("compared with quilts:", ", ".join(tool.name for tool in tools) or "no peer, the picture stays as it is")
     rows = []
     for name, (x, y) in CROPS.items():
         photo = test_photo(f"{name}.jpg")
