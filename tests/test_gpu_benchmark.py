@@ -116,7 +116,7 @@ def test_what_does_not_fit_the_time_is_left_out_and_listed(tmp_path):
     assert not run.results["filters"] and run.results["tests"] is None
     text = (tmp_path / "late.md").read_text()
     assert (
-        "Left out, for there was no time or no device: SLIC, ten iterations, 64 px, on the device; the tests." in text
+        "Skipped, because of the time limit or a missing device: SLIC, ten iterations, 64 px, on the device; the tests." in text
     )
     assert "640 px, on the device (some 100 s)." in (tmp_path / "gpu.md").read_text()
 
