@@ -115,9 +115,8 @@ def test_what_does_not_fit_the_time_is_left_out_and_listed(tmp_path):
     run.tests("0")
     assert not run.results["filters"] and run.results["tests"] is None
     text = (tmp_path / "late.md").read_text()
-    assert (
-        "Skipped, because of the time limit or a missing device: SLIC, ten iterations, 64 px, on the device; the tests." in text
-    )
+    skipped = "SLIC, ten iterations, 64 px, on the device; the tests."
+    assert f"Skipped, because of the time limit or a missing device: {skipped}" in text
     assert "640 px, on the device (some 100 s)." in (tmp_path / "gpu.md").read_text()
 
 
