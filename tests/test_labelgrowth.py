@@ -103,7 +103,7 @@ def test_what_has_no_label_does_not_grow(device):
     ids = blobs()
     ids[40:80, 30:150] = 0
     assert (grow(device, ids).ids > 0).all()
-    with pytest.raises(errors.ImageError, match="no label to grow"):
+    with pytest.raises(errors.ImageError, match="no labels to grow"):
         grow(device, np.zeros((80, 80), np.uint32))
     specks = np.zeros((160, 160), np.uint32)
     specks[::32, ::32] = 1

@@ -223,11 +223,11 @@ def test_soft_brushes_are_taken_for_the_nearest_color(palette, caplog):
     with caplog.at_level("WARNING"):
         made = filters.paint(photo(), soft, table=table, patch=16, stmap=True)
         hard = filters.paint(photo(), painted(disc(), facts["labels"]), table=table, patch=16, stmap=True)
-    assert re.search(r"\d+ % of it is of no color of the table, and taken for the nearest", caplog.text)
+    assert re.search(r"\d+ % of the samples match no color of the table; nearest color used", caplog.text)
     assert len(caplog.records) == 1  # the hard one has no such colors
     shares = [(painted_labels(one, COARSE) == 2)[inside].mean() for one in (made, hard)]
     assert shares[0] > shares[1] - 0.02
-    with pytest.raises(errors.ImageError, match="colors that mean no label: "):
+    with pytest.raises(errors.ImageError, match="colors without a label: "):
         filters.paint(photo(), soft, table=table, patch=16, soft=0)
 
 
@@ -287,7 +287,7 @@ def test_what_is_wrong_is_said(palette, tmp_path):
     with pytest.raises(errors.ImageError, match=r"more\.json: \[9, 9\] is no label"):
         filters.paint(photo(), stray, table=tmp_path / "more.json")
     filters.paint(photo(), ids_buffer(disc()), patch=16, plan=tmp_path / "a.npz")
-    with pytest.raises(errors.ImageError, match="is of 260x240 in patches of 16 px, this is 100x90"):
+    with pytest.raises(errors.ImageError, match="260x240 px with patches of 16 px: expected 100x90 px"):
         filters.paint(photo(), ids_buffer(disc()), size=(100, 90), before=tmp_path / "a.npz")
     filters.quilt(photo(), patch=16, plan=tmp_path / "q.npz")
     with pytest.raises(errors.ImageError, match="does not say what was painted"):

@@ -130,7 +130,7 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"guide": ids(GUIDE + 6)}, r"ids that mean no label: 9 \(\d+ samples, the first at \d+,\d+\), 7 "),
+        ({"guide": ids(GUIDE + 6)}, r"ids without a label: 9 \(\d+ samples, first at \d+,\d+\), 7 "),
         ({"guide": buffer(GUIDE[..., None] * np.ones(3), oiio.UINT8)}, "holds colors: table=FILE.json"),
         ({"guide": ids(GUIDE), "label": 1}, "guide and label both"),
         ({"table": "a.json"}, "say guide, too"),
@@ -139,10 +139,10 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
         ({"level": 3}, "level=3: there is 1, 2"),
         ({"labels": ids(LABELS[:-1]), "label": 1}, "labels is 160x143, the exemplar 160x144"),
         ({"mask": ids(LABELS[:, :-1])}, "mask is 159x144, the exemplar 160x144"),
-        ({"label": 3, "patch": 90}, "no patch of 90 px fits .* the largest square is 72 px, patch=72 takes it"),
+        ({"label": 3, "patch": 90}, "no patch of 90 px fits .* the largest square is 72 px; use patch=72"),
         ({"mask": ids((np.indices((H, W)).sum(0) % 4 > 0) * 1)}, "the largest square is 2 px|no patch"),
         ({"patch": 200}, "no patch of 200 px fits"),
-        ({"patch": 24, "overlap": 12}, "at most a third of patch=24, 8, is allowed"),
+        ({"patch": 24, "overlap": 12}, "overlap=12: expected at most 8, a third of patch=24"),
         ({"tile": "x", "size": (20, 90), "patch": 24}, "at least as wide as a patch, 24 px; it is 20"),
         ({"render": True}, "render=True requires plan=FILE"),
         ({"render": True, "plan": "absent.npz"}, "absent.npz: no arrays can be read: No such file"),
@@ -162,10 +162,10 @@ def test_what_is_wrong_is_said(values, said):
         ({}, "is empty"),
         ({"255,0": 1}, "not a table"),
         ({"256,0,0": 1}, "not a table"),
-        ({"1": 9}, r"\[9, 9\] is no label or pair of labels; there is 1 to 3"),
-        ({"1": [1, 2, 3]}, "is no label or pair"),
+        ({"1": 9}, r"unknown label \[9, 9\]: expected a label from 1 to 3, or a pair"),
+        ({"1": [1, 2, 3]}, "unknown label .*: expected a label from 1 to 3, or a pair"),
         ({"1": 1, "255,0,0": 2}, "both colors and ids"),
-        ({"255,0,255": 1}, "colors that mean no label"),
+        ({"255,0,255": 1}, "colors without a label"),
     ],
 )
 def test_what_is_wrong_with_a_table_is_said(table, said, tmp_path):

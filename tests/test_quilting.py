@@ -241,7 +241,7 @@ def test_what_is_no_plan_is_refused(device, tmp_path):
     plan = sewn(device, grid, quilter.Rules(candidates=8)).finished()
     plan.offsets[2, 3] = 40 << 16 | 3  # would read below the exemplar
     np.savez_compressed(path, **plan.arrays((53, 45)))
-    with pytest.raises(ImageError, match="is no whole plan"):
+    with pytest.raises(ImageError, match="is not a complete plan"):
         Plan.load(path, BUDGET)
 
 
