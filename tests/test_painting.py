@@ -275,7 +275,7 @@ def test_what_is_wrong_is_said(palette, tmp_path):
         errors.ImageError, match=r"fine painting has colors .*: 255,0,255 \(\d+ px, the first at 100,100\)"
     ):
         filters.paint(photo(), ids_buffer(disc()), fine=fine, table=table, patch=16)
-    with pytest.raises(errors.ParameterError, match="fine holds colors"):
+    with pytest.raises(errors.ParameterError, match="fine contains colors"):
         filters.paint(photo(), ids_buffer(disc()), fine=fine, patch=16)
     with pytest.raises(errors.ParameterError, match="below level=1"):
         filters.paint(photo(), ids_buffer(disc()), fine=ids_buffer(disc()), level=1, patch=16)

@@ -124,14 +124,17 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
     with caplog.at_level(logging.WARNING, "oiiotex"):
         filters.quilt(photo, guide=ids(GUIDE), size=(200, 120), patch=32)
     said = [r.getMessage() for r in caplog.records]
-    assert len(said) == 1 and "(2, 2) by" in said[0]
+    assert len(said) == 1 and "(2, 2) ->" in said[0]
 
 
 @pytest.mark.parametrize(
     ("values", "said"),
     [
         ({"guide": ids(GUIDE + 6)}, r"ids without a label: 9 \(\d+ samples, first at \d+,\d+\), 7 "),
-        ({"guide": buffer(GUIDE[..., None] * np.ones(3), oiio.UINT8)}, "holds colors: table=FILE.json"),
+        (
+            {"guide": buffer(GUIDE[..., None] * np.ones(3), oiio.UINT8)},
+            "contains colors; map them to labels with table=FILE.json",
+        ),
         ({"guide": ids(GUIDE), "label": 1}, "guide and label both"),
         ({"table": "a.json"}, "say guide, too"),
         ({"guide": ids(GUIDE), "table": "absent.json"}, "not a table"),
