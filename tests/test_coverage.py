@@ -135,4 +135,5 @@ def test_bytes_and_halfs_may_be_mixed_and_gray_and_color_may_not(tmp_path):
     (tmp_path / "g.json").write_text(json.dumps({"exemplars": nodes, "edges": edges}))
     done = oiiotex("--autocc", "--texsynth:graph=g.json", "-o", "b.exr", cwd=tmp_path)
     assert done.returncode == 1 and len(done.stderr.strip().splitlines()) == 1
-    assert "half.exr has channels R,G,B: expected Y, the channels of the root gray.png" in done.stderr.replace(str(tmp_path) + "/", "")
+    said = done.stderr.replace(str(tmp_path) + "/", "")
+    assert "half.exr has channels R,G,B: expected Y, the channels of the root gray.png" in said

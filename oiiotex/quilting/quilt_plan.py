@@ -40,7 +40,7 @@ class Grid(Domain):
     def __post_init__(self) -> None:
         for size, wraps, axis in ((self.width, self.wrap_x, "wide"), (self.height, self.wrap_y, "high")):
             if wraps and size < self.patch:
-                raise ImageError(f"the tile is {size} px {axis}", expected=f"at least {self.patch} px, as a patch")
+                raise ImageError(f"the tile is {size} px {axis}", expected=f"at least {self.patch} px, the patch size")
 
     @property
     def step(self) -> int:
