@@ -36,7 +36,7 @@ MOST_FINER = 3  # cl/quilting.cl, LEVELS
 _WORST = 3 * (SPAN * COARSE_STEPS) ** 2  # largest squared difference of two pixels in grid steps
 _ROWS = 128  # of squares summed in 32 bits
 _LOSSES = 1 << 16  # maximum offset penalty, as integers of a table
-_OVER = 16  # weight of one excess use, cl/quilting.cl
+_OVER = 16  # integer steps per excess use, cl/quilting.cl
 _FLUSH = 64  # waves between two flushes of the queue
 
 

@@ -30,7 +30,7 @@ BINS = 64  # of a phase
 _BLUR = 0.5  # px, of a folded autocorrelation
 _AS_GOOD = 0.85  # relative to the best correlation: from there a lattice with a smaller cell is preferred
 STRETCHED = 0.02  # of a period: a larger strain is visible
-STRAIN, RANGE = 4.0, 0.3  # weight of the strain, and range of sizes that are tried
+STRAIN, RANGE = 4.0, 0.3  # weight of the strain, and relative range of tried sizes
 _PEAKS, _TRIED = 24, 4
 
 

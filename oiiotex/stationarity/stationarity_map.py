@@ -84,7 +84,7 @@ def deviation_of(
     band = min(cells.down, rows_for(image.first) // cells.side + 2)
     beside += np.dtype(dtype).itemsize * math.prod(shape[1:]) * band
     layout = {"sums": (shape, dtype)}
-    sums = resources.scratch(layout, f"sigma {sigma:g} px", "take a larger sigma", beside)["sums"]
+    sums = resources.scratch(layout, f"sigma={sigma:g}", "increase sigma", beside)["sums"]
 
     def look_at_responses(values: np.ndarray, opaque: np.ndarray | None, piece: Window) -> list[np.ndarray]:
         filtered, clear = responses_in(values[..., :count], opaque, piece, cells.window)
