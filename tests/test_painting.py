@@ -290,7 +290,7 @@ def test_what_is_wrong_is_said(palette, tmp_path):
     with pytest.raises(errors.ImageError, match="is of 260x240 in patches of 16 px, this is 100x90"):
         filters.paint(photo(), ids_buffer(disc()), size=(100, 90), before=tmp_path / "a.npz")
     filters.quilt(photo(), patch=16, plan=tmp_path / "q.npz")
-    with pytest.raises(errors.ImageError, match="a plan of filters.paint"):
+    with pytest.raises(errors.ImageError, match=r"a plan of filters\.paint"):
         filters.paint(photo(), ids_buffer(disc()), before=tmp_path / "q.npz")
     with pytest.raises(errors.ImageError, match="no label parts"):
         filters.paint(buffer(PHOTO), ids_buffer(disc()))
