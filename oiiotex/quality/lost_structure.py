@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, cast
 from ..core.demand import MadeRows, SomeRows
 from ..core.source_map import SourceMap
 from ..deferred import np
-from ..errors import ImageError
+from ..errors import ImageError, modifier, spelled, texture_filter
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.use_prices import Lost
 from ..regularity.regularity import peaks_over_floor
@@ -81,7 +81,7 @@ def say_what_was_lost(flag: str, lost: Lost) -> None:
     if lost.own >= 1 - _MUCH:  # flat areas are not the cause
         log.warning("%s: texture is lost: %s; increase iterations", flag, shares)
         return
-    offer = "exclude flat areas with mask=1 and the mask of --texdominant"
+    offer = f"exclude flat areas with {modifier(mask=True)} and the mask of {texture_filter('dominant')}"
     if lost.shown < 0.5 * lost.own or (lost.own < 0.5 and lost.share > _TOO_MUCH):
         raise ImageError(f"too much of the texture is lost: {shares}", hint=offer)
-    log.warning("%s: texture is lost: %s; %s", flag, shares, offer)
+    log.warning("%s: texture is lost: %s; %s", flag, shares, spelled(offer))
