@@ -91,7 +91,7 @@ def read_begun(path: Path, budget: int, prefix: str = "") -> Begun | None:
     """Read a painting's layer. None: it has no such layer. A plan of --texquilt is refused."""
     arrays = read_arrays(path, budget)
     if "keys" not in arrays:
-        expected = f"a plan written by {texture_filter('paint')}"
+        expected = f"a plan of {texture_filter('paint')}"
         raise ImageError(parameter="before", value=str(path), expected=expected)
     if f"{prefix}keys" not in arrays:
         return None
