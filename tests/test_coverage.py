@@ -94,7 +94,7 @@ def test_an_exemplar_may_say_what_is_at_its_borders(tmp_path):
     assert (outcomes["periodic"] != outcomes["mirror"]).any()
     drawn(tmp_path, [("root", "root", 1)], root={"wrap": "clamp"})
     done = oiiotex("--autocc", "--texsynth:graph=g.json", "-o", "b.exr", cwd=tmp_path)
-    assert done.returncode == 1 and "exemplar 'root': wrap=clamp: expected periodic or mirror" in done.stderr
+    assert done.returncode == 1 and "exemplars[0].wrap: expected 'periodic' or 'mirror', not 'clamp'" in done.stderr
 
 
 def test_exemplars_of_other_spaces_are_brought_to_the_roots(tmp_path):
