@@ -70,8 +70,8 @@ class PhotoLevel:
             return flat[at[:, None] + rows].reshape(len(at), -1).astype(np.float64)
 
         sampled = seen(places[:: -(-len(places) // 16384)])
-        centerd = sampled - np.rint(sampled.mean(0))
-        _, vectors = np.linalg.eigh(centerd.T @ centerd)
+        centered = sampled - np.rint(sampled.mean(0))
+        _, vectors = np.linalg.eigh(centered.T @ centered)
         basis = np.rint(vectors[:, ::-1][:, :_DIMENSIONS] * (1 << _BASIS_BITS))
         looks = np.zeros((height * width, basis.shape[1]), np.int32)
         for start in range(0, len(places), _AT_ONCE):
