@@ -77,7 +77,7 @@ class Form:
 
 
 def forms(op: type[Op]) -> tuple[Form, ...]:
-    """The ways to call an op, from the plainest to all there are: what a type checker knows of its result."""
+    """The ways to call an op, from the plainest to all of them: what a type checker knows about its result."""
     asked = {o.asked_by: o for o in op.outputs if o.asked_by and o.kind.is_image and not o.instead}
     flags = {p.name: p for p in op.parameters() if p.name in asked and bool in (p.kind or ())}
     # of what may be several parts or none, the call alone does not say how many there are

@@ -6,7 +6,6 @@ from __future__ import annotations
 import doctest
 import re
 
-import numpy as np
 import pytest
 
 from oiiotex import filters

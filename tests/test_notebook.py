@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results in notebooks: what is shown of them, and the notebook of the docs run from top to bottom."""
+"""Notebooks show results as pictures, and the notebook of the docs runs from top to bottom."""
 
 from __future__ import annotations
 

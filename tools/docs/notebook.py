@@ -30,10 +30,10 @@ If your eye finds the same stone at regular distances, the tile is too small or 
     """\
 ## Compare seeds
 
-Every seed gives another tile, and always the same one. A list of results is shown as pictures, too.""",
+Every seed gives another tile, and always the same one. A list of results is shown as pictures.""",
     "[filters.stationarize(photo, colorspace=SRGB, seed=seed) for seed in range(3)]",
     """\
-## Look at what else is known
+## Ask for more than the tile
 
 `stmap=True` adds the place in the photo that each pixel was copied from. The result is a dict of parts by name.
 `filters.stationarity` maps how far each neighborhood is from the average: dark is good.""",
