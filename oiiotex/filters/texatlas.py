@@ -39,6 +39,7 @@ class Atlas(MaterialOp, Whole):
     by xatlas: unwrapped=FILE.obj is the mesh that goes with the result. Needs `pip install oiiotex[atlas]`.
     """
 
+    example: ClassVar[str] = '>>> atlas = filters.atlas("photo.png", mesh="statue.obj", size=(1024, 1024))'
     name: ClassVar[str] = "atlas"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("atlas", Kind.PIXELS, f"{COPIED}; of n maps n images, in their order; normals are turned"),

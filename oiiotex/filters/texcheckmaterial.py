@@ -47,6 +47,10 @@ class CheckMaterial(ScanThenMap):
     with fail=errors, as it is, the run goes to its end and its exit code is 3 where there is an error.
     """
 
+    example: ClassVar[str] = """\
+>>> maps = ["roughness.png"]
+>>> same = filters.checkmaterial("photo.png", maps=maps, kinds=["color", "data"], json="checks.json")
+"""
     name: ClassVar[str] = "checkmaterial"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (

@@ -38,6 +38,10 @@ class Composite(Reported, Quilted):
     SIGGRAPH 2016) leaves for the future in section 7. Every pixel of the result is a copy of one pixel of the photo.
     """
 
+    example: ClassVar[str] = """\
+>>> photo = filters.label("photo.png", keep=True)
+>>> texture = filters.composite(photo, size=(1024, 512))
+"""
     name: ClassVar[str] = "composite"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("composite", Kind.PIXELS, COPIED),

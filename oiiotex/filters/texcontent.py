@@ -51,6 +51,10 @@ class Content(ScanThenMap):
     The result is an 8-bit sRGB image for screens: do not measure it.
     """
 
+    example: ClassVar[str] = """\
+>>> labeled = filters.label("photo.png", keep=True)
+>>> same = filters.content(labeled, at=(20, 30))
+"""
     name: ClassVar[str] = "content"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (

@@ -33,6 +33,10 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
     2016, section 5.2): label=3, or a mask. Every pixel of the result is a copy of one pixel of the photo.
     """
 
+    example: ClassVar[str] = """\
+>>> photo = filters.label("photo.png", keep=True)
+>>> tile = filters.cut(photo, label=1)
+"""
     name: ClassVar[str] = "cut"
     outputs: ClassVar[tuple[Output, ...]] = (Output("cut", Kind.PIXELS, COPIED), ST, REPORT)
 

@@ -37,6 +37,10 @@ class Decompose(OnePart, InLab, ScanThenMap):
     Texture Segmentation by Clique Partitioning).
     """
 
+    example: ClassVar[str] = """\
+>>> ids = filters.decompose("photo.png")
+>>> view = filters.labelview(ids)
+"""
     name: ClassVar[str] = "decompose"
     carries: ClassVar[bool] = True
     outputs: ClassVar[tuple[Output, ...]] = (

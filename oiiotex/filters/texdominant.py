@@ -31,6 +31,10 @@ class Dominant(InLab, ScanThenMap):
     (oiiotex:share).
     """
 
+    example: ClassVar[str] = """\
+>>> mask = filters.dominant("photo.png")
+>>> tile = filters.stationarize("photo.png", mask=mask)
+"""
     name: ClassVar[str] = "dominant"
     carries: ClassVar[bool] = True
     outputs: ClassVar[tuple[Output, ...]] = (

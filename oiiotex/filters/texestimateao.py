@@ -30,6 +30,10 @@ class EstimateAO(Gather):
     oiiotex:heightpx says it, and that what is farther away than the radius hides nothing.
     """
 
+    example: ClassVar[str] = """\
+>>> height = filters.estimateheight("photo.png")
+>>> occlusion = filters.estimateao(height)
+"""
     name: ClassVar[str] = "estimateao"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (

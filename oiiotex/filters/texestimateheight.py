@@ -32,6 +32,11 @@ class EstimateHeight(Whole):
     Heights go from 0 to 1; the attribute oiiotex:heightpx says how many pixels that is.
     """
 
+    example: ClassVar[str] = """\
+>>> maps = filters.estimateheight("photo.png", normal=True)
+>>> list(maps)
+['height', 'normal']
+"""
     name: ClassVar[str] = "estimateheight"
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (

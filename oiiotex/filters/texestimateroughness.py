@@ -29,6 +29,7 @@ class EstimateRoughness(ScanThenMap):
     use that. It needs no more memory for a large photo than for a small one.
     """
 
+    example: ClassVar[str] = '>>> roughness = filters.estimateroughness("photo.png", middle=0.5)'
     name: ClassVar[str] = "estimateroughness"
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (

@@ -26,6 +26,7 @@ class Flatten(ScanThenMap):
     smooth gain plus a smooth offset in Lab. The gain lies between 1/2 and 2. Memory does not grow with the image.
     """
 
+    example: ClassVar[str] = '>>> flat = filters.flatten("photo.png", amount=0.5)'
     name: ClassVar[str] = "flatten"
     carries: ClassVar[bool] = True
     space: ClassVar[Space] = Space.LAB

@@ -43,6 +43,10 @@ class ExemplarGraph(Whole):
     3.1, figures 8 and 9). The picture shows exemplars by their octaves, with r at the edges.
     """
 
+    example: ClassVar[str] = """\
+>>> drawing = filters.graph("photo.png", json="graph.json")
+>>> texture = filters.synth(None, graph="graph.json", size=(256, 256))
+"""
     name: ClassVar[str] = "graph"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (

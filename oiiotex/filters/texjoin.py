@@ -34,6 +34,11 @@ class Join(ScanThenMap):
     pixel type and parts; what does not fit is refused by name.
     """
 
+    example: ClassVar[str] = """\
+>>> import OpenImageIO as oiio
+>>> halves = [filters.flatten("photo.png", roi=oiio.ROI(x, x + 48, 0, 96)) for x in (0, 48)]  # of 96 x 96 px
+>>> joined = filters.join(*halves)
+"""
     name: ClassVar[str] = "join"
     copies: ClassVar[bool] = True
     space: ClassVar[Space] = Space.ANY

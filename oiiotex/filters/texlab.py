@@ -32,6 +32,10 @@ class Lab(Pointwise):
     takes it for RGB, and remembers the space that it came from for the way back.
     """
 
+    example: ClassVar[str] = """\
+>>> lab = filters.lab("photo.png")
+>>> lightness = lab.get_pixels()[..., 0]
+"""
     name: ClassVar[str] = "lab"
     carries: ClassVar[bool] = True
     space: ClassVar[Space] = Space.LAB

@@ -37,6 +37,11 @@ class Label(OnePart, InLab, ScanThenMap):
     (oiiotex:rho, px), how many labels it has (oiiotex:labels) and their parents, in order (oiiotex:parents).
     """
 
+    example: ClassVar[str] = """\
+>>> levels = filters.label("photo.png")
+>>> list(levels)[0]
+'label.1'
+"""
     name: ClassVar[str] = "label"
     carries: ClassVar[bool] = True
     outputs: ClassVar[tuple[Output, ...]] = (

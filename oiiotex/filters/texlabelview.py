@@ -28,6 +28,7 @@ class LabelView(ScanThenMap):
     image. The result is an 8-bit sRGB image for screens, made from every nth pixel: do not measure it.
     """
 
+    example: ClassVar[str] = '>>> sheet = filters.labelview(filters.label("photo.png", keep=True))'
     name: ClassVar[str] = "labelview"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "the sheet"),)

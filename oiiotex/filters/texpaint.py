@@ -40,6 +40,12 @@ class Paint(Reported, Quilted):
     labels did not change, so that pixels elsewhere are the same to the bit.
     """
 
+    example: ClassVar[str] = """\
+>>> import numpy as np
+>>> photo = filters.label("photo.png", keep=True)
+>>> painting = np.ones((300, 400), np.uint32)  # label 1 everywhere
+>>> texture = filters.paint(photo, painting)
+"""
     name: ClassVar[str] = "paint"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("paint", Kind.PIXELS, COPIED),

@@ -45,6 +45,10 @@ class Palette(LabeledExemplar, InBands):
     a picture of the same colors.
     """
 
+    example: ClassVar[str] = """\
+>>> photo = filters.label("photo.png", keep=True)
+>>> sheet = filters.palette(photo)
+"""
     name: ClassVar[str] = "palette"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("palette", Kind.PIXELS, "rows of texture, copied from the photo, in its own color space and type"),

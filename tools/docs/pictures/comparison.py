@@ -196,7 +196,7 @@ that is not ours are in [benchmarks](../benchmarks/results/tiles.md#judged-from-
 
 Three photos above, below what becomes of them, 2 x 2 (compare MJH17 figure 8). Long ledges become dashes; features much
 smaller than sigma are too small to be drift and too rare to vanish, so they repeat; shapes that the eye picks out are
-ordinary to a histogram. More in [all test photos](photos.md).
+ordinary to a histogram. More in the [gallery](../gallery.md).
 
 ![large structure, tiny features, salient shapes](pictures/comparison_failures.jpg)
 """
