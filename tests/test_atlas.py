@@ -255,7 +255,7 @@ def test_what_is_missing_or_does_not_fit_is_said(tmp_path, monkeypatch):
     photo = buffer(PHOTO)
     with pytest.raises(errors.ImageError, match=r"nowhere\.obj cannot be read as a mesh"):
         filters.atlas(photo, mesh=tmp_path / "nowhere.obj")
-    with pytest.raises(errors.ParameterError, match=r"a pixel of the photo is .* expected 0.5 to 2"):
+    with pytest.raises(errors.ParameterError, match=r"a pixel of the photo .* expected 0.5 to 2"):
         filters.atlas(photo, mesh=cube, scale=100.0)
     with pytest.raises(errors.ParameterError, match=r"ends in \.obj"):
         filters.atlas(photo, mesh=cube, unwrapped=tmp_path / "out.ply")

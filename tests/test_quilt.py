@@ -226,7 +226,7 @@ def test_content_draws_the_table_of_keys():
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"at": (500, 3)}, "outside the data window"),
+        ({"at": (500, 3)}, "expected a point in the data window"),
         ({"at": (3,)}, "expected two numbers"),
         ({"level": 7}, "level=7: there is 1, 2"),
         ({"patch": 150}, "patch=150 is larger than"),
