@@ -148,7 +148,7 @@ def test_faults_on_the_command_line_name_files(farm):
     assert (done.returncode, done.stderr) == (1, line) and not (farm / "never.exr").exists()
     run_in(farm, "share1.exr", "-d", "half", "-o", "half.exr")
     done = oiiotex("half.exr", "share2.exr", "share3.exr", "--texjoin", "-o", "never.exr", cwd=farm)
-    assert "share2.exr has pixels of type float, half.exr has half" in done.stderr
+    assert "share2.exr has pixel type float: expected half, as half.exr" in done.stderr
     save(np.zeros((5, 5, 3)), farm / "small.exr", "float")
     done = oiiotex("share1.exr", "share2.exr", "share3.exr", "small.exr", "--texjoin", "-o", "never.exr", cwd=farm)
-    assert "small.exr has the parts" in done.stderr
+    assert "small.exr has parts" in done.stderr

@@ -88,7 +88,7 @@ class Content(ScanThenMap):
         side = side if self.patch else min(side, 1 << (min(width, height).bit_length() - 1))
         if side > min(width, height):
             raise ImageError(
-                f"is larger than {self.source.source}, {width}x{height}", parameter="patch", value=self.patch,
+                f"exceeds {self.source.source}, {width}x{height}", parameter="patch", value=self.patch,
                 hint="reduce patch",
             )  # fmt: skip
         needed = scan_bytes(width, height, side, session.resources) + drawing_bytes(width)
