@@ -59,7 +59,7 @@ class Mesh:
         return _areas(self.corners), _areas(flat)
 
     def refined(self) -> Mesh:
-        """The same surface, subdivided while it has few triangles: each has one direction, so directions vary smoothly."""
+        """The same surface, subdivided while it has few triangles, since each triangle has one direction."""
         mesh = self
         while 4 * len(mesh.faces) <= _FINE:
             ends = np.sort(np.stack([np.roll(mesh.faces, -1, 1), np.roll(mesh.faces, -2, 1)], -1), -1)
@@ -240,8 +240,8 @@ def _check_charts(uv: np.ndarray, name: str, tiles: tuple[int, int]) -> None:
         least = np.ceil(uv.max((0, 1)) - _INSIDE)
         if uv.min() >= -_INSIDE and least.max() <= _MOST_TILES:
             raise ImageError(
-                f"{name} has {outside} triangles with UVs outside {_span(tiles)}; set udim={least[0]:.0f}x{least[1]:.0f}"
-                " if they are UDIM tiles, else pack the charts into one tile"
+                f"{name} has {outside} triangles with UVs outside {_span(tiles)};"
+                f" set udim={least[0]:.0f}x{least[1]:.0f} if they are UDIM tiles, else pack the charts into one tile"
             )
         raise ImageError(
             f"{name} has {outside} triangles with UVs outside {_span(tiles)}; pack the charts into one tile"
