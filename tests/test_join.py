@@ -91,8 +91,14 @@ WRONG = [
         ),
         r"^join: tiles=2/3 missing: 70x10\+0\+20 of",
     ),
-    (lambda: (share(0, 0, 70, 30), share(0, 20, 70, 50, OTHER)), r"differ where they overlap \(70x10\+0\+20\), first at 7,25$"),
-    (lambda: (share(0, 0, 70, 30), share(0, 30, 70, 50, WHOLE[..., :1])), "has channels Y: expected R,G,B, .*; all must be crops"),
+    (
+        lambda: (share(0, 0, 70, 30), share(0, 20, 70, 50, OTHER)),
+        r"differ where they overlap \(70x10\+0\+20\), first at 7,25$",
+    ),
+    (
+        lambda: (share(0, 0, 70, 30), share(0, 30, 70, 50, WHOLE[..., :1])),
+        "has channels Y: expected R,G,B, .*; all must be crops",
+    ),
     (
         lambda: (
             share(0, 0, 70, 30, oiiotex_parameters="seed=1:x=2"),

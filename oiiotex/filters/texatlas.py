@@ -112,7 +112,8 @@ class Atlas(MaterialOp, Whole):
             try:
                 levels = stack(np.ascontiguousarray(seen.values), seen.usable)
             except ImageError as error:
-                raise ImageError(f"{self.exemplar.source}: {error}, without {seen.why or 'its border'}") from error
+                missing = f"expected one free of {seen.why or 'the border'}"
+                raise ImageError(f"{self.exemplar.source}: {error}: {missing}") from error
             source, face = synthesize(
                 fine, frames, size, levels, self.seed, self.mesh.name, resources.spread, progress.advance
             )

@@ -85,7 +85,7 @@ class CheckMaterial(ScanThenMap):
         return ({**first, "report": lambda: self._report(images, kinds, session)}, *others)
 
     def _report(self, images: tuple[Image, ...], kinds: list[str], session: Session) -> dict[str, Any]:
-        from ..capture.material_checks import check_material, document  # what a line alone says needs none of it
+        from ..capture.material_checks import check_material, document  # not needed to parse the command line
 
         found = document(*check_material(images, kinds, self.convention, session.resources, session.progress))
         failing = {"errors": ("error",), "warnings": ("error", "warning"), "none": ()}[self.fail]

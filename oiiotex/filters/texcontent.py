@@ -79,7 +79,7 @@ class Content(ScanThenMap):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The picture, and its data."""
-        from ..charts.content_chart import drawing_bytes, key_table, marked  # what a line alone says needs none of it
+        from ..charts.content_chart import drawing_bytes, key_table, marked  # not needed to parse the command line
 
         first = self.source.first
         labels = label_map(self.source, self.labels, self.level)
@@ -124,7 +124,7 @@ def _histogram(labels: Part, left: int, top: int, side: int) -> dict[int, int]:
 
 
 def _shown(photo: Part, labels: Part, resources: Resources, window: Window) -> np.ndarray:
-    """A window (in the data window) as sRGB, or its labels in colors where there is no photo; (h, w, 3) float32."""
+    """A window (in the data window) as sRGB, or its labels in colors without a photo; (h, w, 3) float32."""
     if not (photo.exact or dtype_of(photo.spec) == np.uint32):
         return shown_pixels(photo.read(window.shifted(photo.spec.x, photo.spec.y)), photo, resources).astype(np.float32)
     around = Window(max(0, window.left - 1), max(0, window.top - 1), window.right, window.bottom)  # for borders

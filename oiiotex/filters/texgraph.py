@@ -214,14 +214,14 @@ def _relation(ratio: float) -> dict[str, Any]:
 def _require_written(photo: Image, session: Session) -> None:
     """Raise ImageError if an image differs from its file, which the graph will read."""
     if not os.path.isfile(photo.source):
-        raise ImageError("is not a file that the graph can name: write it to a file first", subject=photo.source)
+        raise ImageError("is not a file that the graph can name; write it to a file first", subject=photo.source)
     mine, stored = photo.first, read(photo.source, session.resources.cache).first
     alike = (mine.window.width, mine.window.height, mine.spec.nchannels, str(mine.spec.format)) == (
         stored.window.width, stored.window.height, stored.spec.nchannels, str(stored.spec.format))  # fmt: skip
     x, y = stored.window.left - mine.window.left, stored.window.top - mine.window.top
     if not alike or not all(np.array_equal(mine.read(b), stored.read(b.shifted(x, y)), equal_nan=True)
                             for b in bands(mine)):  # fmt: skip
-        raise ImageError("differs from its file, which the graph names: write it to a file first", subject=photo.source)
+        raise ImageError("differs from its file, which the graph names; write it to a file first", subject=photo.source)
 
 
 def _reduced(photo: Image, factor: int, side: int, name: str) -> Image:
