@@ -46,7 +46,7 @@ def test_photos_become_a_chain_that_is_synthesized_at_once(folder):
     run_in(folder, "small.png", "small.png", "--texgraph:json=small.json", "-o", "small_graph.png")
     assert read_graph(folder / "small.json").edges == (Edge(0, 1, 1),)  # r_max = L - 3
     done = run_in(folder, "moss.png", "moss.png", "--texgraph:json=twice.json:loop=1", "-o", "twice.png")
-    assert "scale is not said: each photo is taken to be 8 times finer" in done.stderr
+    assert "no scale given: assuming that each photo is 8 times finer" in done.stderr
     graph = read_graph(folder / "twice.json")
     assert graph.names == ("moss", "moss-2") and graph.edges == (Edge(0, 1, 3), Edge(1, 1, 1))
 
