@@ -275,7 +275,7 @@ def test_what_is_wrong_is_said(palette, tmp_path):
         filters.paint(photo(), ids_buffer(disc()), fine=fine, table=table, patch=16)
     with pytest.raises(errors.ParameterError, match="fine contains colors"):
         filters.paint(photo(), ids_buffer(disc()), fine=fine, patch=16)
-    with pytest.raises(errors.ParameterError, match="below level=1"):
+    with pytest.raises(errors.ParameterError, match=r"fine: requires label\.0"):
         filters.paint(photo(), ids_buffer(disc()), fine=ids_buffer(disc()), level=1, patch=16)
     (tmp_path / "bad.json").write_text('{"labels": 3}')
     with pytest.raises(errors.ImageError, match=r"bad\.json.: cannot be read"):

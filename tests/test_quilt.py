@@ -229,10 +229,10 @@ def test_content_draws_the_table_of_keys():
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"at": (500, 3)}, "outside the data window"),
+        ({"at": (500, 3)}, "expected a point in the data window"),
         ({"at": (3,)}, "expected two numbers"),
         ({"level": 7}, "level=7: there is 1, 2"),
-        ({"patch": 150}, "patch=150 is larger than"),
+        ({"patch": 150}, "patch=150: exceeds photo"),
     ],
 )
 def test_what_is_wrong_with_content_is_said(values, said):
