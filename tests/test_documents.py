@@ -155,7 +155,7 @@ def test_a_plan_of_odd_facts_is_refused(tmp_path, changed):
         else:
             arrays[name] = arrays[name].astype(change)
     np.savez(path, **arrays)
-    with pytest.raises(ImageError, match=r"no whole plan|another version|has no"):
+    with pytest.raises(ImageError, match=r"not a complete plan|another version|has no"):
         Plan.load(path, 1 << 30)
 
 

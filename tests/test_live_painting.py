@@ -92,10 +92,10 @@ def test_paintings_from_elsewhere_are_ids_or_colors(palette, tmp_path):
 @pytest.mark.parametrize(
     ("pixels", "legend", "said"),
     [
-        (np.full((64, 64, 1), 3), "", "ids that mean no label: 3 (4096 px, the first at 0,0)"),
-        (np.full((64, 64, 1), np.nan), "", "ids that mean no label: -1 (4096 px, the first at 0,0)"),
-        (np.full((64, 64, 1), 1e30), "", f"ids that mean no label: {2**53} (4096 px, the first at 0,0)"),
-        (np.full((64, 64, 3), 0.5), "", "colors that mean no label"),
+        (np.full((64, 64, 1), 3), "", "ids without a label: 3 (4096 px, first at 0,0)"),
+        (np.full((64, 64, 1), np.nan), "", "ids without a label: -1 (4096 px, first at 0,0)"),
+        (np.full((64, 64, 1), 1e30), "", f"ids without a label: {2**53} (4096 px, first at 0,0)"),
+        (np.full((64, 64, 3), 0.5), "", "colors without a label"),
         (np.full((64, 32, 1), 7), "", "is of 32x64: a painting has 64 to 4096 px a side"),
         (np.full((4, 4097, 1), 7), "", "is of 4097x4"),
         (np.full((64, 64, 1), 7), '{"1": {"name": "leaf", "color": "0,204,255"}}', "with leaf, this palette has moss"),

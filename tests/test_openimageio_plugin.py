@@ -273,7 +273,7 @@ def test_a_stale_socket_is_replaced(shell, folder):
         (
             '{"oiiotex": 1, "photo": "photo.png", "size": "8x8"}',
             "bad.oiiotex?sed=7",
-            "'?sed=7': allowed behind ? is seed",
+            "'?sed=7': expected seed",
         ),
         ('{"oiiotex": 1, "photo": "nowhere.png", "size": "8x8"}', "bad.oiiotex", "nowhere.png: No such file"),
         ('{"oiiotex": 1, "photo": "bad.oiiotex", "size": "8x8"}', "bad.oiiotex", "is a texture already"),

@@ -59,7 +59,7 @@ REFUSED = {
     "memory of synthesis": ("--cache 1 photo.png --texsynth -o t.exr", "the analyzed exemplars needs"),
     "memory of a tile": (
         "--cache 64 photo.png --texstationarize:size=2048x2048 -o t.exr",
-        "a tile of 2048x2048 from an exemplar of 96x80 needs",
+        "a tile of 2048x2048 px from an exemplar of 96x80 px needs",
     ),
     "memory of a tile whose size follows from the photo": (
         "--cache 64 --pattern checker 3000x3000 3 --iscolorspace sRGB --texstationarize -o t.exr",

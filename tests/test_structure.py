@@ -37,7 +37,7 @@ exemplar graphcut
 quilting multiscale capture atlas
 charts
 materials
-python_types plugin installed_filters
+python_types plugin installed_filters notebook
 python_api
 filters host
 service

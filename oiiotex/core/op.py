@@ -126,6 +126,7 @@ class Op:
     aliases: ClassVar[tuple[str, ...]] = ()  # further names on the command line
     copies: ClassVar[bool] = False  # it promises that every pixel of its result is one of its source, whole
     rescales: ClassVar[bool] = False  # a pixel of its result is not as large as one of its source
+    example: ClassVar[str] = ""  # Python as doctest takes it, for its docstring; default: a call on one photo
     deep: ClassVar[bool] = False  # it takes deep images; else they are refused
     carries: ClassVar[bool] = False  # the further parts of its first image follow what it makes
     PAPER: ClassVar[dict[str, Any]] = {}  # what its parameter `paper` stands for, if it has one: values of others

@@ -18,6 +18,7 @@ class PatchMatch(PatchSynthesis):
     The same as `stationarize` without its projection. `tile=xy` is toroidal PatchMatch, `tile=none` the plain one.
     """
 
+    example: ClassVar[str] = '>>> tile = filters.patchmatch("photo.png", seed=7)'
     name: ClassVar[str] = "patchmatch"
 
     contrast: float = param(

@@ -34,6 +34,7 @@ class Preview(Gather):
     linear convert a copy first (OpenImageIO's `colorconvert`), where the light at the horizon must be right.
     """
 
+    example: ClassVar[str] = '>>> sheet = filters.preview(filters.stationarize("photo.png"), panels=["3x3"])'
     name: ClassVar[str] = "preview"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (

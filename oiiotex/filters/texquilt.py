@@ -34,6 +34,7 @@ class Quilting(Reported, Quilted, Structured):
     on memory or threads. A plan of offsets and cuts is all that is kept, so memory does not grow with the pixels.
     """
 
+    example: ClassVar[str] = '>>> texture = filters.quilt("photo.png", size=(1024, 512), seed=7)'
     name: ClassVar[str] = "quilt"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("quilt", Kind.PIXELS, COPIED),

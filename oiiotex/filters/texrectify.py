@@ -55,6 +55,7 @@ class Rectify(Gather):
     all filters hand on. Values are filtered as they are stored; normals and displacements keep their directions.
     """
 
+    example: ClassVar[str] = '>>> front = filters.rectify("photo.png", corners=(3, 2, 66, 5, 70, 60, 1, 62))'
     name: ClassVar[str] = "rectify"
     rescales: ClassVar[bool] = True
     space: ClassVar[Space] = Space.ANY

@@ -49,6 +49,7 @@ class Sigmas(InLab, Whole):
     image for screens: do not measure it.
     """
 
+    example: ClassVar[str] = '>>> sheet = filters.sigmas("photo.png", n=4)'
     name: ClassVar[str] = "sigmas"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("view", Kind.PICTURE, "the sheet"),

@@ -30,6 +30,10 @@ class Stationarity(InLab, ScanThenMap):
     with -v and stored in the attribute oiiotex:stationarity of the result.
     """
 
+    example: ClassVar[str] = """\
+>>> deviation = filters.stationarity("photo.png")
+>>> worst = deviation.get_pixels().max()  # Lab units
+"""
     name: ClassVar[str] = "stationarity"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("deviation", Kind.MEASURE, "one channel in Lab units (moments: squared), of the image's windows"),

@@ -43,6 +43,11 @@ class Stationarize(PatchSynthesis):
     With `relevel`, heights are copies plus a constant for each copied piece.
     """
 
+    example: ClassVar[str] = """\
+>>> tile = filters.stationarize("photo.png", preset="keep", seed=7)
+>>> tile.write("tile.png")
+True
+"""
     name: ClassVar[str] = "stationarize"
     outputs: ClassVar[tuple[Output, ...]] = (*PatchSynthesis.outputs, DRIFT)
 

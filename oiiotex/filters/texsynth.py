@@ -42,6 +42,7 @@ class Synth(Multiscale, Structured):
     offset by which exemplars that do not agree are brought together.
     """
 
+    example: ClassVar[str] = '>>> texture = filters.synth("photo.png", size=(1024, 512), seed=7)'
     name: ClassVar[str] = "synth"
     copies: ClassVar[bool] = True  # of its source, the one exemplar; with a graph it has no source
     outputs: ClassVar[tuple[Output, ...]] = (

@@ -31,6 +31,7 @@ class Variants(InLab, Whole):
     the one that is liked. The result is an 8-bit sRGB image for screens: do not measure it.
     """
 
+    example: ClassVar[str] = '>>> sheet = filters.variants("photo.png", filter="quilt", seeds=3)'
     name: ClassVar[str] = "variants"
     outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "the sheet"),)
 

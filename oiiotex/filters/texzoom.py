@@ -36,6 +36,7 @@ class Zoom(Multiscale):
     and blended. Without `graph` the top image is zoomed into for ever: one exemplar with an edge of r=1 to itself.
     """
 
+    example: ClassVar[str] = '>>> frames = [filters.zoom("photo.png", frame=n, size=(640, 360)) for n in (1, 2)]'
     name: ClassVar[str] = "zoom"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output(

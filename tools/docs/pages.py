@@ -16,7 +16,7 @@ from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.core.op import Op
 from oiiotex.core.parameters import Parameter, declared
 from oiiotex.filters import OURS
-from tools.docs import stubs
+from tools.docs import notebook, stubs
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 MARK = "<!-- by hand -->"
@@ -102,6 +102,7 @@ def main() -> None:
         path.write_text(page_text(op, path))
         print(path)
     stubs.main()
+    notebook.main()
 
 
 if __name__ == "__main__":

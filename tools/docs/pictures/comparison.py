@@ -212,7 +212,7 @@ and an independent judge are in the [benchmarks](../../benchmarks/results/tiles.
 - Features much smaller than sigma repeat: they are too small to be evened out, and too rare to vanish.
 - Salient shapes repeat, because a histogram does not see them.
 
-More is in [all test photos](../gallery.md).
+More is in the [gallery](../gallery.md).
 """
 
 
