@@ -150,7 +150,7 @@ def test_errors_are_in_words(client, photo):
         ("stationarise", [photo], {}, "did you mean 'stationarize'"),
         ("stationarize", [photo], {"sigma": 0}, "sigma=0: expected a number >= 0.5"),
         ("stationarize", [], {}, "takes 1 image"),
-        ("stationarize", [10**6], {}, "there is no image"),
+        ("stationarize", [10**6], {}, "unknown image 1000000"),
     ):
         with pytest.raises(Error, match=text):
             client.make(op, images, values).result(30)
