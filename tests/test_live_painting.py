@@ -97,7 +97,7 @@ def test_paintings_from_elsewhere_are_ids_or_colors(palette, tmp_path):
         (np.full((64, 64, 1), 1e30), "", f"ids that mean no label: {2**53} (4096 px, the first at 0,0)"),
         (np.full((64, 64, 3), 0.5), "", "colors that mean no label"),
         (np.full((64, 32, 1), 7), "", "has 32x64 px: expected 64 to 4096 px per side"),
-        (np.full((4, 4097, 1), 7), "", "is of 4097x4"),
+        (np.full((4, 4097, 1), 7), "", "has 4097x4 px"),
         (np.full((64, 64, 1), 7), '{"1": {"name": "leaf", "color": "0,204,255"}}', "with leaf: expected moss"),
         (np.full((64, 64, 1), 7), "[" * 5000, "its legend cannot be read"),
     ],
