@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes command lines as Open Job Description templates (jobtemplate-2023-09), for Deadline Cloud and others.
 
-A template is JSON, hence also YAML. The parameter Folder is the working folder, the parameter Program the executable.
+A template is JSON, which is valid YAML. The parameter Folder is the working folder, Program the executable.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def place_of(text: str) -> tuple[Path, int]:
     match = _PLACE.fullmatch(text)
     if not match:
         raise ParameterError(
-            f"--farm openjd={text}: expected openjd=FILE or openjd=FILE,SHARES, with 1 to 99999 shares and no comma in FILE"
+            f"--farm openjd={text}: expected openjd=FILE or openjd=FILE,SHARES (1 to 99999), without a comma in FILE"
         )
     return Path(match[1]), int(match[2] or _SHARES)
 

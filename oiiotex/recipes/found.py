@@ -260,9 +260,7 @@ def _material(name: str, candidates: list[_Candidate], facts: Facts, recipe: Lib
         chosen = _one(several, recipe.find.prefer)
         if len(chosen) > 1:
             files = ", ".join(str(c.file) for c in chosen)
-            questions.append(
-                f"which file is the {role} map: {files}? Set prefer = [WORD] or maps = {{ {role} = FILE }}"
-            )
+            questions.append(f"which file is the {role}: {files}? Set prefer = [WORD] or maps = {{ {role} = FILE }}")
         else:
             maps[role] = replace(chosen[0].file, hand=chosen[0].name.hand)
     for role, text in facts.maps.items():
@@ -278,9 +276,7 @@ def _material(name: str, candidates: list[_Candidate], facts: Facts, recipe: Lib
             questions.append('which convention do the normals have? Set normals = "opengl" or "directx"')
         maps["normal"] = replace(maps["normal"], hand=hand)
     if "color" not in maps and not questions:
-        questions.append(
-            "which file is the color map? Set maps = { color = FILE }, or skip = true to ignore the material"
-        )
+        questions.append("which file is the color? Set maps = { color = FILE }, or skip = true to ignore the material")
     ordered = {role: maps[role] for role in sorted(maps, key=lambda role: (role != "color", role))}
     return Material(name, ordered, facts, tuple(questions))
 

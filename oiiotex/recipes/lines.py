@@ -106,8 +106,8 @@ def require_lines(recipe: LibraryRecipe) -> str:
 def require_confined(recipe: LibraryRecipe) -> None:
     """Raise ParameterError for output files outside a product's folder, as far as known without pixels.
 
-    Lines are rehearsed in a folder like an asset's, with expressions and control flow. If a file name depends on pixels,
-    the error occurs during the run.
+    Lines are rehearsed in a folder like an asset's, with expressions and control flow. If a file name depends on
+    pixels, the error occurs during the run.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def require_confined(recipe: LibraryRecipe) -> None:
                     rehearsals.foresight(command.steps, Frame(None, step.words))
             except OutsideError:
                 raise
-            except Error:  # other errors may not occur for every material
+            except Error:  # other errors can be specific to a material
                 pass
 
 
