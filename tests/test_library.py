@@ -181,9 +181,9 @@ def test_an_emptied_catalog_is_no_library_without_assets(photos, tmp_path, here,
         with contextlib.closing(sqlite3.connect(path)) as data, data:
             data.execute("PRAGMA foreign_keys=ON")
             data.execute("DELETE FROM assets" if damage == "no rows" else "DROP TABLE assets")
-    says = "no such table: assets; remove it and" if damage == "no table" else "is empty, but the library has assets"
+    says = ": no such table: assets; remove it and" if damage == "no table" else " is empty, but the library has assets"
     for command in ("list", "check", "gc"):
-        with pytest.raises(errors.Error, match=f"{runs.FILE}: {says}.* ingest again"):
+        with pytest.raises(errors.Error, match=f"{runs.FILE}{says}.* run ingest again"):
             run([command, str(library)])
     if damage == "no table":
         path.unlink()

@@ -138,7 +138,9 @@ def test_labels_and_meters_are_searched(tmp_path):
         assert names(label="#9c3d20") == names(label="#9c3d20>0.05") == ["m1", "m0"]
         assert names(label="label.2/*>0.65") == ["m0"] and names(measures=("labels>1",)) == ["m0", "m1", "m2"]
         for wrong in ("rust>20%", "#9c3d20>x", ">0.2", "rust>1"):
-            with pytest.raises(errors.Error, match=r"--label .*: expected NAME or #RRGGBB, and >SHARE behind it"):
+            with pytest.raises(
+                errors.Error, match=r"--label .*: expected NAME or #RRGGBB, optionally followed by >SHARE"
+            ):
                 names(label=wrong)
         for wrong in (-1.0, float("nan")):
             with pytest.raises(errors.Error, match=r"--distance .*: expected a number >= 0"):

@@ -65,7 +65,7 @@ def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
         ({"size": None}, "", "size is missing: expected WIDTHxHEIGHT"),
         ({"size": "0x4"}, "", "size=0x4: expected"),
         ({"size": f"{2**31}x4"}, "", r"1 to 2147482624 px \(2\^31 - 1024\)"),
-        ({"size": "2147482624x131073"}, "", r"expected at most 2\^48 px in all"),
+        ({"size": "2147482624x131073"}, "", r"expected up to 2\^48 px in total"),
         ({"plan": "loop.json"}, "", "size conflicts with plan, which requires a photo and defines the rest"),
         ({"plan": "loop.json", "size": None, "seed": None}, "?seed=7", "seed conflicts with plan"),
         ({"tiles": "photo.exr"}, "", "not photo and tiles"),

@@ -123,9 +123,7 @@ def _materialx() -> Any:
     try:
         import MaterialX
     except ImportError as error:
-        raise Error(
-            "MaterialX is not installed: pip install oiiotex[library], or set materialx = false in the recipe"
-        ) from error
+        raise Error("MaterialX is not installed: pip install oiiotex[library], or set materialx = false") from error
     return MaterialX
 
 

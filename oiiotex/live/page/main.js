@@ -112,7 +112,7 @@ const KEYS = [
   ["C", "Copy command"], ["+ -", "Viewing exposure, 1/4 stop"], ["?", "This list"],
   ["S", "Tile: next seed"], ["V", "Tile: keep variant"], ["T", "Tile: 1 × 1, 2 × 2, plane"],
   ["M", "Tile: dominant texture"], ["B  E", "Brush, eraser"], ["[  ]", "Brush size"], ["Ctrl Z  Ctrl Shift Z", "Undo, redo"],
-  ["G  I", "Paint: fill, pick label"], ["Arrows  Page Up, Page Down", "Zoom: move, zoom in and out"], ["K", "Zoom: add keyframe"], ["P", "Zoom: copy path command"],
+  ["G  I", "Paint: fill, pick label"], ["Arrows  Page Up, Page Down", "Zoom: move, zoom"], ["K", "Zoom: add keyframe"], ["P", "Zoom: copy path command"],
 ];
 
 function help() {

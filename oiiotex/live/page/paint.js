@@ -186,7 +186,7 @@ export class PaintRoom {
       one.dataset.layer = "coarse";
       one.append(make("i", { style: `background:rgb(${label.color})` }), this.swatch(label, picture, 48, 28), make("b", { textContent: name }), make("small", { textContent: `${Math.round((100 * label.area) / total)} %` }));
       const finer = within.map((part) => this.finerSwatch(part, label, this.swatch(part, picture, 38, 24)));
-      if (within.length) finer.push(this.finerSwatch({ number: 0 }, label, make("span", { textContent: "all" })));
+      if (within.length) finer.push(this.finerSwatch({ number: 0 }, label, make("span", { textContent: "none" })));
       const group = make("div", { className: "entry" }, one, make("div", { className: "within", role: "group", ariaLabel: `Finer labels of ${name}` }, ...finer));
       group.dataset.label = label.id;
       return group;
