@@ -102,7 +102,7 @@ def results(
     from distributed import KilledWorker, as_completed
 
     futures = {client.submit(work, job, pure=False, retries=RETRIES): job for job in jobs}
-    beside_killed: list[Job] = []
+    with_killed: list[Job] = []
     try:
         for future in as_completed(futures):
             if future.status == "finished":
@@ -110,10 +110,10 @@ def results(
             elif instead is None:
                 raise Error(f"a job failed on its worker: {future.exception()}")
             elif isinstance(future.exception(), KilledWorker):
-                beside_killed.append(futures[future])
+                with_killed.append(futures[future])
             else:
                 yield instead(futures[future], str(future.exception()))
-        for job in beside_killed:  # one at a time, because Dask fails all jobs that a dead worker had queued
+        for job in with_killed:  # one at a time, because Dask fails all jobs that a dead worker had queued
             future = client.submit(work, job, pure=False)
             futures[future] = job
             why = future.exception()

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..errors import Error
-from .runs import CAN_LOCK, FILE, WORK, folder_of_run, lock, locked, said
+from .runs import CAN_LOCK, FILE, WORK, folder_of_run, lock, locked, sqlite_errors
 
 PLACES = ("assets", "review")  # parents of asset folders
 SIDECAR = "asset.json"  # describes the asset of a folder
@@ -98,7 +98,7 @@ class Catalog:
         path = library / FILE
         if not create and not path.is_file():
             raise Error(f"{library} is not a library; create one with oiiotex-library ingest PHOTOS {library}")
-        with said(library):
+        with sqlite_errors(library):
             (library / WORK).mkdir(parents=True, exist_ok=True)
             self._data = sqlite3.connect(path, timeout=_PATIENCE, isolation_level=None)
             self._data.execute("PRAGMA journal_mode=WAL")
@@ -136,7 +136,7 @@ class Catalog:
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[None]:
         """An exclusive transaction, rolled back on errors."""
-        with said(self.library):
+        with sqlite_errors(self.library):
             self._data.execute("BEGIN IMMEDIATE")
             try:
                 yield
@@ -149,12 +149,12 @@ class Catalog:
 
     def assets(self) -> dict[str, Asset]:
         """All assets by name, sorted."""
-        with said(self.library):
+        with sqlite_errors(self.library):
             return {row[0]: _asset(row) for row in self._data.execute(f"{_ASSETS} ORDER BY name")}
 
     def asset(self, name: str) -> Asset | None:
         """The asset with a name."""
-        with said(self.library):
+        with sqlite_errors(self.library):
             row = self._data.execute(f"{_ASSETS} WHERE name = ?", (name,)).fetchone()
         return _asset(row) if row else None
 
@@ -169,7 +169,7 @@ class Catalog:
     def labels(self) -> dict[str, list[AssetLabel]]:
         """The labels of assets with labels."""
         gathered: dict[str, list[AssetLabel]] = {}
-        with said(self.library):
+        with sqlite_errors(self.library):
             for asset, name, share, *lab in self._data.execute(
                 "SELECT asset, name, share, l, a, b FROM labels ORDER BY asset, number"
             ):
@@ -178,7 +178,7 @@ class Catalog:
 
     def _gathered(self, query: str) -> dict[str, dict[str, Any]]:
         gathered: dict[str, dict[str, Any]] = {}
-        with said(self.library):
+        with sqlite_errors(self.library):
             for asset, name, value in self._data.execute(query):
                 gathered.setdefault(asset, {})[name] = value
         return gathered
@@ -186,18 +186,18 @@ class Catalog:
     def files(self, asset: str) -> list[tuple[str, str, int, str]]:
         """An asset's files: (path in its folder, role, bytes, SHA-256)."""
         query = "SELECT path, role, bytes, sha256 FROM files WHERE asset = ? ORDER BY path"
-        with said(self.library):
+        with sqlite_errors(self.library):
             return list(self._data.execute(query, (asset,)))
 
     def sources(self) -> dict[str, tuple[int, int, str]]:
         """Hashed files: path -> (bytes, modification time in ns, SHA-256)."""
-        with said(self.library):
+        with sqlite_errors(self.library):
             rows = self._data.execute("SELECT path, bytes, changed, sha256 FROM sources")
             return {path: (size, changed, digest) for path, size, changed, digest in rows}
 
     def faults(self) -> list[str]:
         """Errors that SQLite finds in the database."""
-        with said(self.library):
+        with sqlite_errors(self.library):
             rows = [text for (text,) in self._data.execute("PRAGMA integrity_check")]
             rows += [f"a row of {row[0]} without its asset" for row in self._data.execute("PRAGMA foreign_key_check")]
         return [text for text in rows if text != "ok"]

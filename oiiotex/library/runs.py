@@ -35,7 +35,7 @@ class FoldersAlone:
         self.library = library
 
     def __enter__(self) -> FoldersAlone:
-        with said(self.library):
+        with sqlite_errors(self.library):
             (self.library / WORK).mkdir(parents=True, exist_ok=True)
         return self
 
@@ -83,7 +83,10 @@ def folder_of_run(library: Path) -> Iterator[str]:
     """A new working folder, locked until the process ends."""
     name = f"run-{os.urandom(8).hex()}"
     folder = library / WORK / name
-    with said(library), locked(library / WORK / "lock"):  # else another run could remove it before it is locked
+    with (
+        sqlite_errors(library),
+        locked(library / WORK / "lock"),
+    ):  # else another run could remove it
         folder.mkdir()
         held = open(folder / "lock", "wb")  # noqa: SIM115 - held during the run
         lock(held.fileno(), wait=False)
@@ -95,7 +98,7 @@ def folder_of_run(library: Path) -> Iterator[str]:
 
 
 @contextlib.contextmanager
-def said(library: Path) -> Iterator[None]:
+def sqlite_errors(library: Path) -> Iterator[None]:
     """Convert SQLite's errors to Error."""
     try:
         yield

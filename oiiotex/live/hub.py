@@ -183,11 +183,11 @@ class Hub:
     def begin(self, work: Coroutine[Any, Any, None], page: Page | None = None) -> None:
         """Run a coroutine. An error is sent to the page that asked for it, or to all pages."""
         assert self.loop is not None
-        task = self.loop.create_task(self._said(work, page))
+        task = self.loop.create_task(self._run(work, page))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _said(self, work: Coroutine[Any, Any, None], page: Page | None) -> None:
+    async def _run(self, work: Coroutine[Any, Any, None], page: Page | None) -> None:
         try:
             await work
         except Exception as error:

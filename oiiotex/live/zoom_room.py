@@ -145,9 +145,9 @@ class ZoomRoom:
         same = {"seed": zoom["seed"] or None, "lock": zoom["lock"] or None}
         if self._hub.source.graph:
             window = f"{width}x{height}{left:+d}{top:+d}"
-            return "synth", _said({"graph": self._hub.source.graph, "level": level, "window": window} | same)
+            return "synth", _given({"graph": self._hub.source.graph, "level": level, "window": window} | same)
         at = [Fraction(2 * n + size, 2) / 2**level for n, size in ((left, width), (top, height))]
-        return "zoom", _said({"level": level, "at": self._numbers(at), "size": f"{width}x{height}"} | same)
+        return "zoom", _given({"level": level, "at": self._numbers(at), "size": f"{width}x{height}"} | same)
 
     def _numbers(self, at: list[Fraction]) -> str:
         """A position in root pixels, exactly."""
@@ -196,5 +196,5 @@ class ZoomRoom:
         return output_name(self._hub.source.stem, what, "float" if image is None else str(image.first.spec.format))
 
 
-def _said(values: dict[str, Any]) -> dict[str, Any]:
+def _given(values: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}

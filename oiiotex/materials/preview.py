@@ -94,9 +94,9 @@ class Looks:
         card = [lit, twice]
         if not lattice:
             rivals = [repeated(self.color, _ACROSS, _RIVALS), hex_tiled(self.color, _ACROSS, _RIVALS)]
-            made["image_and_hextiled.jpg"] = _srgb(_beside(rivals, _RIVALS))
+            made["image_and_hextiled.jpg"] = _srgb(_side_by_side(rivals, _RIVALS))
             card += rivals
-        made["card.jpg"] = _srgb(_beside(card, CARD))
+        made["card.jpg"] = _srgb(_side_by_side(card, CARD))
         return made
 
     def sphere(self, side: int) -> np.ndarray:
@@ -276,7 +276,7 @@ def _fitted(texels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return texels.astype(np.float32)
 
 
-def _beside(panels: list[np.ndarray], height: int, gap: int = 6) -> np.ndarray:
+def _side_by_side(panels: list[np.ndarray], height: int, gap: int = 6) -> np.ndarray:
     """Place panels of equal height side by side."""
     paper = np.full((height, gap, 3), _linear(np.float32(_PAPER)))
     row = [piece for panel in panels for piece in (repeated(panel, 1, height), paper)]

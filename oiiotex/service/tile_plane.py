@@ -38,7 +38,7 @@ class TilePlane:
                     f"{tiles.source}: part '{part.name}' must have the size, type and color space of the first tile"
                 )
             self._fits.setdefault(_edges(part, tiles.source), []).append(part)
-        if len(tiles.parts) >= TWO_COLORS_FROM and not any(map(_said, tiles.parts)):
+        if len(tiles.parts) >= TWO_COLORS_FROM and not any(map(_edge_text, tiles.parts)):
             raise ImageError(
                 f"{tiles.source}: {len(tiles.parts)} tiles without edge colors (attribute {EDGES}); write the set as"
                 " EXR, which keeps them"
@@ -84,12 +84,12 @@ def _kind(spec: oiio.ImageSpec) -> tuple[object, ...]:
     return spec.width, spec.height, spec.nchannels, spec.format, spec.get_string_attribute(TAG)
 
 
-def _said(part: Part) -> str:
+def _edge_text(part: Part) -> str:
     return str(part.spec.get_string_attribute(EDGES))
 
 
 def _edges(part: Part, source: str) -> Edges:
-    text = _said(part) or "n0e0s0w0"
+    text = _edge_text(part) or "n0e0s0w0"
     match = _EDGES.fullmatch(text)
     if match is None:
         raise ImageError(f"{source}: part '{part.name}': {EDGES}={text}: expected edge colors such as n0e1s1w0")
