@@ -117,11 +117,11 @@ def is_either(node: ast.AST) -> bool:
 WRONG: dict[str, tuple[str, dict[str, object], str, str]] = {
     "range": ("stationarize:sigma=0", {"sigma": 0}, "sigma=0: expected a number from 0.5 to 1000000 px", ""),
     "word": (
-        "stationarize:tile=z", {"tile": "z"}, "tile=z: expected xy | x | y | none",
-        "tile='z': expected 'xy' | 'x' | 'y' | 'none'",
+        "stationarize:tile=z", {"tile": "z"}, "tile=z: expected one of xy, x, y, none",
+        "tile='z': expected one of 'xy', 'x', 'y', 'none'",
     ),
     "size": (
-        "stationarize:size=0x64", {"size": (0, 64)}, "size=0x64: expected pow2 or WIDTHxHEIGHT >= 5",
+        "stationarize:size=0x64", {"size": (0, 64)}, "size=0x64: expected pow2 or WIDTHxHEIGHT from 5 to 65536 px",
         "size=(0, 64): expected 'pow2' or (width, height) >= 5",
     ),
     "requires": ("synth:toroidal=1", {"toroidal": True}, "toroidal=1 requires size", "toroidal=True requires size"),

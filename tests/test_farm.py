@@ -102,7 +102,7 @@ def test_shares_of_another_line_and_of_another_photo_are_not_taken(folder):
         (["--share", "1/2", "--join"], "--share and --join: a run does one of them"),
         (["--farm", "slurm=x"], "--farm slurm=x: expected dask="),
         (["--farm", "dask=here"], "dask=here: expected the address of a scheduler, such as tcp://HOST:PORT"),
-        (["--farm", "dask=tcp://127.0.0.1:9"], "no scheduler answers there"),
+        (["--farm", "dask=tcp://127.0.0.1:9"], "no answer from the scheduler"),
     ],
 )
 def test_what_cannot_be_spread_is_one_line(folder, monkeypatch, words, text):
@@ -135,7 +135,7 @@ def test_a_job_template_has_shares_and_a_join_behind_them(folder):
     assert last["dependencies"] == [{"dependsOn": "Shares"}]
     assert first["hostRequirements"]["amounts"] == [{"name": "amount.worker.memory", "min": 3000}]
     assert "--farm" not in json.dumps(template)
-    with pytest.raises(errors.Error, match="which it cannot say"):
+    with pytest.raises(errors.Error, match="a job template cannot contain"):
         openjd.share_template("x", ["--echo", "{{x}}"], 2, 100)
 
 
@@ -144,7 +144,7 @@ def test_a_job_template_has_shares_and_a_join_behind_them(folder):
     [
         ("a.png", "reads or writes that file"),
         ("./out.exr", "reads or writes that file"),
-        ("notes.txt", "no job template of oiiotex"),
+        ("notes.txt", "is not a job template of oiiotex"),
         ("job.json,0", "expected openjd=FILE or openjd=FILE,SHARES"),
         ("job.json,999999", "expected openjd=FILE or openjd=FILE,SHARES"),
     ],
@@ -234,8 +234,8 @@ def test_a_cluster_with_tls_refuses_who_has_no_key(folder):
     with distributed.LocalCluster(**own, protocol="tls://", security=security) as cluster:
         address = cluster.scheduler_address
         for place, environment, text in (
-            (address, {}, "TLS requires a certificate, a key and an authority: name them"),
-            (address.replace("tls:", "tcp:"), {}, "no scheduler answers there"),
+            (address, {}, "TLS requires a certificate, a key and a certificate authority; configure them"),
+            (address.replace("tls:", "tcp:"), {}, "no answer from the scheduler"),
             (address, keys, ""),
         ):
             done = oiiotex(*LINE, "-o", "out.exr", "--farm", f"dask={place}", cwd=folder, env=os.environ | environment)

@@ -184,7 +184,8 @@ def test_the_program_alone_says_ten_lines():
 
 def test_the_page_of_a_modifier():
     assert report.page("stationarize:sigma").startswith("--texstationarize:sigma=\n\nScale in pixels above which")
-    assert "Allowed: a number >= 0.5" in report.page("--texstationarize:sigma")
+    assert "A number from 0.5 to 1000000 px." in report.page("--texstationarize:sigma").replace("\n", " ")
+    assert "Example: --texstationarize:sigma=" in report.page("--texstationarize:sigma")
     assert report.page("-o:tile").startswith("-o:tile=")
     with pytest.raises(ParameterError, match="has no modifier 'sigm', did you mean 'sigma'"):
         report.page("stationarize:sigm")

@@ -242,20 +242,6 @@ def test_a_soft_fine_painting_ends_where_it_covers_less_than_half(palette):
     np.testing.assert_array_equal(labels, np.where(alpha[..., 0] >= 0.5, third["id"], 0))
 
 
-def test_a_table_may_spell_color_and_says_what_is_doubtful(palette, tmp_path):
-    _, facts, _ = palette
-    american = {**facts, "labels": [], "finer": []}
-    for rows in ("labels", "finer"):
-        american[rows] = [{("color" if k == "color" else k): v for k, v in e.items()} for e in facts[rows]]
-    path = tmp_path / "a.json"
-    path.write_text(json.dumps(american))
-    assert read_table(path).keys == read_table(palette[2]).keys
-    american["labels"][0]["color"] = "1,2,3"
-    path.write_text(json.dumps(american))
-    with pytest.raises(errors.ImageError, match="cannot be read"):
-        read_table(path)
-
-
 def _by_id(entries):
     return sorted(entries, key=lambda entry: entry["id"])
 

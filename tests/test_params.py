@@ -247,7 +247,7 @@ def test_an_argument_is_a_word_of_its_own_and_no_modifier():
 def test_an_argument_is_checked_as_a_modifier_is():
     mode, weights, shift = Merge.arguments()
     assert (mode.parse("max"), weights.parse("1,2"), shift.parse("-5")) == ("max", (1.0, 2.0), -5)
-    assert refusal(mode.parse, "under") == "mode=under: expected over | max"
+    assert refusal(mode.parse, "under") == "mode=under: expected one of over, max"
     assert refusal(shift.parse, "6") == "shift=6: expected an integer from -5 to 5 px"
     made = Merge(sources=(), mode="over", weights=[1, np.float32(0.5)], shift=np.int8(2))
     assert made.values() == {"mode": "over", "weights": (1.0, 0.5), "shift": 2, "gamma": 1.0, "from": "here"}

@@ -24,7 +24,9 @@ def test_no_phrase_has_to_be_decoded():
 
 
 def test_phrases_are_found(tmp_path):
-    (tmp_path / "a.py").write_text('"""A size; when left out 5."""\nx = 1  # made anew\nsay = "behind it"\nbehind = 2\n')
+    (tmp_path / "a.py").write_text(
+        '"""A size; when left out 5."""\nx = 1  # made anew\nsay = "behind it"\nbehind = 2\n'
+    )
     (tmp_path / "b.md").write_text("It hangs on `behind` what is allowed.\n\n```\nanew\n```\nbeside\n")
     assert [line.partition(": ")[2].split("'")[1] for line in plain_words.found(tmp_path / "a.py")] == [
         "anew", "left out", "behind",
@@ -38,7 +40,9 @@ def test_help_of_every_parameter_is_sentences():
     odd = {
         name: p.help
         for name, p in HELP.items()
-        if not re.match(r"[A-Z0-9'`\"]", p.help) or not p.help.endswith(".") or re.search("[Dd]efault:|[Rr]ange:", p.help)
+        if not re.match(r"[A-Z0-9'`\"]", p.help)
+        or not p.help.endswith(".")
+        or re.search("[Dd]efault:|[Rr]ange:", p.help)
     }
     assert not odd, "\n".join(f"{name}: {text}" for name, text in odd.items())
 

@@ -151,7 +151,7 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
         ({"render": True, "plan": "absent.npz"}, "absent.npz: no arrays can be read: No such file"),
         ({"render": True, "plan": "absent.npz", "patch": 24}, "render=True conflicts with size"),
         ({"tile": "z"}, "'none' | 'x' | 'y' | 'xy'"),
-        ({"size": (0, 4)}, r"\(width, height\) >= 1"),
+        ({"size": (0, 4)}, r"\(width, height\) from 1"),
     ],
 )
 def test_what_is_wrong_is_said(values, said):
