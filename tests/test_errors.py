@@ -122,7 +122,7 @@ WRONG: dict[str, tuple[str, dict[str, object], str, str]] = {
     ),
     "size": (
         "stationarize:size=0x64", {"size": (0, 64)}, "size=0x64: expected pow2 or WIDTHxHEIGHT from 5 to 65536 px",
-        "size=(0, 64): expected 'pow2' or (width, height) >= 5",
+        "size=(0, 64): expected 'pow2' or (width, height) from 5 to 65536 px",
     ),
     "requires": ("synth:toroidal=1", {"toroidal": True}, "toroidal=1 requires size", "toroidal=True requires size"),
     "plan": ("quilt:render=1", {"render": True}, "render=1 requires plan=FILE", "render=True requires plan=FILE"),

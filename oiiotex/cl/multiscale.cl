@@ -11,6 +11,11 @@
 #define NEAR 9            // pixels whose candidates are tried
 #define RECORD (2 * DIMS) // of a texel: its two candidates' neighborhoods, a cache line
 #define MOST_OFFSET 8191  // steps; sums of products stay within 31 bits
+#if RUN > 1
+#define UNROLL _Pragma("unroll")
+#else
+#define UNROLL _Pragma("unroll 1")   // unrolled, a GPU's registers overflow: 188 of gfx1030 instead of 66
+#endif
 
 static inline short4 offset_sum(int4 r) {
   r = r > MOST_OFFSET ? (int4)(MOST_OFFSET) : r;
@@ -124,7 +129,8 @@ static inline void clear(sums *s) {   // by pointer: Oclgrind cannot run what in
 }
 static inline void add_pair(sums *s, int pair, const __global short *basis) {
   int a = (short)(pair & 0xFFFF), b = pair >> 16;
-  for (int d = 0; d < DIMS; d++) s->at[d] += a * basis[2 * d] + b * basis[2 * d + 1];
+  const __global int *pairs = (const __global int *)basis;   // whole words, which all items of a wave share
+  for (int d = 0; d < DIMS; d++) s->at[d] += a * (short)(pairs[d] & 0xFFFF) + b * (pairs[d] >> 16);
 }
 static inline void scale(const sums *s, projected *found) {
   short *to = (short *)found;
@@ -144,8 +150,7 @@ static inline void project_around(projected *found, const __global int *color, s
   clear(&total);
   for (int dy = -SIDE_TAPS / 2; dy <= SIDE_TAPS / 2; dy++) {
     const __global int *pairs = color + 2 * ((long)p + dy * (long)width - SIDE_TAPS / 2);
-    #pragma unroll
-    for (int n = 0; n < 2 * SIDE_TAPS; n++, basis += 2 * DIMS) add_pair(&total, pairs[n], basis);
+    UNROLL for (int n = 0; n < 2 * SIDE_TAPS; n++, basis += 2 * DIMS) add_pair(&total, pairs[n], basis);
   }
   int2 less = as_int2((short4)(0) - own);
   add_pair(&total, less.x, basis);
@@ -153,27 +158,27 @@ static inline void project_around(projected *found, const __global int *color, s
   scale(&total, found);
 }
 
-// The texels whose candidates pixel p may take: what its 3 x 3 neighbors expect in its place, its own first.
-static inline void expected(uint *found, const __global uint *texel, size_t p, int width, const __global int *spacing, int side) {
-  #pragma unroll
-  for (int n = 0; n < NEAR; n++) {
-    int turn = n + 4 < NEAR ? n + 4 : n - 5, dy = turn / 3 - 1, dx = turn % 3 - 1;
-    uint other = texel[(long)p + dy * (long)width + dx];
-    int level = TEXEL_LEVEL(other, side), h = spacing[level];
-    found[n] = texel_at(level, TEXEL_Y(other, side) - dy * h, TEXEL_X(other, side) - dx * h, side);
-  }
+// The n-th texel whose candidates pixel p may take: what its 3 x 3 neighbors expect in its place, its own first.
+static inline uint expected(int n, const __global uint *texel, size_t p, int width, const __global int *spacing, int side) {
+  int turn = n + 4 < NEAR ? n + 4 : n - 5, dy = turn / 3 - 1, dx = turn % 3 - 1;
+  uint other = texel[(long)p + dy * (long)width + dx];
+  int level = TEXEL_LEVEL(other, side), h = spacing[level];
+  return texel_at(level, TEXEL_Y(other, side) - dy * h, TEXEL_X(other, side) - dx * h, side);
 }
 
 // The best candidate (eq. 3), 2 texel + its number; candidate 1 of any texel before candidate 2, the first of equals.
-static inline uint best_candidate(const uint *texels, projected wanted, const __global short *records, int penalty) {
+// On a GPU the nine texels are found here, one by one: kept, they would take registers.
+static inline uint best_candidate(const uint *near, const __global uint *texel, size_t p, int width,
+                                  const __global int *spacing, int side, projected wanted,
+                                  const __global short *records, int penalty) {
   uint best = ~0u, second = ~0u, best_at = 0, second_at = 0;
-  #pragma unroll
-  for (int n = 0; n < NEAR; n++) {
-    const __global short *record = records + RECORD * (size_t)texels[n];
+  UNROLL for (int n = 0; n < NEAR; n++) {
+    uint at = RUN > 1 ? near[n] : expected(n, texel, p, width, spacing, side);
+    const __global short *record = records + RECORD * (size_t)at;
     uint cost = projected_distance(wanted, record), other = projected_distance(wanted, record + DIMS);
-    best_at = cost < best ? texels[n] : best_at;
+    best_at = cost < best ? at : best_at;
     best = cost < best ? cost : best;
-    second_at = other < second ? texels[n] : second_at;
+    second_at = other < second ? at : second_at;
     second = other < second ? other : second;
   }
   second += (second >> 4) * (uint)penalty;
@@ -196,13 +201,15 @@ __kernel void multiscale_correct(__global uint *restrict texel, __global short4 
   int count = count_x - i < RUN ? count_x - i : RUN;
   uint near[NEAR * RUN], chosen[RUN];
   for (int m = 0; m < count; m++) {
-    expected(near + NEAR * m, texel, first + 2 * m, width, spacing, side);
-    for (int n = 0; n < NEAR; n++) PREFETCH(records + RECORD * (size_t)near[NEAR * m + n]);
+    UNROLL for (int n = 0; RUN > 1 && n < NEAR; n++) {
+      near[NEAR * m + n] = expected(n, texel, first + 2 * m, width, spacing, side);
+      PREFETCH(records + RECORD * (size_t)near[NEAR * m + n]);
+    }
   }
   for (int m = 0; m < count; m++) {
     projected wanted;
     project_around(&wanted, color, first + 2 * m, width, r[first + 2 * m], basis);
-    chosen[m] = best_candidate(near + NEAR * m, wanted, records, penalty);
+    chosen[m] = best_candidate(near + NEAR * m, texel, first + 2 * m, width, spacing, side, wanted, records, penalty);
   }
   for (int m = 0; m < count; m++) {
     size_t p = first + 2 * m;
