@@ -163,7 +163,7 @@ def test_a_report_says_what_was_done_and_where_the_time_went(tmp_path, photo):
 def test_help_and_warp_need_no_opencl(tmp_path, photo):
     """pyopencl is imported by what computes on a device, and by nothing else."""
     done_well(tmp_path, f"photo.png --texstationarize{QUICK}:flatten=0:stmap=st.exr -o tile.png")
-    for words in (["--help"], ["photo.png", "--texwarp", "st.exr", "-o", "again.png"]):
+    for words in (["--help", "all"], ["photo.png", "--texwarp", "st.exr", "-o", "again.png"]):
         script = f"import sys; sys.modules['pyopencl'] = None; from oiiotex.cli.main import main; main({words!r})"
         done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr

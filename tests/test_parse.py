@@ -178,7 +178,7 @@ def test_a_modifiers_value_is_checked_before_anything_is_done_unless_it_is_an_ex
     [line.split() for line in """
         --texstationarise         --texstationarize
         -texwrap                  --texwarp
-        --iscolorspace           --iscolorspace
+        --iscolourspace           --iscolorspace
         --fixnans                 --fixnan
         --thread                  --threads
         --texstationarise:sigma=3 --texstationarize

@@ -7,7 +7,7 @@ import contextlib
 import functools
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from ...core.op import Op
@@ -16,6 +16,7 @@ from ...deferred import Shelf
 from ...errors import Error, ParameterError
 
 MOST_THREADS, MOST_MB = 4096, 1 << 40
+FURTHER = "Texture filters of other packages"
 
 
 @dataclass(frozen=True)
@@ -83,30 +84,33 @@ class Step:
 class Language:
     """All that a command line may say."""
 
-    shelves: tuple[Shelf, ...]  # of ops and options, in the order of help; imported when a line names something of it
+    shelves: tuple[Shelf, ...]  # of ops and options, in the order of help; imported when a line names one of them
     refused: tuple[Refused, ...] = ()
-    further: Callable[[], tuple[type[Op], ...]] = tuple  # ops of other packages, known by name once they are imported
+    further: Callable[[], tuple[type[Op], ...]] = tuple  # ops of other packages: importing them tells their names
+    words: Mapping[str, str] = field(default_factory=dict)  # by heading: the word by which --help prints the group
 
     @functools.cached_property
     def ops(self) -> dict[str, tuple[type[Op], ...]]:
-        """All ops by heading, for help; all of them are imported."""
-        ops = self._by_heading(lambda declaration: not isinstance(declaration, Option))
-        if ops:
-            first = next(iter(ops))
-            ops[first] += self.further()
-        return ops
+        """All ops by heading, for help; imports all of them."""
+        return self._where(lambda declaration: not isinstance(declaration, Option))
 
     @functools.cached_property
     def groups(self) -> dict[str, tuple[Option, ...]]:
         """All options that are not ops, by heading."""
-        return self._by_heading(lambda declaration: isinstance(declaration, Option))
+        return self._where(lambda declaration: isinstance(declaration, Option))
 
-    def _by_heading(self, wanted: Callable[[Any], bool]) -> dict[str, tuple[Any, ...]]:
+    def _where(self, wanted: Callable[[Any], bool]) -> dict[str, tuple[Any, ...]]:
+        kept = {heading: tuple(filter(wanted, declarations)) for heading, declarations in self.group("all").items()}
+        return {heading: declarations for heading, declarations in kept.items() if declarations}
+
+    def group(self, word: str) -> dict[str, tuple[Any, ...]]:
+        """The ops and options of a group by heading, everything for 'all'; imports only these."""
         headings: dict[str, tuple[Any, ...]] = {}
         for shelf in self.shelves:
-            declarations = tuple(filter(wanted, shelf.declarations))
-            if declarations:
-                headings[shelf.heading] = (*headings.get(shelf.heading, ()), *declarations)
+            if word in ("all", self.words.get(shelf.heading)):
+                headings[shelf.heading] = (*headings.get(shelf.heading, ()), *shelf.declarations)
+        if word in ("all", self.words.get(FURTHER)) and self.further():
+            headings[FURTHER] = self.further()
         return headings
 
     @property

@@ -15,8 +15,8 @@ from ..vocabulary import LANGUAGE
 log = logging.getLogger("oiiotex")
 
 _PRINTING = {  # options that print something and end; '': no words at all
-    "": "report.greeting",
-    "--help": "report.page",
+    "": "help.topic",
+    "--help": "help.topic",
     "--version": "versions.versions",
     "--plugin-path": "plugin_path.plugin_path",
     "--devices": "devices.device_list",
