@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options that print what there is: file formats, OpenImageIO's build, the color config. Its own oiiotool says it."""
+"""Options that print file formats, OpenImageIO's build and the color config: output of the oiiotool in its wheel."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ..stack.chain import Chain
 
 
 def list_formats(chain: Chain) -> None:
-    """Print the file formats and their extensions."""
+    """Print the supported file formats and their extensions."""
     _say(chain, "--list-formats")
 
 
 def build_info(chain: Chain) -> None:
-    """Print what OpenImageIO was built from."""
+    """Print how OpenImageIO was built."""
     _say(chain, "--buildinfo")
 
 
@@ -32,7 +32,7 @@ def color_config_info(chain: Chain) -> None:
 
 
 def _say(chain: Chain, *words: str) -> None:
-    """Print what the oiiotool of OpenImageIO's wheel prints; no other one is started."""
+    """Print the output of the oiiotool in OpenImageIO's wheel, never of another one."""
     if not chain.acts():
         return
     folder = Path(oiio.__file__).parent / "bin"
