@@ -66,7 +66,7 @@ def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
     except BrokenPipeError:  # the reader of stdout has ended; files may be missing
         drop(1)
         return 141  # as a shell reports a program that SIGPIPE ended
-    except Exception as error:  # a bug or a failing machine: one line, too; --debug prints the rest
+    except Exception as error:  # a bug or a failing machine
         raise_if_stopped()
         kind = "" if isinstance(error, OSError) else f"internal, {type(error).__name__}: "
         return _failed(words, f"{kind}{error} (--debug prints a traceback)")

@@ -15,7 +15,7 @@ OPTIONS = tuple(
         ("--colorconfig FILE", "Set the OCIO config. Default: $OCIO, else a built-in config"),
         (
             "--interchange SPACE OURS",
-            "Declare for a config without interchange roles that SPACE is OURS: lin_rec709, ACES2065-1 ...",
+            "Declare SPACE of a config without interchange roles as lin_rec709, ACES2065-1 ...",
         ),
         ("-q", "Print errors only"),
         ("--noprogress", "Print no progress"),

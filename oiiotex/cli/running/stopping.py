@@ -99,7 +99,7 @@ def end_unwound(number: int) -> None:
 
 
 def _writing() -> bool:
-    """Whether there are unfinished files; the module that writes them may not be loaded."""
+    """Whether there are unfinished files, without loading the module that writes them."""
     return hasattr(sys.modules.get(_ATOMIC), "discard_all") and sys.modules[_ATOMIC].is_writing()
 
 
