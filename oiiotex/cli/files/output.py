@@ -37,49 +37,21 @@ log = logging.getLogger("oiiotex")
 class WriteModifiers:
     """Modifiers of -o."""
 
-    all: int | None = param(
-        None,
-        ge=0,
-        unset="write the top image",
-        help="Write all images of the stack: %d in FILE counts from this number.",
-    )
-    udim: Size | None = param(
-        None,
-        ge=1,
-        le=10,
-        unset="write one file",
-        example="2x2",
-        help="Number of UDIM tiles of equal size that the image is cut into. FILE must contain <UDIM>.",
-    )
-    type: str | None = param(
-        None, unset="that of -d", example="half", help="Pixel type: uint8, uint10, half, float ..."
-    )
+    all: int | None = param(None, ge=0, help="Write all images of the stack: %d in FILE counts from this number.")
+    udim: Size | None = param(None, ge=1, le=10, example="2x2", help="Cut the image into UDIM tiles: <UDIM> in FILE.")
+    type: str | None = param(None, unset="that of -d", example="half", help="Pixel type: uint8, uint10, half ...")
     datatype: str | None = param(None, unset="that of -d", example="half", help="Alias of type.", advanced=True)
-    bits: int | None = param(None, ge=1, le=64, unset="those of the type", example="10", help="Significant bits.")
+    bits: int | None = param(None, ge=1, le=64, unset="all", example="10", help="Significant bits.", advanced=True)
     tile: Size | None = param(None, ge=1, le=65536, unset="that of --tile", example="64x64", help="Size of tiles.")
-    scanline: bool | None = param(None, unset="1 after --scanline, else 0", help="Write scanlines instead of tiles.")
-    dither: bool | None = param(None, unset="1 after --dither, else 0", help="Dither when quantizing to 8 bits.")
-    autocrop: bool | None = param(
-        None,
-        unset="0 after --noautocrop, else 1",
-        advanced=True,
-        help="Write the display window to formats with a single window.",
-    )
-    autotrim: bool | None = param(
-        None,
-        unset="1 after --autotrim, else 0",
-        advanced=True,
-        help="Trim black borders in formats that have a data window.",
-    )
-    autocc: bool | None = param(
-        None, unset="1 after --autocc, else 0", help="Convert to the color space in the file's name."
-    )
-    unpremult: bool | None = param(None, unset="0", advanced=True, help="Convert unpremultiplied colors.")
+    scanline: bool | None = param(None, unset="1 after --scanline", help="Write scanlines instead of tiles.")
+    dither: bool | None = param(None, unset="1 after --dither", help="Dither when quantizing to 8 bits.")
+    autocrop: bool | None = param(None, advanced=True, unset="0 after --noautocrop", help="0: as --noautocrop.")
+    autotrim: bool | None = param(None, advanced=True, unset="1 after --autotrim", help="Trim as --autotrim does.")
+    autocc: bool | None = param(None, unset="1 after --autocc", help="Convert to the color space in the file's name.")
+    unpremult: bool = param(False, advanced=True, help="Unpremultiply colors for the conversion.")
     contig: bool = param(False, advanced=True, help="Interleave the channels.")
     separate: bool = param(False, advanced=True, help="Store each channel separately.")
-    fileformatname: str = param(
-        "", unset="that of the extension", example="tiff", advanced=True, help="Name of the file format."
-    )
+    fileformatname: str = param("", unset="by name", example="tiff", advanced=True, help="Name of the file format.")
 
 
 def write_output(chain: Chain, path: str, given: WriteModifiers) -> None:
@@ -140,7 +112,7 @@ def _write_one(chain: Chain, path: str, given: WriteModifiers) -> None:
     if _either(given.autotrim, chain.settings.get("--autotrim")):
         image = _trimmed(chain, image, path)
     if _either(given.autocc, chain.session.settings.autocc):
-        image, how = _converted(chain, image, path, how, bool(given.unpremult))
+        image, how = _converted(chain, image, path, how, given.unpremult)
     if not may_write(chain, image, path, how):
         return
     shares, inputs = chain.shares, sorted(chain.inputs)

@@ -30,27 +30,17 @@ _PRINTING = ("--info", "--stats", "--hash", "--dumpdata")  # for each image as i
 class ReadModifiers:
     """Modifiers of -i."""
 
-    autocc: bool | None = param(
-        None,
-        unset="1 after --autocc, else 0",
-        help="Convert to scene linear from the color space in the file's name or metadata.",
-    )
-    unpremult: bool | None = param(None, unset="0", help="Convert unpremultiplied colors.")
-    native: bool | None = param(
-        None, unset="1 after --native, else 0", help="Let ops work on the file's pixel type instead of float."
-    )
+    autocc: bool | None = param(None, unset="1 after --autocc", help="Convert to scene linear, as --autocc does.")
+    unpremult: bool = param(False, help="Unpremultiply colors for the conversion.")
+    native: bool | None = param(None, unset="1 after --native", help="Let ops work on the file's pixel type.")
     type: str | None = param(None, unset="float", example="half", help="Pixel type that ops work on.")
     ch: str | None = param(None, unset="all", example="R,G,B", help="Channels to read, in the syntax of --ch.")
-    info: int | None = param(
-        None, ge=0, le=2, unset="1 after --info, else 0", example="2", help="Output of --info. 2: all metadata."
-    )
+    info: int | None = param(None, ge=0, le=2, unset="1 after --info", example="2", help="Print --info. 2: in full.")
     infoformat: str = param("", choices=("", "text", "xml"), unset="text", help="Format of that output.")
     now: bool = param(False, advanced=True, help="Read the whole file now instead of parts of it on demand.")
     get_thumbnail: bool = param(False, advanced=True, help="Read the file's thumbnail instead of its pixels.")
-    fail: bool = param(
-        True, advanced=True, help="Error for files without a thumbnail. 0: the image itself is scaled down."
-    )
-    index: int = param(0, ge=0, le=0, advanced=True, help="Number of the thumbnail. OpenImageIO reads only the first.")
+    fail: bool = param(True, advanced=True, help="Error for files without a thumbnail. 0: the image is scaled down.")
+    index: int = param(0, ge=0, le=0, advanced=True, help="Number of the thumbnail: OpenImageIO reads only the first.")
 
 
 _PLAIN = ReadModifiers()
@@ -165,7 +155,7 @@ def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
         chain.apply(Reorient)
     automatic = chain.session.settings.autocc if given.autocc is None else given.autocc
     if automatic:
-        _to_linear(chain, path, bool(given.unpremult))
+        _to_linear(chain, path, given.unpremult)
 
 
 def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
@@ -215,16 +205,11 @@ def native_types(chain: Chain) -> None:
         chain.stack[n] = Image(tuple(parts), image.source)
 
 
-def all_parts(chain: Chain) -> None:
-    """Let ops work on all parts (subimages) instead of the first only."""
-    chain.session.change(all_parts=True)
-
-
 @dataclass(frozen=True)
 class AutoccModifiers:
     """Modifiers of --autocc."""
 
-    unpremult: bool = param(False, help="Convert unpremultiplied colors.")
+    unpremult: bool = param(False, help="Unpremultiply colors for the conversion.")
 
 
 def autocc_on(chain: Chain, given: AutoccModifiers) -> None:
@@ -233,25 +218,21 @@ def autocc_on(chain: Chain, given: AutoccModifiers) -> None:
     chain.settings["--autocc unpremult"] = given.unpremult
 
 
-def autocc_off(chain: Chain) -> None:
-    """End --autocc."""
-    chain.session.change(autocc=False)
-
-
+_ALL_PARTS = "Let ops work on all parts (subimages) instead of the first only"
 OPTIONS = (
     Option("-i FILE", read_input, ReadModifiers),
     Option("--iconfig NAME VALUE", input_attribute, SetModifiers, state=True),
     Option("--missingfile POLICY", missing_file, state=True),
     Option("--testread FILE", test_read, state=True),
-    Option("-a", all_parts, state=True),
+    Option("-a", lambda chain: chain.session.change(all_parts=True), text=_ALL_PARTS, state=True),
     Option("--native", native_types, state=True),
-    state("--no-autopremult", "Do not premultiply colors of files with unassociated alpha"),
+    state("--no-autopremult", "Keep unassociated alpha: do not premultiply colors by it"),
     state(
         "--autopremult",
-        "Premultiply colors of files with unassociated alpha (default)",
+        "Premultiply colors by unassociated alpha (default)",
         sets=("--no-autopremult", False),
     ),
     state("--autoorient", "Rotate images upright as they are read", "--auto-orient"),
     Option("--autocc", autocc_on, AutoccModifiers, state=True),
-    Option("--noautocc", autocc_off, state=True),
+    Option("--noautocc", lambda chain: chain.session.change(autocc=False), text="End --autocc", state=True),
 )

@@ -34,9 +34,7 @@ class TextureModifiers:
     swrap: str | None = param(None, choices=(*_WRAPS, None), unset="that of wrap", help="Horizontal wrap mode.")
     twrap: str | None = param(None, choices=(*_WRAPS, None), unset="that of wrap", help="Vertical wrap mode.")
     type: str | None = param(None, unset="that of -d", example="half", help="Pixel type: uint8, half, float ...")
-    tile: Size | None = param(
-        None, ge=1, le=65536, unset="that of --tile, else 64x64", example="32x32", help="Size of tiles."
-    )
+    tile: Size | None = param(None, ge=1, le=65536, unset="that of --tile, 64x64", help="Size of tiles.")
     fileformatname: str = param("", unset="that of the extension", example="tiff", help="Name of the file format.")
     resize: bool = param(False, help="Resize the image to powers of two.")
     keepaspect: bool = param(False, help="Keep the aspect ratio when resizing.")
@@ -46,14 +44,14 @@ class TextureModifiers:
     monochrome_detect: bool = param(False, help="Store gray images as one channel.")
     opaque_detect: bool = param(False, help="Omit alpha if it is 1 everywhere.")
     compute_average: bool = param(True, help="Store the average color in the metadata.")
-    unpremult: bool = param(False, help="Convert unpremultiplied colors.")
+    unpremult: bool = param(False, help="Unpremultiply colors for the conversion.")
     incolorspace: str = param("", example="sRGB", help="Color space to convert from.")
     outcolorspace: str = param("", example="ACEScg", help="Color space to convert to.")
     highlightcomp: bool = param(False, help="Compress highlights while filtering.")
     hicomp: bool = param(False, advanced=True, help="Alias of highlightcomp.")
     sharpen: float = param(0.0, ge=0, help="Sharpening of the smaller MIP levels. 0: none.")
     filter: str = param("", example="lanczos3", advanced=True, help="Alias of filtername.")
-    filtername: str = param("", unset="box", example="lanczos3", help="Resampling filter of the smaller MIP levels.")
+    filtername: str = param("", unset="box", example="lanczos3", help="Filter of the smaller MIP levels.")
     prman_metadata: bool = param(False, help="Store the metadata that PRMan expects.")
     oiio: bool = param(False, help="Settings for OpenImageIO's texture system.")
     oiio_options: bool = param(False, advanced=True, help="Alias of oiio.")
@@ -65,11 +63,7 @@ class TextureModifiers:
     bumpscale: float = param(1.0, help="Scale of heights.")
     bumpinverts: bool = param(False, help="Invert the slope along s.")
     bumpinvertt: bool = param(False, help="Invert the slope along t.")
-    bumprange: str = param(
-        "auto",
-        choices=("centered", "positive", "auto"),
-        help="Range of normals: centered at 0, or positive from 0 to 1.",
-    )
+    bumprange: str = param("auto", choices=("centered", "positive", "auto"), help="Range of normals.")
     slopefilter: str = param("sobel", choices=("sobel", "centraldiff"), help="Filter that computes slopes.")
     uvslopes_scale: float = param(0.0, ge=0, help="Scale of slopes, for slopes in uv space.")
     cdf: bool = param(False, help="Store the cumulative distribution of values in the metadata.")
@@ -93,9 +87,7 @@ def write_texture(mode: str) -> Any:
         if is_left(chain, path) or not may_write(chain, image, path, how):
             return
         if chain.shares is not None:
-            raise ParameterError(
-                "--share cannot split a MIP-mapped texture: write an image with -o, and convert it afterwards"
-            )
+            raise ParameterError("--share cannot split a MIP-mapped texture: use -o, and convert later")
         chain.tell(f"Writing {path}")
         session = chain.session
         timed, checkpoints = session.resources.stats.time("make texture"), session.resources.checkpoints(path)

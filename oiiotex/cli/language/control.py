@@ -11,7 +11,7 @@ from ...core.parameters import Numbers, Parameter, param
 from ...deferred import oiio
 from ...errors import ParameterError
 from ..stack.chain import Chain
-from ..stack.output_settings import state, switch
+from ..stack.output_settings import set_text, state, switch
 from .parse import Option, whole_number
 
 
@@ -99,11 +99,6 @@ def end_while(chain: Chain) -> None:
         _close(chain, "--while", "--endwhile")
 
 
-def most_rounds(chain: Chain, text: str) -> None:
-    """Refuse a loop of more than N rounds. Default: 100000."""
-    chain.settings["--maxloop"] = whole_number(text)
-
-
 _RANGE = Parameter("RANGE", (Numbers,), None, "")
 
 
@@ -177,16 +172,7 @@ def set_oiio_attribute(chain: Chain, name: str, text: str, given: SetModifiers) 
     chain.set_global(name, kind, value, before)
 
 
-def evaluation_off(chain: Chain) -> None:
-    """Let braces mean themselves from here on."""
-    chain.evaluating = False
-
-
-def evaluation_on(chain: Chain) -> None:
-    """Let braces hold expressions from here on (default)."""
-    chain.evaluating = True
-
-
+_OFF, _ON = "Take braces literally from here on", "Evaluate expressions in braces from here on (default)"
 OPTIONS = (
     Option("--set NAME VALUE", set_variable, SetModifiers, state=True),
     Option("--if VALUE", begin_if, control=True),
@@ -196,16 +182,17 @@ OPTIONS = (
     Option("--endwhile", end_while, control=True),
     Option("--for VARIABLE RANGE", begin_for, control=True),
     Option("--endfor", end_for, control=True),
-    Option("--evaloff", evaluation_off, state=True),
-    Option("--evalon", evaluation_on, state=True),
+    Option("--evaloff", lambda chain: setattr(chain, "evaluating", False), text=_OFF, state=True),
+    Option("--evalon", lambda chain: setattr(chain, "evaluating", True), text=_ON, state=True),
     Option("--oiioattrib NAME VALUE", set_oiio_attribute, SetModifiers, state=True),
 )
 
 _SAY = "Say what is done, and measure the results"
+_MAXLOOP = f"Set the maximum number of rounds of a loop. Default: {MOST_ROUNDS}"
 _IGNORED = "Accepted and ignored, for oiiotool compatibility"
 STATES = (
     Option("-v", switch("-v"), text=_SAY, state=True, throughout=True, aliases=("--verbose",)),
-    Option("--maxloop N", most_rounds, state=True),
+    Option("--maxloop N", set_text("--maxloop", whole_number), text=_MAXLOOP, state=True),
     state("--no-error-exit", "Continue with the next step after an error"),
     state("--metamerge", "Give results the metadata of all their inputs"),
     state("--sansattrib", "Leave --attrib and --sattrib out of --history"),

@@ -99,9 +99,6 @@ SUMS: dict[str, Callable[[np.float32, np.float32], typing.Any]] = {
 }
 SUMS |= {"&&": SUMS["&"], "||": SUMS["|"]}
 
-
-# --- format() ---
-
 _SPEC = re.compile(
     r"(?:(?P<fill>[^{}])?(?P<align>[<^>]))?(?P<sign>[-+ ])?(?P<alternate>#)?(?P<zero>0)?(?P<width>\d{0,4})"
     r"(?P<precision>\.\d{1,4})?L?(?P<type>[a-zA-Z]?)",

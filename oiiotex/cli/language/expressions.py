@@ -68,8 +68,6 @@ def _after_braces(text: str, opening: int) -> int:
     return 0
 
 
-# --- images ---
-
 _DIMENSIONS = (
     "nchannels", "width", "height", "depth", "x", "y", "z", "full_width", "full_height", "full_depth", "full_x",
     "full_y", "full_z", "tile_width", "tile_height", "tile_depth", "alpha_channel", "z_channel", "geom", "full_geom",
@@ -145,8 +143,6 @@ def _global_attribute(name: str) -> str:
             return shown(value) if isinstance(value, float) else str(value)
     raise ParameterError(f"OpenImageIO has no attribute '{name}'")
 
-
-# --- the grammar ---
 
 _NAME = r"[A-Za-z_][A-Za-z_0-9]*"
 _STRING = r"""(?s:"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*')"""

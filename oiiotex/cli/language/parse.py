@@ -24,7 +24,7 @@ class Option:
     """An option that is not an op, declared by how it is called: `Option("--tile WIDTH HEIGHT", set_tile)`."""
 
     call: str
-    run: Callable[..., None] | None = None  # of (chain, *arguments, modifiers); None: a setting of the whole run
+    run: Callable[..., object] | None = None  # of (chain, *arguments, modifiers); None: a setting of the whole run
     modifiers: type | None = None  # a frozen dataclass whose `param` fields they are
     text: str = ""  # help; default: the first line of run's docstring
     needs: int = 0  # images that must be on the stack; with fewer it waits for the next ones, as ops do

@@ -101,8 +101,6 @@ def _as_wide(pixels: np.ndarray, channels: int) -> np.ndarray:
     return np.pad(pixels, ((0, 0), (0, 0), (0, lacking))) if lacking else pixels
 
 
-# --- --diff and --pdiff ---
-
 _ORDER = ("PASS", "WARNING", "FAILURE")
 
 
@@ -209,9 +207,6 @@ def _require(chain: Chain, a: Part, b: Part, pixel_bytes: int, option: str) -> N
     chain.session.resources.require(inputs + whole.width * whole.height * pixel_bytes, option)
 
 
-# --- --flipdiff ---
-
-
 @dataclass(frozen=True)
 class FlipModifiers:
     """Modifiers of --flipdiff."""
@@ -278,9 +273,6 @@ def _print_flip(chain: Chain, reference: Image, test: Image, facts: dict[str, An
     if judges:
         print("FAILURE" if fails else "PASS")
         chain.status = 1 if fails else chain.status
-
-
-# --- thresholds ---
 
 
 def _setting(name: str) -> Callable[[Chain, str], None]:

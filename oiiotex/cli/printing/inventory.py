@@ -15,16 +15,6 @@ from ..language.parse import Option
 from ..stack.chain import Chain
 
 
-def list_formats(chain: Chain) -> None:
-    """Print the supported file formats and their extensions."""
-    _say(chain, "--list-formats")
-
-
-def build_info(chain: Chain) -> None:
-    """Print how OpenImageIO was built."""
-    _say(chain, "--buildinfo")
-
-
 def color_config_info(chain: Chain) -> None:
     """Print the contents of the color config."""
     path = chain.session.resources.color.path
@@ -46,8 +36,9 @@ def _say(chain: Chain, *words: str) -> None:
     print(text, end="")
 
 
+_FORMATS = "Print the supported file formats and their extensions"
 OPTIONS = (
-    Option("--list-formats", list_formats, state=True),
-    Option("--buildinfo", build_info, state=True),
+    Option("--list-formats", lambda chain: _say(chain, "--list-formats"), text=_FORMATS, state=True),
+    Option("--buildinfo", lambda chain: _say(chain, "--buildinfo"), text="Print how OpenImageIO was built", state=True),
     Option("--colorconfiginfo", color_config_info, state=True),
 )

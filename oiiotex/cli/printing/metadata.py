@@ -190,9 +190,6 @@ def _statistics(part: Part, asked: Asked) -> Iterator[str]:
         yield part_statistics_text(level, indent, asked.window, asked.channels)
 
 
-# --- pixels ---
-
-
 def dumped(part: Part, how: Dump) -> Iterator[str]:
     """The values of all pixels in the format of --dumpdata."""
     kind = np.dtype(dtype_of(part.spec))

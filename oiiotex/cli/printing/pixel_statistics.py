@@ -94,9 +94,6 @@ def is_monochrome(part: Part) -> bool:
     return all(oiio.ImageBufAlgo.isMonochrome(buffer) for _, buffer in bands)
 
 
-# --- text ---
-
-
 def part_statistics_text(
     part: Part, indent: str = "", window: Window | None = None, channels: int | None = None
 ) -> str:
@@ -147,9 +144,6 @@ def _number(value: float, scale: int, whole: bool) -> str:
     if whole:
         return str(int(math.copysign(math.floor(abs(scaled) + 0.5), scaled)))
     return f"{scaled:.2f}"
-
-
-# --- counting ---
 
 
 def color_counts(part: Part, colors: np.ndarray, tolerance: np.ndarray) -> list[int]:

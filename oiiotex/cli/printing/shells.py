@@ -85,8 +85,6 @@ def _fish(topics: str) -> str:
     return _FISH.format(modifiers="\n".join(modifiers), options="\n".join(options), topics=topics)
 
 
-# --- man ---
-
 _EXIT = (
     ("0", "Success."),
     ("1", "An error, reported in one line on standard error; or compared images differ."),

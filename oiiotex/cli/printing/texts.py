@@ -139,9 +139,6 @@ def dump_inputs(chain: Chain, given: Dump) -> None:
     chain.settings["--dumpdata"] = given
 
 
-# --- counting ---
-
-
 @dataclass(frozen=True)
 class CountModifiers:
     """Modifiers of --colorcount."""

@@ -62,8 +62,6 @@ class Chain:
         self.written_next: Iterator[str] = iter(())  # for each use of an op the next file, '' if unknown
         self._waiting: list[tuple[Step, tuple[str, ...], dict[str, Any]]] = []
 
-    # --- the stack ---
-
     @property
     def top(self) -> Image:
         """The current image."""
@@ -80,8 +78,6 @@ class Chain:
         image = self.top
         self.stack.pop()
         return image
-
-    # --- running ---
 
     def run(self, steps: Sequence[Step]) -> None:
         """Run all steps."""

@@ -35,39 +35,11 @@ def _cached(chain: Chain, image: Image) -> Image:
     return Image(tuple(cached(part, chain.session.resources.cache) for part in image.parts), image.source)
 
 
-def swap(chain: Chain) -> None:
-    """Swap the two top images."""
-    chain.stack[-2:] = chain.stack[:-3:-1]
-
-
-def drop(chain: Chain) -> None:
-    """Pop the top image."""
-    chain.pop()
-
-
-def drop_bottom(chain: Chain) -> None:
-    """Remove the bottom image."""
-    chain.stack.pop(0)
-
-
-def reverse(chain: Chain) -> None:
-    """Reverse the stack."""
-    chain.stack.reverse()
-
-
 def extract(chain: Chain, text: str) -> None:
     """Move the image at depth INDEX to the top; 0 is the top."""
     index = whole_number(text)
     chain.image(index)
     chain.push(chain.stack.pop(len(chain.stack) - 1 - index))
-
-
-def clear(chain: Chain) -> None:
-    """Remove all images."""
-    chain.stack.clear()
-
-
-# --- parts and levels ---
 
 
 @dataclass(frozen=True)
@@ -262,12 +234,12 @@ def _shape(spec: oiio.ImageSpec) -> tuple[int, int, int]:
 OPTIONS = (
     Option("--label NAME", label, needs=1),
     Option("--dup", duplicate, needs=1),
-    Option("--swap", swap, needs=2),
-    Option("--pop", drop, needs=1),
-    Option("--popbottom", drop_bottom, needs=1),
-    Option("--stackreverse", reverse, needs=1),
+    Option("--swap", lambda chain: chain.stack.insert(-1, chain.pop()), text="Swap the two top images", needs=2),
+    Option("--pop", lambda chain: chain.pop(), text="Pop the top image", needs=1),
+    Option("--popbottom", lambda chain: chain.stack.pop(0), text="Remove the bottom image", needs=1),
+    Option("--stackreverse", lambda chain: chain.stack.reverse(), text="Reverse the stack", needs=1),
     Option("--stackextract INDEX", extract, needs=1),
-    Option("--stackclear", clear),
+    Option("--stackclear", lambda chain: chain.stack.clear(), text="Remove all images"),
     Option("--subimage PART", subimage, SubimageModifiers, needs=1),
     Option("--sisplit", split_parts, needs=1),
     Option("--siappend", append_parts, AppendModifiers, needs=2),

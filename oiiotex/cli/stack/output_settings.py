@@ -54,11 +54,6 @@ def set_planar(chain: Chain, text: str) -> None:
     chain.settings["--planarconfig"] = None if text == "default" else text
 
 
-def set_quality(chain: Chain, text: str) -> None:
-    """Set the quality of lossy compression, 0 to 100."""
-    chain.settings["--quality"] = whole_number(text)
-
-
 def switch(option: str, value: object = True) -> Callable[[Chain], None]:
     """A function that sets an option for later ones."""
 
@@ -68,11 +63,11 @@ def switch(option: str, value: object = True) -> Callable[[Chain], None]:
     return run
 
 
-def set_text(option: str) -> Callable[[Chain, str], None]:
-    """A function that stores an option's argument for later ones."""
+def set_text(option: str, value: Callable[[str], object] = str) -> Callable[[Chain, str], None]:
+    """A function that stores the value of an option's argument for later ones."""
 
     def run(chain: Chain, text: str) -> None:
-        chain.settings[option] = text
+        chain.settings[option] = value(text)
 
     return run
 
@@ -82,12 +77,13 @@ def state(name: str, text: str, *aliases: str, sets: tuple[str, object] | None =
     return Option(name, switch(*(sets or (name,))), text=text, state=True, aliases=aliases)
 
 
+_QUALITY = "Set the quality of lossy compression, 0 to 100"
 OPTIONS = (
     Option("-d TYPE", set_type, state=True),
     state("--scanline", "Write scanlines instead of tiles"),
     Option("--tile WIDTH HEIGHT", set_tile, state=True),
     Option("--compression NAME", set_text("--compression"), text="Set the compression, as NAME or NAME:N", state=True),
-    Option("--quality N", set_quality, state=True),
+    Option("--quality N", set_text("--quality", whole_number), text=_QUALITY, state=True),
     state("--dither", "Dither when quantizing to 8 bits"),
     Option("--planarconfig CONFIG", set_planar, state=True),
     state("--adjust-time", "Set the time of written files from their DateTime metadata"),
