@@ -152,9 +152,7 @@ def _check_name(name: str) -> None:
 class SetModifiers:
     """Modifiers of --set, --oiioattrib and --iconfig."""
 
-    type: str | None = param(
-        None, unset="int, float or string, by the value", example="float", help="Type of the value: int, float ..."
-    )
+    type: str | None = param(None, unset="by the value", example="float", help="Type of the value: int, float ...")
 
 
 def set_variable(chain: Chain, name: str, text: str, given: SetModifiers) -> None:

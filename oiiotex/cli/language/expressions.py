@@ -12,7 +12,7 @@ Differences from oiiotool
 2. // and % by a number between -1 and 1, which crash it, and integers beyond 32 bits are errors.
 3. {-x} of x = -5 is 5, not --5.
 4. A '-' or '!' before var() and getattribute(), which it ignores, is an error.
-5. White space is allowed between any two words. A variable may be named TOPS or information; oiiotool reads the first
+5. White space may separate any two words. A variable may be named TOPS or information; oiiotool reads the first
    characters as TOP and inf.
 6. format() has neither the presentation types 'a' and '?' nor widths and precisions above four digits.
 """

@@ -56,6 +56,11 @@ class Option:
         return declared(self.modifiers)[1] if self.modifiers else ()
 
 
+def settings_of(*rows: tuple[str, ...]) -> tuple[Option, ...]:
+    """Settings of the whole run, from rows of call, help and aliases."""
+    return tuple(Option(call, text=text, aliases=tuple(aliases)) for call, text, *aliases in rows)
+
+
 @dataclass(frozen=True)
 class Refused:
     """An option of oiiotool that is not supported, and why."""
@@ -124,10 +129,7 @@ class Language:
         return places | {refused.name: refused for refused in self.refused}
 
     def find(self, name: str) -> type[Op] | Option | Refused:
-        """The op or option of a name, with one dash or two, as in oiiotool.
-
-        Raises a ParameterError for an unknown name.
-        """
+        """The op or option of a name, with one dash or two, as in oiiotool; ParameterError for an unknown name."""
         bare = name.lstrip("-")
         spellings = (name, f"--{bare}", f"-{bare}")
         for spelling in spellings:

@@ -23,25 +23,22 @@ from itertools import islice
 from typing import NamedTuple
 
 from ...errors import ParameterError
-from .parse import Option
+from .parse import settings_of
 
 MOST_FRAMES = 100_000  # over an hour at 24 fps; each stores a command line
 MOST_DIGITS = 255  # of a padded number, the limit of file names
 
-OPTIONS = tuple(
-    Option(call, text=text)
-    for call, text in (
-        (
-            "--frames RANGE",
-            "Set the frames of #, @ and %04d: 1-10, 1-10x2 (every second), 1-10y3 (all others), 1,5,7-9",
-        ),
-        ("--framepadding DIGITS", "Set the number of digits of # and @, 1 to 9"),
-        ("--views NAMES", "Set the views of %V, and by first letter of %v. Default: left,right"),
-        ("--wildcardoff", "Disable wildcards from here on"),
-        ("--wildcardon", "Enable wildcards again"),
-        ("--skip-bad-frames", "Continue with the next frame after an error"),
-        ("--parallel-frames", "Run several frames at a time, in processes"),
-    )
+OPTIONS = settings_of(
+    (
+        "--frames RANGE",
+        "Set the frames of #, @ and %04d: 1-10, 1-10x2 (every second), 1-10y2 (all others), 1,5,7-9",
+    ),
+    ("--framepadding DIGITS", "Set the number of digits of # and @, 1 to 9"),
+    ("--views NAMES", "Set the views of %V, and by first letter of %v. Default: left,right"),
+    ("--wildcardoff", "Disable wildcards from here on"),
+    ("--wildcardon", "Enable wildcards again"),
+    ("--skip-bad-frames", "Continue with the next frame after an error"),
+    ("--parallel-frames", "Run several frames at a time, in processes"),
 )
 
 _WILDCARD = r"[#@]+|%[0-9]*d"
@@ -53,6 +50,7 @@ _RANGE = rf"{_NUMBER}(?:-{_NUMBER}(?:([xy]){_NUMBER})?)?"
 _ZERO_PADDED = r"%00*([0-9]{1,3})d"  # the only form for which directories are searched
 _PERCENT = r"%%|%([0-9]*)d|%(?!\(UDIM\)d)"
 _NO_MATCH = "no frame or view matches the wildcards, which are taken literally"
+_LITERAL = "for a literal name, put --wildcardoff before it"
 _NO_TILES = "no input has UDIM tiles: <UDIM> and the like are taken literally"
 
 
@@ -102,9 +100,7 @@ def frame_numbers(ranges: str) -> list[int]:
     for text in ranges.split(","):
         match = re.fullmatch(_RANGE, text)
         if not match:
-            raise ParameterError(
-                f"frames {ranges!r}: {text!r}: expected FIRST, FIRST-LAST, FIRST-LASTxSTEP or ...ySTEP"
-            )
+            raise ParameterError(f"frames {ranges!r}: {text!r}: expected FIRST, FIRST-LAST, FIRST-LASTxSTEP or ySTEP")
         first, last, step = int(match[1]), int(match[2] or match[1]), int(match[4] or 1)
         if step < 0 and first < last:
             first, last = last, first
@@ -269,9 +265,7 @@ def _existing(pattern: _Pattern, views: tuple[str, ...]) -> list[_FrameName]:
     names = [(view, _seen(pattern.text, view)) for view in views]
     if not re.search(_VIEW, pattern.text):
         if (files := _numbered(pattern.text)) is None:
-            raise ParameterError(
-                f"no files match {pattern.word!r}", hint="for a literal name, add --wildcardoff before it"
-            )
+            raise ParameterError(f"no files match {pattern.word!r}", hint=_LITERAL)
         return [_FrameName(number, None, file) for number, file in files]
     if not re.search(_ZERO_PADDED, pattern.text):
         return [_FrameName(None, view, name) for view, name in names if os.path.exists(name)]
@@ -371,7 +365,7 @@ def _over_tiles(frame: Frame, survey: _Survey, takes: Callable[[str], int]) -> l
         return [replace(frame, warning=frame.warning or _NO_TILES)]
     first = next(iter(files))
     if not files[first]:
-        raise ParameterError(f"no tiles match {words[first]!r}", hint="for a literal name, add --wildcardoff before it")
+        raise ParameterError(f"no tiles match {words[first]!r}", hint=_LITERAL)
     tiled: list[Frame] = []
     for tile, file in files[first].items():
         line = list(words)

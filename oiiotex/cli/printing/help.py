@@ -11,7 +11,7 @@ from pathlib import Path
 from ... import __version__
 from ...errors import ParameterError
 from ..vocabulary import LANGUAGE
-from .report import declarations, find, on_a_line, overview, page
+from .report import declarations, described, find, overview, page
 
 _SCREEN = """\
 oiiotex {version}: textures from photos, on command lines in the style of oiiotool
@@ -68,9 +68,7 @@ def _with_modifier(name: str) -> str:
     for flag, _, _, modifiers in declarations():
         for one in modifiers:
             if one.name == name:
-                op = find(flag)
-                text = one.described(on_a_line(one.help, op) if isinstance(op, type) else one.help)
-                flags.setdefault(text, []).append(flag)
+                flags.setdefault(described(one, find(flag)), []).append(flag)
     if not flags:
         raise _unknown(f":{name}")
     fill = textwrap.TextWrapper(110, break_on_hyphens=False)

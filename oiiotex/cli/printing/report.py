@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -12,17 +13,17 @@ from ...core.op import Op
 from ...core.parameters import Parameter, nearest
 from ...errors import ParameterError
 from ...stats import Stats
-from ..language.parse import Option, Refused
+from ..language.parse import Option, Refused, names_of
 from ..vocabulary import LANGUAGE
 
 
 def declarations() -> Iterator[tuple[str, tuple[str, ...], str, tuple[Parameter, ...]]]:
     """Of each op and option: its name, its arguments, its summary, its modifiers."""
-    for ops in LANGUAGE.ops.values():
-        for op in ops:
-            yield op.flag(), tuple(p.name.upper() for p in op.arguments()), summary(op), op.modifiers()
-    for option in LANGUAGE.options:
-        yield option.name, option.arguments, option.help, option.parameters()
+    for one in itertools.chain.from_iterable(LANGUAGE.group("all").values()):
+        if isinstance(one, Option):
+            yield one.name, one.arguments, one.help, one.parameters()
+        else:
+            yield one.flag(), tuple(p.name.upper() for p in one.arguments()), summary(one), one.modifiers()
 
 
 def overview(word: str = "all") -> str:
@@ -59,33 +60,32 @@ def page(name: str) -> str:
     """The page of an op or option, or with `:NAME` after it of one modifier."""
     name, colon, modifier = name.partition(":")
     declaration = find(name)
-    if colon:
-        return _modifier_page(declaration, modifier)
     if isinstance(declaration, Refused):
         return f"{declaration.name} of oiiotool is not supported: {declaration.reason}"
+    if colon:
+        return _modifier_page(declaration, modifier)
     if isinstance(declaration, Option):
         rows = _modifier_rows(declaration.parameters())
         return "\n".join([declaration.call, "", f"{declaration.help}.", *(["", *rows] if rows else [])])
     return _op_page(declaration)
 
 
-def _modifier_page(declaration: type[Op] | Option | Refused, name: str) -> str:
-    parameters: tuple[Parameter, ...] = ()
-    if isinstance(declaration, Option):
-        flag, parameters = declaration.name, declaration.parameters()
-    elif isinstance(declaration, Refused):
-        flag = declaration.name
-    else:
-        flag, parameters = declaration.flag(), declaration.modifiers()
-    known = {parameter.name: parameter for parameter in parameters}
+def _modifier_page(declaration: type[Op] | Option, name: str) -> str:
+    flag = names_of(declaration)[0]
+    known = {
+        p.name: p for p in (declaration.parameters() if isinstance(declaration, Option) else declaration.modifiers())
+    }
     if name not in known:
-        raise ParameterError(
-            f"{flag} has no modifier '{name}'{nearest(name, known)}", expected=", ".join(known) or "none"
-        )
+        hint = f"it has {', '.join(known) or 'none'}"
+        raise ParameterError(f"{flag} has no modifier '{name}'{nearest(name, known)}", hint=hint)
     one = known[name]
-    text = one.help if isinstance(declaration, (Option, Refused)) else on_a_line(one.help, declaration)
     example = f"\n\nExample: {flag}:{name}={one.sample}" if one.sample else ""
-    return f"{flag}:{name}=\n\n{textwrap.fill(one.described(text), 110)}{example}"
+    return f"{flag}:{name}=\n\n{textwrap.fill(described(one, declaration), 110)}{example}"
+
+
+def described(modifier: Parameter, declaration: type[Op] | Option | Refused) -> str:
+    """The help of a modifier with its values and its default."""
+    return modifier.described(on_a_line(modifier.help, declaration) if isinstance(declaration, type) else modifier.help)
 
 
 def _op_page(op: type[Op]) -> str:

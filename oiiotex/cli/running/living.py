@@ -18,19 +18,10 @@ class LiveModifiers:
 
     port: int = param(0, ge=0, le=65535, help="TCP port of the server. 0: any free port.")
     open: bool = param(True, help="Open the page in the browser.")
-    host: str = param(
-        "127.0.0.1", example="0.0.0.0", help="Address of the server. Access from other machines requires token."
-    )
-    token: str = param(
-        "", unset="a new one", example="0123456789abcdef", help="Token in the URL: 16 or more letters and digits."
-    )
+    host: str = param("127.0.0.1", example="0.0.0.0", help="Address of the server. Other machines require token.")
+    token: str = param("", unset="random", example="0a1b2c3d4e5f6a7b", help="Token in the URL: 16 or more characters.")
     graph: Path | None = param(None, example="graph.json", help="Exemplar graph to zoom into, instead of an image.")
-    document: Path | None = param(
-        None,
-        unset="NAME.texlive.json in the current folder",
-        example="wall.texlive.json",
-        help="File that stores the state of the page.",
-    )
+    document: Path | None = param(None, unset="NAME.texlive.json", help="File that stores the state of the page.")
 
 
 def show(chain: Chain, given: LiveModifiers) -> None:
