@@ -93,7 +93,7 @@ small.png --texstationarize:size=512x512 | 12x12 px is smaller than a patch of 1
 photo.png --texstationarize:size=9x64 | smaller than a patch
 nan.exr --iscolorspace ACEScg --texstationarize | 2 NaN and 1 Inf values: add --fixnan
 nan.exr --fixnan glue | strategy=glue: expected none | black | box3 | error
-photo.png --texwarp | takes 2 image(s), there are 1
+photo.png --texwarp | expected 2 image(s) on the stack, found 1
 photo.png photo.png --texwarp | two channels of floats, here are 3 of uint8
 photo.png --texstationarize:QUICK:stmap=photo.png | photo.png would overwrite exemplar, an image that it reads
 photo.png --texstationarize:QUICK:stmap=old.png | cannot hold part 'st' as float

@@ -204,7 +204,7 @@ WRONG = [
     (("photo.png", "--texsynth:size=70x50:window=9x9+0+0:tiles=1/10"), "N at most 9 rows"),
     (("tiny.png", "--texsynth"), "tiny.png is 9 px wide or high: an exemplar has 16 or more"),
     (("clear.png", "--texsynth"), "clear.png: the 16x16 px in its middle are transparent"),
-    (("--texsynth:size=9x9",), "takes 1 image"),
+    (("--texsynth:size=9x9",), "expected 1 image"),
     (("--texsynth:graph=other.json",), "y.png has channels Y, the root photo.png has R,G,B"),
 ]  # fmt: skip
 
