@@ -97,8 +97,8 @@ def test_shares_of_another_line_and_of_another_photo_are_not_taken(folder):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--share", "4/3"], "--share 4/3: expected I/N, I from 1 to N"),
-        (["--share", "1/1000000"], "--share 1/1000000: expected I/N, I from 1 to N, N to 999999"),
+        (["--share", "4/3"], "--share 4/3: expected I/N with I from 1 to N"),
+        (["--share", "1/1000000"], "--share 1/1000000: expected I/N with I from 1 to N, and N up to 999999"),
         (["--share", "1/2", "--join"], "--share conflicts with --join"),
         (["--farm", "slurm=x"], "--farm slurm=x: expected dask="),
         (["--farm", "dask=here"], "dask=here: expected the address of a scheduler, such as tcp://HOST:PORT"),
