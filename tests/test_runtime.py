@@ -171,7 +171,8 @@ def test_the_list_says_what_is_used_and_what_is_promised(machine, monkeypatch):
     for words in (
         "selected: first working CPU; no GPU works", f"as it is, with LLD: {REFUSED}",
         "told that the CPU is znver3, with the linker of the system: works", "compiles for znver3: 16 lanes",
-        "threads: 3", "memory: 1024 MB, largest allocation 1024 MB", "division and square root: rounded correctly", "not tested",
+        "threads: 3", "memory: 1024 MB, largest allocation 1024 MB",
+        "division and square root: rounded correctly", "not tested",
     ):  # fmt: skip
         assert words in listing
     info.handle.single_fp_config = 7

@@ -29,7 +29,8 @@ TEXTS = {str(path.relative_to(ROOT)): path.read_text() for path in PAGES if path
 TEXTS |= {"--help": help.topic(), "--help all": report.overview()}
 TEXTS |= {f"--help {op.name}": report.page(op.name) for op in (*FILTERS, *host.OPS)}
 # words that are named because they are wrong, or stand for others
-WRONG = {"--resize:fliter=box", "--OP", "--tex", "--texNAME", "--op:key=value", "--op", "--op:name=value", "--op:modifier"}
+WRONG = {"--resize:fliter=box", "--OP", "--tex", "--texNAME", "--op:key=value", "--op", "--op:name=value",
+         "--op:modifier"}  # fmt: skip
 OTHERS = {  # of other programs
     "--step", "--path", "--run-dependencies", "--force-reinstall", "--upgrade", "--leak-check", "--user",
     "--no-build-isolation", "--extra-index-url", "--protocol", "--no-dashboard", "--no-deps",
