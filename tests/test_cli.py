@@ -93,7 +93,7 @@ small.png --texstationarize:size=512x512 | 12x12 px is smaller than a patch of 1
 photo.png --texstationarize:size=9x64 | smaller than a patch
 nan.exr --iscolorspace ACEScg --texstationarize | 2 NaN and 1 Inf values: add --fixnan
 nan.exr --fixnan glue | strategy=glue: expected none | black | box3 | error
-photo.png --texwarp | takes 2 image(s), there are 1
+photo.png --texwarp | expected 2 image(s) on the stack, found 1
 photo.png photo.png --texwarp | two channels of floats, here are 3 of uint8
 photo.png --texstationarize:QUICK:stmap=photo.png | photo.png would overwrite exemplar, an image that it reads
 photo.png --texstationarize:QUICK:stmap=old.png | cannot hold part 'st' as float
@@ -163,7 +163,7 @@ def test_a_report_says_what_was_done_and_where_the_time_went(tmp_path, photo):
 def test_help_and_warp_need_no_opencl(tmp_path, photo):
     """pyopencl is imported by what computes on a device, and by nothing else."""
     done_well(tmp_path, f"photo.png --texstationarize{QUICK}:flatten=0:stmap=st.exr -o tile.png")
-    for words in (["--help"], ["photo.png", "--texwarp", "st.exr", "-o", "again.png"]):
+    for words in (["--help", "all"], ["photo.png", "--texwarp", "st.exr", "-o", "again.png"]):
         script = f"import sys; sys.modules['pyopencl'] = None; from oiiotex.cli.main import main; main({words!r})"
         done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr

@@ -337,7 +337,7 @@ def test_what_stands_behind_and_a_port_that_is_taken_are_refused_in_one_line(tmp
     save(np.zeros((16, 16, 3)), tmp_path / "p.png")
     for behind in (["-o", "x.png"], ["--resize", "8x8"], ["q.png"]):
         done = oiiotex("p.png", "--texlive:open=0", *behind, cwd=tmp_path)
-        wanted = f"--texlive : nothing behind it is done, as {behind[0]}: the page saves what is made there"
+        wanted = f"--texlive : {behind[0]} after --texlive never runs: save results on the page"
         assert (done.returncode, done.stderr.strip()) == (1, f"oiiotex ERROR: {wanted}")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

@@ -77,10 +77,10 @@ REFUSED = {
     "a table over an input": ("photo.png --texlabel:json=photo.png -o l.exr", "would overwrite"),
     "a color space": ("photo.png --iscolorspace nosuch --texstationarize -o t.exr", "nosuch"),
     "an op that lacks an operand": ("photo.png --texstationarize -o t.exr --over", "image"),
-    "a loop without end": ("photo.png --texstationarize -o t.exr --for i 3", "--for has no end"),
+    "a loop without end": ("photo.png --texstationarize -o t.exr --for i 3", "--for is not closed: expected --endfor"),
     "a device's name": ("--device nosuch photo.png -o t.exr", "no device 'nosuch'"),
     "an output's type behind a filter": ("photo.png --texflatten -o t.exr -d foo -o u.exr", "no pixel type 'foo'"),
-    "too few operands behind a filter": ("photo.png --texflatten -o t.exr --add -o u.exr", "takes 2 image(s)"),
+    "too few operands behind a filter": ("photo.png --texflatten -o t.exr --add -o u.exr", "expected 2 image(s)"),
     "a setting behind a filter": ("photo.png --fft -o t.exr --tile 0 0 -o u.exr", "--tile"),
     "a modifier behind a filter": ("photo.png --texflatten -o t.exr --fixnan foo -o u.exr", "strategy=foo"),
     "a gap in a sequence": ("--frames 1-3 in.%04d.png --texstationarize -o out.%04d.exr", "in.0002.png: no such file"),
@@ -113,12 +113,12 @@ def test_what_does_not_fit_a_device_of_its_own_memory_is_said_before_the_work(fo
 
 
 IN_VAIN = {
-    "no output": ("photo.png --texstationarize", "nothing was written: did you forget -o?"),
+    "no output": ("photo.png --texstationarize", "no file was written: did you forget -o?"),
     "a step behind the last output": (
         "photo.png -o p.png --texstationarize",
-        "--texstationarize behind the last output is not done: did you forget -o?",
+        "--texstationarize after the last output is skipped: did you forget -o?",
     ),
-    "a type behind the last output": ("photo.png -o p.png -d uint8", "-d uint8 behind the last output changes nothing"),
+    "a type behind the last output": ("photo.png -o p.png -d uint8", "-d uint8 after the last output has no effect"),
 }
 
 

@@ -137,7 +137,7 @@ def test_a_failure_is_kept_only_where_another_device_works(machine, monkeypatch,
     machine.forget()
     listing = device_list(None, 1, verbose=True)
     assert [name for name, *_ in machine.asked] == ["device 0"] * 4  # a list looks again
-    assert "device 0 (cpu), runtime 0" in listing and "does not work here" in listing.splitlines()[0]
+    assert "device 0 (cpu), runtime 0" in listing and "does not work" in listing.splitlines()[0]
     assert "told that the CPU is znver3, with LLD: " + REFUSED in listing
 
 
@@ -169,19 +169,20 @@ def test_the_list_says_what_is_used_and_what_is_promised(machine, monkeypatch):
     machine.works = lambda device, attempt: 16 * bool(attempt.cpu)
     listing = device_list(None, 3, verbose=True)
     for words in (
-        "used: the first CPU that works; there is no GPU that does", f"as it is, with LLD: {REFUSED}",
+        "selected: first working CPU; no GPU works", f"as it is, with LLD: {REFUSED}",
         "told that the CPU is znver3, with the linker of the system: works", "compiles for znver3: 16 lanes",
-        "threads: 3", "memory: 1024 MB, 1024 MB at most", "division and square root: rounded correctly", "not tried",
+        "threads: 3", "memory: 1024 MB, largest allocation 1024 MB",
+        "division and square root: rounded correctly", "not tested",
     ):  # fmt: skip
         assert words in listing
     info.handle.single_fp_config = 7
-    assert "the same bits as elsewhere are not promised" in device_list(None, 3, verbose=True)
+    assert "rounding unknown; results may differ between devices" in device_list(None, 3, verbose=True)
     machine.works = lambda device, attempt: 0
     machine.forget()
     for answer in runtime.cache_folder().glob("*.json"):
         answer.unlink()
     lines = device_list(None, 1, verbose=False).splitlines()
-    assert lines[0].endswith("does not work here") and lines[2].startswith("no OpenCL device works here: ")
+    assert lines[0].endswith("does not work") and lines[2].startswith("no OpenCL device works: ")
 
 
 @pytest.mark.parametrize("linker, intel, zig, expected", [
@@ -272,7 +273,7 @@ def test_a_refused_device_is_chosen_no_more(machine, monkeypatch):
 
 def test_the_list_of_devices_names_one_that_works():
     listing = oiiotex("--devices", "-v").stdout
-    assert "works\n" in listing and "used: " in listing
+    assert "works\n" in listing and "selected: " in listing
     assert devices.choose().name in listing
 
 

@@ -204,7 +204,7 @@ WRONG = [
     (("photo.png", "--texsynth:size=70x50:window=9x9+0+0:tiles=1/10"), "N at most 9 rows"),
     (("tiny.png", "--texsynth"), "tiny.png is 9 px wide or high: expected at least 16 px"),
     (("clear.png", "--texsynth"), "clear.png is transparent in its middle 16x16 px"),
-    (("--texsynth:size=9x9",), "takes 1 image"),
+    (("--texsynth:size=9x9",), "expected 1 image"),
     (("--texsynth:graph=other.json",), "y.png has channels Y: expected R,G,B, the channels of the root photo.png"),
 ]  # fmt: skip
 

@@ -328,8 +328,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """', did you mean ...?' where something known is close, be it in another case, else nothing."""
     import difflib  # where something is wrong already: it is slow to import
 
-    by_lower = {each.lower(): each for each in known}
-    close = difflib.get_close_matches(name.lower(), list(by_lower), 1)
+    by_lower = {each.lower().lstrip("-"): each for each in known}
+    close = difflib.get_close_matches(name.lower().lstrip("-"), list(by_lower), 1)
     return f", did you mean '{by_lower[close[0]]}'?" if close else ""
 
 
