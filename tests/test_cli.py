@@ -85,14 +85,14 @@ page.txt --texstationarize | not an image that can be read
 photo.png --texstationarize:size=0x10 | size=0x10: expected pow2 or WIDTHxHEIGHT
 photo.png --texstationarize:size=big | size=big: expected
 photo.png --texstationarize:patch=10 | patch=10: expected 5 | 7
-photo.exr --texstationarize | photo.exr does not say its color space: add --iscolorspace
+photo.exr --texstationarize | photo.exr has no color space tag ('oiio:ColorSpace'); add --iscolorspace
 photo.exr --iscolorspace ACESgc | color space 'ACESgc' is not in
 photo.png --texstationarize --device abacus | no device 'abacus'; there is 0 =
 photo.png --texstationarize:size=4096x4096 --cache 48 | the budget is 48 MB
 small.png --texstationarize:size=512x512 | 12x12 px is smaller than a patch of 13x13
 photo.png --texstationarize:size=9x64 | smaller than a patch
 nan.exr --iscolorspace ACEScg --texstationarize | 2 NaN and 1 Inf values: add --fixnan
-nan.exr --fixnan glue | strategy=glue: expected none | black | box3 | error
+nan.exr --fixnan glue | strategy=glue: expected one of none, black, box3, error
 photo.png --texwarp | takes 2 image(s), there are 1
 photo.png photo.png --texwarp | two channels of floats, here are 3 of uint8
 photo.png --texstationarize:QUICK:stmap=photo.png | photo.png would overwrite exemplar, an image that it reads
@@ -105,7 +105,7 @@ photo.png -d uint31 | no pixel type 'uint31'
 photo.png --threads two | --threads two: expected an integer from 0
 photo.png --threads 40000 | --threads 40000: expected an integer from 0 to 4096
 photo.png --attrib:type=int[1000000000] foo 1 | expected at most 65536 values
-photo.png --colorconfig photo.png --texstationarize | not a color config
+photo.png --colorconfig photo.png --texstationarize | cannot load the color config
 half.exr --iscolorspace ACEScg --texstationarize | cannot be read
 clear.exr --iscolorspace ACEScg --texstationarize | free of transparent pixels
 """  # mistyped ops and modifiers: test_parse.py; operands that lack: test_rehearsal.py
