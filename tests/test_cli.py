@@ -81,7 +81,7 @@ def test_a_tile_has_no_seam_along_the_axes_it_tiles(tmp_path, tile):
 
 BAD = """
 none.png --texstationarize | none.png: no such file
-page.txt --texstationarize | not an image that can be read
+page.txt --texstationarize | cannot read the image
 photo.png --texstationarize:size=0x10 | size=0x10: expected pow2 or WIDTHxHEIGHT
 photo.png --texstationarize:size=big | size=big: expected
 photo.png --texstationarize:patch=10 | patch=10: expected 5 | 7
@@ -99,7 +99,7 @@ photo.png --texstationarize:QUICK:stmap=photo.png | photo.png would overwrite ex
 photo.png --texstationarize:QUICK:stmap=old.png | cannot hold part 'st' as float
 photo.png --texstationarize:QUICK:stmap=st.jpg | cannot hold part 'st' as float
 photo.png far.exr --texwarp | --texwarp : far.exr has 4 coordinates outside
-photo.png --texstationarize:QUICK:stmap=1 | png holds one image, here are part0, st
+photo.png --texstationarize:QUICK:stmap=1 | png holds one image, not part0, st
 photo.png -d float | png cannot hold part 'part0' as float
 photo.png -d uint31 | no pixel type 'uint31'
 photo.png --threads two | --threads two: expected an integer from 0

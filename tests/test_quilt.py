@@ -145,7 +145,7 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
         ({"patch": 24, "overlap": 12}, "at most a third of patch=24, 8, is allowed"),
         ({"tile": "x", "size": (20, 90), "patch": 24}, "at least as wide as a patch, 24 px; it is 20"),
         ({"render": True}, "render=True requires plan=FILE"),
-        ({"render": True, "plan": "absent.npz"}, "absent.npz: no arrays can be read: No such file"),
+        ({"render": True, "plan": "absent.npz"}, "absent.npz: cannot read arrays: No such file"),
         ({"render": True, "plan": "absent.npz", "patch": 24}, "render=True conflicts with size"),
         ({"tile": "z"}, "'none' | 'x' | 'y' | 'xy'"),
         ({"size": (0, 4)}, r"\(width, height\) >= 1"),

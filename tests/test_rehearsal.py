@@ -42,11 +42,11 @@ def idle(monkeypatch):
 
 REFUSED = {
     "a format without ids": ("photo.png --texlabel -o lab.png", "png cannot hold part 'label.1' as uint"),
-    "a type that would lose ids": ("photo.png --texlabel -d uint8 -o lab.tif", "would lose its values"),
+    "a type that would lose ids": ("photo.png --texlabel -d uint8 -o lab.tif", "would change its values"),
     "ids behind a flip": ("photo.png --texlabel --flip -o lab.png", "cannot hold"),
     "parts in a format of one": ("photo.png --texstationarize:stmap=1 -o t.png", "png holds one image"),
     "a folder that is not there": ("photo.png --texstationarize -o nosuch/t.exr", "no such folder"),
-    "an unknown suffix": ("photo.png --texstationarize -o t.xyz", "no format writes '.xyz'"),
+    "an unknown suffix": ("photo.png --texstationarize -o t.xyz", "no writer for '.xyz'"),
     "a type that the format lacks": ("photo.png --texstationarize -d half -o t.png", "cannot hold"),
     "the second of two outputs": ("photo.png --texstationarize -o t.exr -o nosuch/t.exr", "no such folder"),
     "a texture's folder": ("photo.png --texstationarize -otex nosuch/t.tx", "no such folder"),
