@@ -87,7 +87,7 @@ photo.png --texstationarize:size=big | size=big: expected
 photo.png --texstationarize:patch=10 | patch=10: expected 5 | 7
 photo.exr --texstationarize | photo.exr has no color space tag ('oiio:ColorSpace'); add --iscolorspace
 photo.exr --iscolorspace ACESgc | color space 'ACESgc' is not in
-photo.png --texstationarize --device abacus | no device 'abacus'; there is 0 =
+photo.png --texstationarize --device abacus | no device 'abacus'; available: 0 =
 photo.png --texstationarize:size=4096x4096 --cache 48 | the budget is 48 MB
 small.png --texstationarize:size=512x512 | 12x12 px is smaller than a patch of 13x13
 photo.png --texstationarize:size=9x64 | smaller than a patch
