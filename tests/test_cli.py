@@ -81,13 +81,13 @@ def test_a_tile_has_no_seam_along_the_axes_it_tiles(tmp_path, tile):
 
 BAD = """
 none.png --texstationarize | none.png: no such file
-page.txt --texstationarize | not an image that can be read
+page.txt --texstationarize | cannot read the image
 photo.png --texstationarize:size=0x10 | size=0x10: expected pow2 or WIDTHxHEIGHT
 photo.png --texstationarize:size=big | size=big: expected
 photo.png --texstationarize:patch=10 | patch=10: expected one of 5, 7,
-photo.exr --texstationarize | photo.exr does not say its color space: add --iscolorspace
+photo.exr --texstationarize | photo.exr has no color space tag ('oiio:ColorSpace'); add --iscolorspace
 photo.exr --iscolorspace ACESgc | color space 'ACESgc' is not in
-photo.png --texstationarize --device abacus | no device 'abacus'; there is 0 =
+photo.png --texstationarize --device abacus | no device 'abacus'; available: 0 =
 photo.png --texstationarize:size=4096x4096 --cache 48 | the budget is 48 MB
 small.png --texstationarize:size=512x512 | 12x12 px is smaller than a patch of 13x13
 photo.png --texstationarize:size=9x64 | smaller than a patch
@@ -99,13 +99,13 @@ photo.png --texstationarize:QUICK:stmap=photo.png | photo.png would overwrite ex
 photo.png --texstationarize:QUICK:stmap=old.png | cannot hold part 'st' as float
 photo.png --texstationarize:QUICK:stmap=st.jpg | cannot hold part 'st' as float
 photo.png far.exr --texwarp | --texwarp : far.exr has 4 coordinates outside
-photo.png --texstationarize:QUICK:stmap=1 | png holds one image, here are part0, st
+photo.png --texstationarize:QUICK:stmap=1 | png holds one image, not part0, st
 photo.png -d float | png cannot hold part 'part0' as float
 photo.png -d uint31 | no pixel type 'uint31'
 photo.png --threads two | --threads two: expected an integer from 0
 photo.png --threads 40000 | --threads 40000: expected an integer from 0 to 4096
 photo.png --attrib:type=int[1000000000] foo 1 | expected at most 65536 values
-photo.png --colorconfig photo.png --texstationarize | not a color config
+photo.png --colorconfig photo.png --texstationarize | cannot load the color config
 half.exr --iscolorspace ACEScg --texstationarize | cannot be read
 clear.exr --iscolorspace ACEScg --texstationarize | free of transparent pixels
 """  # mistyped ops and modifiers: test_parse.py; operands that lack: test_rehearsal.py

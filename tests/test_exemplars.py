@@ -100,7 +100,7 @@ def test_yaml_says_the_same(tmp_path, yaml):
 def test_yaml_wants_a_package_that_may_not_be_there(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "yaml", None)
     (tmp_path / "g.yml").write_text("exemplars: [{id: a, file: a.png}]")
-    with pytest.raises(ImageError, match="PyYAML is not installed: pip install pyyaml, or write it as JSON"):
+    with pytest.raises(ImageError, match="PyYAML is not installed; pip install pyyaml, or use JSON"):
         read_graph(tmp_path / "g.yml")
 
 

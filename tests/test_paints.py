@@ -83,7 +83,7 @@ def test_names_of_all_alphabets_and_none_that_breaks_a_line(tmp_path):
     assert [name for name, _ in swatches((tmp_path / "p.aco").read_bytes())[2]] == ["M\u00f6rtel \U0001f9f1", "a b c"]
 
 
-@pytest.mark.parametrize(("name", "said"), [("p.txt", r"a palette is a \.gpl"), ("none/p.gpl", "no such folder")])
+@pytest.mark.parametrize(("name", "said"), [("p.txt", r"expected \.gpl"), ("none/p.gpl", "no such folder")])
 def test_a_palette_that_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch, name, said):
     monkeypatch.setattr(Palette, "compute", pytest.fail)
     with pytest.raises(errors.ImageError, match=said):

@@ -148,7 +148,7 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
         ({"patch": 24, "overlap": 12}, "overlap=12: expected at most 8, a third of patch=24"),
         ({"tile": "x", "size": (20, 90), "patch": 24}, "the tile is 20 px wide: expected at least 24 px"),
         ({"render": True}, "render=True requires plan=FILE"),
-        ({"render": True, "plan": "absent.npz"}, "absent.npz: no arrays can be read: No such file"),
+        ({"render": True, "plan": "absent.npz"}, "absent.npz: cannot read arrays: No such file"),
         ({"render": True, "plan": "absent.npz", "patch": 24}, "render=True conflicts with size"),
         ({"tile": "z"}, "'none' | 'x' | 'y' | 'xy'"),
         ({"size": (0, 4)}, r"\(width, height\) from 1"),

@@ -42,11 +42,11 @@ def idle(monkeypatch):
 
 REFUSED = {
     "a format without ids": ("photo.png --texlabel -o lab.png", "png cannot hold part 'label.1' as uint"),
-    "a type that would lose ids": ("photo.png --texlabel -d uint8 -o lab.tif", "would lose its values"),
+    "a type that would lose ids": ("photo.png --texlabel -d uint8 -o lab.tif", "would change its values"),
     "ids behind a flip": ("photo.png --texlabel --flip -o lab.png", "cannot hold"),
     "parts in a format of one": ("photo.png --texstationarize:stmap=1 -o t.png", "png holds one image"),
     "a folder that is not there": ("photo.png --texstationarize -o nosuch/t.exr", "no such folder"),
-    "an unknown suffix": ("photo.png --texstationarize -o t.xyz", "no format writes '.xyz'"),
+    "an unknown suffix": ("photo.png --texstationarize -o t.xyz", "no writer for '.xyz'"),
     "a type that the format lacks": ("photo.png --texstationarize -d half -o t.png", "cannot hold"),
     "the second of two outputs": ("photo.png --texstationarize -o t.exr -o nosuch/t.exr", "no such folder"),
     "a texture's folder": ("photo.png --texstationarize -otex nosuch/t.tx", "no such folder"),
@@ -106,7 +106,7 @@ def test_what_does_not_fit_a_device_of_its_own_memory_is_said_before_the_work(fo
         self.own_memory, self.memory, self.largest = True, 18 << 20, 18 << 20
 
     monkeypatch.setattr(device.Device, "_measure", small)
-    with pytest.raises(Error, match=r"a tile of 16384x16384 .* needs \d+ MB, .* gives 16 MB at most"):
+    with pytest.raises(Error, match=r"a tile of 16384x16384 .* needs \d+ MB; .* allows at most 16 MB"):
         run(shlex.split("photo.png --texstationarize:size=16384x16384 -o t.exr"), folder)
     with pytest.raises(Worked):
         run(shlex.split("photo.png --texstationarize:size=64x64 -o t.exr"), folder)

@@ -275,7 +275,7 @@ def test_tiles_that_lost_their_edges_or_differ_in_color_space_are_refused(folder
 
 
 def test_color_is_not_guessed_and_a_changed_photo_is_no_longer_the_same(folder, session):
-    with pytest.raises(Error, match="does not say its color space"):
+    with pytest.raises(Error, match="has no color space tag"):
         OpenTexture(read_texture_file(wall(folder)).text(), session)
     file = read_texture_file(wall(folder, photo="tagged.exr"))
     os.utime(folder / "tagged.exr", ns=(1, 1))
