@@ -19,7 +19,16 @@ print()
 print(*sys.modules)
 """
 NEEDED = {"numpy", "OpenImageIO", "PyOpenColorIO", "pyopencl"}
-PYOPENCLS = {"pytools", "attr", "attrs", "platformdirs", "typing_extensions", "siphash24", "mmh3", "cython_runtime"}  # those installed
+PYOPENCLS = {
+    "pytools",
+    "attr",
+    "attrs",
+    "platformdirs",
+    "typing_extensions",
+    "siphash24",
+    "mmh3",
+    "cython_runtime",
+}  # those installed
 
 
 LARGE = {"numpy", "OpenImageIO", "PyOpenColorIO", "pyopencl", "scipy"}
