@@ -162,11 +162,11 @@ def test_whole_numbers_that_cannot_hold_levelled_heights_say_so(caplog):
     assert "lie beyond uint8 and are cut" in caplog.text
 
 
-def test_within_raises_nothing_outside():
+def test_inpaint_raises_nothing_outside():
     within = np.zeros((96, 96, 1))
     within[30:60, 30:60] = 1
     mask = buffer(within, oiio.FLOAT, space="", names=("Y",))
-    more = {"size": None, "within": mask, "relevel": True} | BLIND
+    more = {"size": None, "inpaint": mask, "relevel": True} | BLIND
     _, levelled = made(**more)
     outside = within[..., 0] == 0
     np.testing.assert_array_equal(levelled[outside], pixels(heights())[..., 0][outside])

@@ -17,7 +17,7 @@ from ..patchmatch.optimization import Synthesis
 from ..patchmatch.recipe import Recipe
 from .exemplar_masks import laid_over, mask_pixels
 
-WITHIN = (
+INPAINT = (
     "make only these pixels anew, from patches outside of them, and leave the rest to the bit: above one half of the"
     " first channel's range; of ids: all but 0"
 )
@@ -28,12 +28,12 @@ _LEAST_SIGMA = 0.5
 Run = Callable[[Recipe, Constraints], Synthesis]
 
 
-def marked_pixels(within: Image, exemplar: Image) -> np.ndarray:
+def marked_pixels(inpaint: Image, exemplar: Image) -> np.ndarray:
     """The pixels that are to be made anew, (height, width) bool; raises ImageError where these are all."""
-    marked = mask_pixels(laid_over(within.first, exemplar, "within"))
+    marked = mask_pixels(laid_over(inpaint.first, exemplar, "inpaint"))
     if marked.all():
         raise ImageError(
-            f"within covers all of {exemplar.source}: nothing is left to take patches from; leave it out to make the"
+            f"inpaint covers all of {exemplar.source}: nothing is left to take patches from; leave it out to make the"
             " whole anew"
         )
     return marked

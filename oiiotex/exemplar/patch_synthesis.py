@@ -23,7 +23,7 @@ from ..quality.reported_op import Reported
 from ..session import Session
 from ..session.progress import Progress
 from ..session.resources import Resources
-from .constraint_images import WEIGHT, WITHIN
+from .constraint_images import INPAINT, WEIGHT
 from .exemplar_op import ExemplarPixels, MaterialOp
 from .heights import RELEVEL
 from .photo_lattice import least_size
@@ -44,14 +44,14 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         REPORT,
     )
 
-    within: Image | None = image(None, help=WITHIN)
+    inpaint: Image | None = image(None, help=INPAINT)
     weight: Image | None = image(None, help=WEIGHT)
     relevel: bool = param(False, help=RELEVEL)
     size: SizeRule | Size | None = param(None, ge=5, le=65536, unit="px", help=_SIZE_HELP)
     tile: str | None = param(
         None,
         choices=("xy", "x", "y", "none", None),
-        help="along which axes the result tiles; when left out xy, with within none",
+        help="along which axes the result tiles; when left out xy, with inpaint none",
     )
     variants: int = param(
         1,
@@ -142,7 +142,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         size = self.asked_size
         tiling = self.tiling if self.variants < TWO_COLORS_FROM else "none"  # from there on a tile goes on in others
         quality = Quality.of_copies(self, resources, progress, size, tiling, patch=self.side, losses=self.finds_losses)
-        if self.within is None:
+        if self.inpaint is None:
             self._require_memory(size, resources)
         return size, quality
 
@@ -170,7 +170,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
     @property
     def sized(self) -> bool:
         """Whether an image on the stack prescribes the size of the result."""
-        return self.within is not None
+        return self.inpaint is not None
 
     def sigmas(self, width: int, height: int) -> np.ndarray | None:
         """The sigma at each pixel of a result of this size, where they differ."""
@@ -185,17 +185,17 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         if self.relevel and "height" not in self.map_kinds:
             raise ParameterError(f"{modifier(relevel=True)}: none of the maps is a height: kinds= says which is")
         own = Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
-        if self.within is not None and self.asked_size != own:
-            raise ParameterError(f"size={self.size}: with within the result is as large as the photo, {own}")
+        if self.inpaint is not None and self.asked_size != own:
+            raise ParameterError(f"size={self.size}: with inpaint the result is as large as the photo, {own}")
         if self.variants > 1:
-            wrong = "within" if self.within is not None else "stmap" if isinstance(self.stmap, Path) else ""
+            wrong = "inpaint" if self.inpaint is not None else "stmap" if isinstance(self.stmap, Path) else ""
             wrong = wrong or ("relevel" if self.relevel else "")
             wrong = wrong or ("" if self.tiling == "xy" else f"tile={self.tile}")
             if wrong:
                 raise ParameterError(f"variants={self.variants} does not go with {wrong}")
 
     def _require_memory(self, size: Size, resources: Resources) -> None:
-        """Refuse what sizes alone show not to fit; of what `within` makes anew nothing is known."""
+        """Refuse what sizes alone show not to fit; of what `inpaint` makes anew nothing is known."""
         if self.size is None and self.kept_structure > 0 and not self.sized:
             least = least_size(size, ("x" in self.tiling, "y" in self.tiling))
             size = Size(*(max(n, self.side) for n in least))
@@ -208,4 +208,4 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
     @property
     def tiling(self) -> str:
         """Along which axes the result tiles."""
-        return self.tile or ("xy" if self.within is None else "none")
+        return self.tile or ("xy" if self.inpaint is None else "none")

@@ -33,7 +33,7 @@ def filled(op: PatchSynthesis, preset: str, resources: Resources, progress: Prog
     """The op with what its preset chooses where it was left out (`sigma`: that, too), and without preset; -v says its
     line."""
     chosen: dict[str, Any] = {}
-    if op.within is None:
+    if op.inpaint is None:
         chosen["contrast"] = 0.0 if preset == CLEAN else CONTRAST
     chosen["patch"], share = (LARGE_PATCH, KEEP_SIGMA_SHARE) if preset == KEEP else (SMALL_PATCH, EVEN_SIGMA_SHARE)
     if sigma:

@@ -49,7 +49,7 @@ class SynthesisRun:
         self._in_memory, self._budget = op.holds_photo(resources), op.budget_left(resources)
         with resources.stats.time("read and color"):
             self._maps = [self._in_any_order(image.first) for image in self._flat.all_maps()]
-            marked = None if op.within is None else marked_pixels(op.within, op.exemplar)
+            marked = None if op.inpaint is None else marked_pixels(op.inpaint, op.exemplar)
             weight = None if op.weight is None else weights_of(op.weight, op.exemplar)
         self._marked, self._unmarked = marked, None if marked is None else ~marked
         self._seen = self._flat.read(resources, self._unmarked, None if weight is None else weight > 0)
@@ -135,7 +135,7 @@ class SynthesisRun:
         quality = self._quality
         if self._marked is not None:
             if not self._marked.any():
-                op.warn("within marks no pixel: the photo stays as it is")
+                op.warn("inpaint marks no pixel: the photo stays as it is")
             source = remade_source(self._marked, self._seen.opaque, recipe, self._constraints, self._run)
         else:
             if op.tiling == "xy" and op.size is None and self._in_memory:

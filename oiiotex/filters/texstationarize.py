@@ -52,7 +52,7 @@ class Stationarize(PatchSynthesis):
         ge=0,
         le=1,
         help="Share of the photo's gradients and stains that is removed before synthesis, as by `flatten`. 0: every"
-        " pixel is a verbatim copy. Default: 1; 0 with within and for data.",
+        " pixel is a verbatim copy. Default: 1; 0 with inpaint and for data.",
     )
     drift: bool | Path = param(False, help=DRIFT_HELP)
     sigma: float | None = param(
@@ -61,7 +61,7 @@ class Stationarize(PatchSynthesis):
         le=1e6,
         unit="px",
         help=f"Scale in pixels above which the result is statistically uniform; structures below it are kept. Default:"
-        f" longer side / {SIGMA_SHARE}, with within / {PAPER_SIGMA_SHARE}, at least patch / 4.",
+        f" longer side / {SIGMA_SHARE}, with inpaint / {PAPER_SIGMA_SHARE}, at least patch / 4.",
     )
     amount: float | None = param(
         None,
@@ -74,7 +74,7 @@ class Stationarize(PatchSynthesis):
         ge=0,
         le=1,
         help="How strongly the overall histogram is held to that of target. 0: colors of rare objects, such as windows"
-        f" in a wall, may vanish. Default: {CONTRAST}; 0 with within.",
+        f" in a wall, may vanish. Default: {CONTRAST}; 0 with inpaint.",
     )
     target: str = param(
         "flat",
@@ -117,7 +117,7 @@ class Stationarize(PatchSynthesis):
         if self.flatten is not None:
             return self.flatten
         color = self.map_kinds[0] == "color"
-        if not color or self.within is not None:
+        if not color or self.inpaint is not None:
             return 0.0
         return 0.0 if lens_of(self.exemplar, resources, self.working_space).space is None else 1.0
 
@@ -144,25 +144,25 @@ class Stationarize(PatchSynthesis):
     @property
     def sized(self) -> bool:
         """With within or sigmamap."""
-        return self.within is not None or self.sigmamap is not None
+        return self.inpaint is not None or self.sigmamap is not None
 
     def recipe(self, width: int, height: int) -> Recipe:
         """MJH17 by the measure that was asked for."""
         order = order_of(self.measure, self.order)
         # far below the size of a patch a projection takes from small tiles what no patch can give back
         # what is resynthesized within a photo must go with its surroundings, drift and all
-        share = PAPER_SIGMA_SHARE if self.paper or self.within is not None else SIGMA_SHARE
+        share = PAPER_SIGMA_SHARE if self.paper or self.inpaint is not None else SIGMA_SHARE
         sigma = self.sigma or max(max(width, height) / share, self.side / 4)
-        contrast = self.contrast if self.contrast is not None else CONTRAST if self.within is None else 0.0
+        contrast = self.contrast if self.contrast is not None else CONTRAST if self.inpaint is None else 0.0
         plain = self._recipe(width, height, sigma, contrast, self.target == "flat")
         # what is made anew within a photo goes with its surroundings, be they flat
-        complete = self.within is None and not self.paper
+        complete = self.inpaint is None and not self.paper
         return replace(plain, measure=self.measure, order=order, complete=complete, literal=self.paper)
 
     @property
     def finds_losses(self) -> bool:
         """Of one whole tile."""
-        return self.within is None and self.variants == 1 and not self.paper
+        return self.inpaint is None and self.variants == 1 and not self.paper
 
     def controlled(self, recipe: Recipe, seen: ExemplarPixels, resources: Resources, progress: Progress) -> Recipe:
         """With the sigma of `amount` (MJH17 section 4.4)."""

@@ -44,7 +44,7 @@ class _TileRoom(TypedDict):
     width: _Side | None
     height: _Side | None
     mask: Annotated[int, Allowed(1, 1 << 20)] | Literal["", "dominant", "brush"]  # the number of a label
-    within: Literal["", "brush"]
+    inpaint: Literal["", "brush"]
 
 
 class _ViewRoom(TypedDict):
@@ -101,7 +101,7 @@ def default_state(display: str, view: str, side: int) -> Values:
     `side`: px; of a photo, or of a graph's root: a zoom begins in its middle.
     """
     tile: Values = dict.fromkeys(types_of(_TileRoom))
-    tile |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "within": ""}
+    tile |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "inpaint": ""}
     middle = str((side // 2) << PLACE_BITS)
     return {
         "tile": tile,

@@ -17,7 +17,7 @@ export class TileRoom {
     this.size = [0, 0]; // of the tile, px; what is shown may be coarser
     this.mode = "2x2";
     this.brush = { name: "", tool: "brush", diameter: 48 };
-    this.planes = { mask: null, within: null }; // Uint8, of the photo as it is shown
+    this.planes = { mask: null, inpaint: null }; // Uint8, of the photo as it is shown
     this.shownOver = "";
     this.overlay = null;
     this.seeds = new Map();
@@ -67,7 +67,7 @@ export class TileRoom {
     const set = (values) => this.set(values);
     const longer = () => Math.max(...(this.size[0] ? this.size : this.shell.facts?.photo ?? [512, 512]));
     this.controls = {
-      flatten: slider("Flatten", { title: "Share of the photo's gradients and stains that is removed first; 0: verbatim copies", low: 0, high: 1, step: 0.05, reset: null, automatic: () => (this.shell.state?.tile.within ? 0 : 1), change: (flatten) => set({ flatten }) }),
+      flatten: slider("Flatten", { title: "Share of the photo's gradients and stains that is removed first; 0: verbatim copies", low: 0, high: 1, step: 0.05, reset: null, automatic: () => (this.shell.state?.tile.inpaint ? 0 : 1), change: (flatten) => set({ flatten }) }),
       sigma: slider("Sigma", { title: "Scale in px above which the result is statistically uniform (MJH17)", low: 1, high: 512, log: true, reset: null, automatic: () => longer() / ({ keep: 4, even: 32, clean: 32 }[this.shell.state?.tile.preset] ?? 8), change: (sigma) => set({ sigma, amount: null }) }),
       amount: slider("Amount", { title: "How stationary it looks, in even steps: its sigma is found for this photo (MJH17 section 4.4)", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.5, change: (amount) => set({ amount, sigma: null }) }),
       contrast: slider("Contrast", { title: "How strongly the overall histogram is held", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.7, change: (contrast) => set({ contrast }) }),
@@ -79,9 +79,9 @@ export class TileRoom {
       width: whole("Width", { title: "Of the tile in px; the photo's when empty", low: 16, high: 16384, change: (width) => this.setSize("width", width) }),
       height: whole("Height", { title: "Of the tile in px; the photo's when empty", low: 16, high: 16384, change: (height) => this.setSize("height", height) }),
       mask: choice("Taken from", { title: "Where patches may come from", options: [["", "Everywhere"], ["dominant", "Dominant texture"], ["brush", "Painted mask"]], change: (mask) => this.setMask(mask) }),
-      within: choice("Made anew", { title: "What of the photo is made anew", options: [["", "All"], ["brush", "Painted area"]], change: (within) => set({ within }) }),
+      inpaint: choice("Made anew", { title: "What of the photo is made anew", options: [["", "All"], ["brush", "Painted area"]], change: (inpaint) => set({ inpaint }) }),
     };
-    this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Mask", "Paint where patches may come from (B)"], ["within", "Anew", "Paint what is made anew"]], (name) => this.setBrush(name));
+    this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Mask", "Paint where patches may come from (B)"], ["inpaint", "Anew", "Paint what is made anew"]], (name) => this.setBrush(name));
     this.erase = button("Erase", "Paint takes away (E)", () => this.setTool(this.brush.tool === "erase" ? "brush" : "erase"));
     this.diameter = slider("Brush", { title: "Diameter in px of the photo ([ and ])", low: 2, high: 400, log: true, reset: 48, digits: 0, change: (diameter) => { this.brush.diameter = diameter; } });
     this.diameter.set(48);
@@ -92,7 +92,7 @@ export class TileRoom {
       section("Result", this.controls.seed, this.controls.width, this.controls.height,
         make("div", { className: "buttons" }, button("Keep variant", "Keep these parameters in the strip (V)", () => this.keep()), button("Save", "Write the tile as a file beside the document, in the background", () => this.shell.ask("tile", { do: "save" })), button("Show seeds", "Eight further seeds, coarse, to pick from", () => this.askSeeds()))),
       section("Measures", this.measures),
-      section("Where", this.controls.mask, this.controls.within, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
+      section("Where", this.controls.mask, this.controls.inpaint, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
         make("div", { className: "buttons" }, this.erase, button("Clear", "Nothing is painted any more", () => this.fill(0)), button("Invert", "What is painted and what is not change places", () => this.fill(null)))));
   }
 
@@ -162,7 +162,7 @@ export class TileRoom {
   frame(facts, bytes) {
     if (facts.kind === "photo") {
       this.photo = canvasOf(facts, bytes);
-      for (const name of ["mask", "within"]) {
+      for (const name of ["mask", "inpaint"]) {
         if (this.planes[name]?.length !== facts.width * facts.height) this.planes[name] = null;
       }
       if (this.photoView.fitted) this.photoView.fit();
@@ -231,7 +231,7 @@ export class TileRoom {
     context.drawImage(this.photo, 0, 0);
     const { width, height } = this.photo;
     if (this.overlay && this.shownOver) context.drawImage(this.overlay.canvas, 0, 0, width, height);
-    const name = this.brush.name || (this.shell.state.tile.mask === "brush" ? "mask" : this.shell.state.tile.within ? "within" : "");
+    const name = this.brush.name || (this.shell.state.tile.mask === "brush" ? "mask" : this.shell.state.tile.inpaint ? "inpaint" : "");
     const plane = this.planes[name];
     if (plane && !this.shownOver) {
       if (this.tintOf !== plane || this.tintStale) {
@@ -318,7 +318,7 @@ export class TileRoom {
   }
 
   strokeFrom(x, y, event) {
-    this.history ??= { mask: { past: [], future: [] }, within: { past: [], future: [] } };
+    this.history ??= { mask: { past: [], future: [] }, inpaint: { past: [], future: [] } };
     const { past } = this.history[this.brush.name];
     past.push(this.plane().slice());
     if (past.length > 50) past.shift();
@@ -357,7 +357,7 @@ export class TileRoom {
   }
 
   strokeHistory() {
-    this.history ??= { mask: { past: [], future: [] }, within: { past: [], future: [] } };
+    this.history ??= { mask: { past: [], future: [] }, inpaint: { past: [], future: [] } };
     this.history[this.brush.name].past.push(this.plane().slice());
   }
 

@@ -75,7 +75,7 @@ def of_the_dominant(photo: oiio.ImageBuf) -> oiio.ImageBuf:
 
 def of_the_destained(photo: oiio.ImageBuf) -> oiio.ImageBuf:
     """Toroidal PatchMatch of the photo with all made anew that is not its dominant texture; compare figure 6."""
-    clean = filters.stationarize(photo, within=one_channel(~dominant_mask(photo)), seed=SEED)
+    clean = filters.stationarize(photo, inpaint=one_channel(~dominant_mask(photo)), seed=SEED)
     return filters.patchmatch(clean, size=TILE, seed=SEED)
 
 
