@@ -117,12 +117,12 @@ def is_either(node: ast.AST) -> bool:
 WRONG: dict[str, tuple[str, dict[str, object], str, str]] = {
     "range": ("stationarize:sigma=0", {"sigma": 0}, "sigma=0: expected a number from 0.5 to 1000000 px", ""),
     "word": (
-        "stationarize:tile=z", {"tile": "z"}, "tile=z: expected xy | x | y | none",
-        "tile='z': expected 'xy' | 'x' | 'y' | 'none'",
+        "stationarize:tile=z", {"tile": "z"}, "tile=z: expected one of xy, x, y, none",
+        "tile='z': expected one of 'xy', 'x', 'y', 'none'",
     ),
     "size": (
-        "stationarize:size=0x64", {"size": (0, 64)}, "size=0x64: expected pow2 or WIDTHxHEIGHT >= 5",
-        "size=(0, 64): expected 'pow2' or (width, height) >= 5",
+        "stationarize:size=0x64", {"size": (0, 64)}, "size=0x64: expected pow2 or WIDTHxHEIGHT from 5",
+        "size=(0, 64): expected 'pow2' or (width, height) from 5",
     ),
     "requires": ("synth:toroidal=1", {"toroidal": True}, "toroidal=1 requires size", "toroidal=True requires size"),
     "plan": ("quilt:render=1", {"render": True}, "render=1 requires plan=FILE", "render=True requires plan=FILE"),
@@ -136,8 +136,8 @@ WRONG: dict[str, tuple[str, dict[str, object], str, str]] = {
     ),
     "inverse": ("lab:to=lin_rec709_scene", {"to": "lin_rec709_scene"}, "requires inverse=1", "requires inverse=True"),
     "labels": (
-        "quilt:label=1", {"label": 1}, "has no label parts: --texlabel:keep=1 makes them",
-        "has no label parts: filters.label(keep=True) makes them",
+        "quilt:label=1", {"label": 1}, "has no label parts; create them with --texlabel:keep=1",
+        "has no label parts; create them with filters.label(keep=True)",
     ),
     "panels": ("preview:panels=no", {"panels": ["no"]}, "panels=no: expected ", "panels=('no',): expected "),
 }  # fmt: skip

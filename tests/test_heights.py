@@ -159,7 +159,7 @@ def test_whole_numbers_that_cannot_hold_levelled_heights_say_so(caplog):
     flat[::7] = 1 - flat[::7]  # spikes of the whole range in both halves: no constant leaves room
     with caplog.at_level(logging.WARNING):
         made(heights(flat, oiio.UINT8), **BLIND, relevel=True)
-    assert "lie beyond uint8 and are cut" in caplog.text
+    assert "exceed the range of uint8 and are clipped" in caplog.text
 
 
 def test_inpaint_raises_nothing_outside():
@@ -173,8 +173,8 @@ def test_inpaint_raises_nothing_outside():
 
 
 @pytest.mark.parametrize(("given", "said"), [
-    ({"kinds": ("color", "data"), "relevel": True}, "relevel=True: none of the maps is a height"),
-    ({"variants": 2, "relevel": True}, "variants=2 does not go with relevel"),
+    ({"kinds": ("color", "data"), "relevel": True}, "relevel=True requires kinds with a height"),
+    ({"variants": 2, "relevel": True}, "variants=2: conflicts with relevel"),
 ])  # fmt: skip
 def test_what_does_not_go_with_levelling_is_said(given, said):
     with pytest.raises(errors.ParameterError, match=said):

@@ -61,7 +61,7 @@ def test_pow2_is_kept_on_a_lattice_with_a_warning_where_that_is_visible(caplog):
 
 def test_inpaint_keeps_the_size_of_the_photo():
     photo = buffer(pictures.moss(52, 90, 4))
-    with pytest.raises(ParameterError, match="with inpaint the result is as large as the photo, 90x52"):
+    with pytest.raises(ParameterError, match="size='pow2': expected 90x52, the photo's, with inpaint"):
         filters.stationarize(photo, inpaint=photo, size="pow2", session=Session())
 
 

@@ -132,13 +132,13 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
     [
         ({"guide": ids(GUIDE + 6)}, r"ids that mean no label: 9 \(\d+ samples, the first at \d+,\d+\), 7 "),
         ({"guide": buffer(GUIDE[..., None] * np.ones(3), oiio.UINT8)}, "holds colors: table=FILE.json"),
-        ({"guide": ids(GUIDE), "label": 1}, "guide and label both"),
-        ({"table": "a.json"}, "say guide, too"),
+        ({"guide": ids(GUIDE), "label": 1}, "guide conflicts with label"),
+        ({"table": "a.json"}, "table requires guide"),
         ({"guide": ids(GUIDE), "table": "absent.json"}, "not a table"),
-        ({"label": 9}, "has no such label; its ids go from 1 to 3"),
-        ({"level": 3}, "level=3: there is 1, 2"),
-        ({"labels": ids(LABELS[:-1]), "label": 1}, "labels is 160x143, the exemplar 160x144"),
-        ({"mask": ids(LABELS[:, :-1])}, "mask is 159x144, the exemplar 160x144"),
+        ({"label": 9}, "label=9: not in label.2, whose ids are 1 to 3"),
+        ({"level": 3}, "level=3: expected one of 1, 2"),
+        ({"labels": ids(LABELS[:-1]), "label": 1}, "labels is 160x143, but the exemplar is 160x144"),
+        ({"mask": ids(LABELS[:, :-1])}, "mask is 159x144, but the exemplar is 160x144"),
         ({"label": 3, "patch": 90}, "no patch of 90 px fits .* the largest square is 72 px, patch=72 takes it"),
         ({"mask": ids((np.indices((H, W)).sum(0) % 4 > 0) * 1)}, "the largest square is 2 px|no patch"),
         ({"patch": 200}, "no patch of 200 px fits"),
@@ -148,7 +148,7 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
         ({"render": True, "plan": "absent.npz"}, "absent.npz: no arrays can be read: No such file"),
         ({"render": True, "plan": "absent.npz", "patch": 24}, "render=True conflicts with size"),
         ({"tile": "z"}, "'none' | 'x' | 'y' | 'xy'"),
-        ({"size": (0, 4)}, r"\(width, height\) >= 1"),
+        ({"size": (0, 4)}, r"\(width, height\) from 1 to"),
     ],
 )
 def test_what_is_wrong_is_said(values, said):
@@ -177,7 +177,7 @@ def test_what_is_wrong_with_a_table_is_said(table, said, tmp_path):
 
 def test_a_plan_of_another_size_is_refused(tmp_path):
     filters.quilt(buffer(PHOTO), size=(64, 64), plan=tmp_path / "p.npz")
-    with pytest.raises(errors.ImageError, match=r"of an exemplar of 160x144, .* is 100x144"):
+    with pytest.raises(errors.ImageError, match=r"requires an exemplar of 160x144, but .* is 100x144"):
         filters.quilt(buffer(PHOTO[:, :100]), plan=tmp_path / "p.npz", render=True)
 
 
@@ -228,7 +228,7 @@ def test_content_draws_the_table_of_keys():
     [
         ({"at": (500, 3)}, "outside the data window"),
         ({"at": (3,)}, "expected two numbers"),
-        ({"level": 7}, "level=7: there is 1, 2"),
+        ({"level": 7}, "level=7: expected one of 1, 2"),
         ({"patch": 150}, "patch=150 is larger than"),
     ],
 )

@@ -18,10 +18,10 @@ from .window import Window
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-COPIED = "pixels copied from the photo, all channels together, in its own color space and type"
-ST = Output("st", Kind.COORDINATES, "where every pixel comes from, as `warp` and `st_warp` read it", asked_by="stmap")
-STMAP = "1: source coordinates as part 'st' of the result; a file name: there"
-BITS = 16  # for x and for y, where one exemplar is spoken of: what kernels give and take (cl/offsets.h)
+COPIED = "Pixels copied from the photo, all channels together, in its color space and type."
+ST = Output("st", Kind.COORDINATES, "Source coordinates of every pixel, for `warp` and `st_warp`.", asked_by="stmap")
+STMAP = "Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that file."
+BITS = 16  # for x and for y of a single exemplar, as in kernels (cl/offsets.h)
 NONE = 0xFFFFFFFF  # no pixel
 _ROWS_AT_ONCE = 16 << 20  # bytes of an exemplar that is read by rows
 _AT_ONCE = 1 << 18  # pixels that a thread copies
