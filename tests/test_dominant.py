@@ -208,9 +208,9 @@ def test_a_mask_follows_pixels_better_than_dilated_patches(n):
 def test_paper_is_ldr09_by_the_letter():
     op = filters.op_named("dominant")(source=None, paper=True)
     assert (op.rule, op.mode, op.step) == ("paper", "diffusion", 1)
-    with pytest.raises(errors.ParameterError, match="step=2: paper=1 says step=1"):
+    with pytest.raises(errors.ParameterError, match="step=2: conflicts with paper=1: expected step=1"):
         filters.op_named("dominant")(source=None, paper=True, step=2)
-    with pytest.raises(errors.ParameterError, match="preset=clean: paper=1 leaves preset out"):
+    with pytest.raises(errors.ParameterError, match="preset=clean: conflicts with paper=1: expected no preset"):
         filters.op_named("stationarize")(exemplar=None, paper=True, preset="clean")
     noise = seen_as(np.random.default_rng(0).random((40, 40, 3)), Session())
     assert "noise" in dominant_texture(noise, Session().resources, Progress()).rejected

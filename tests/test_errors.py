@@ -131,8 +131,9 @@ WRONG: dict[str, tuple[str, dict[str, object], str, str]] = {
         "light='3': conflicts with overcast=True",
     ),
     "paper": (
-        "stationarize:paper=1:contrast=0.5", {"paper": True, "contrast": 0.5}, "contrast=0.5: paper=1 says contrast=1",
-        "contrast=0.5: paper=True says contrast=1",
+        "stationarize:paper=1:contrast=0.5", {"paper": True, "contrast": 0.5},
+        "contrast=0.5: conflicts with paper=1: expected contrast=1",
+        "contrast=0.5: conflicts with paper=True: expected contrast=1",
     ),
     "inverse": ("lab:to=lin_rec709_scene", {"to": "lin_rec709_scene"}, "requires inverse=1", "requires inverse=True"),
     "labels": (

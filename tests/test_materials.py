@@ -154,6 +154,6 @@ def test_n_takes_and_pushes_images_of_the_stack(tmp_path):
 
 
 def test_too_many_channels_are_refused_in_a_whole_sentence():
-    said = "33 channels to compare, at most 32 are allowed: match= with 0 leaves a map out$"
+    said = "33 channels to compare: expected at most 32; set match of a map to 0 to ignore it$"
     with pytest.raises(errors.ParameterError, match=said):
         filters.stationarize(buffer(ALBEDO), maps=[buffer(ALBEDO)] * 10, **QUICK)

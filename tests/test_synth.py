@@ -252,5 +252,5 @@ def test_paper_is_hrrg08_by_the_letter(folder):
     photo = oiio.ImageBuf(str(folder / "photo.png"))
     six = filters.synth(photo, size=(40, 30), seed=2, paper=True).get_pixels(oiio.FLOAT)
     assert not np.array_equal(six, filters.synth(photo, size=(40, 30), seed=2).get_pixels(oiio.FLOAT))
-    with pytest.raises(errors.ParameterError, match="dims=12: paper=True says dims=6"):
+    with pytest.raises(errors.ParameterError, match="dims=12: conflicts with paper=True: expected dims=6"):
         filters.synth(photo, dims=12, paper=True)

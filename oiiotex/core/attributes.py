@@ -69,7 +69,7 @@ def attribute_value(text: str, type_name: str | None = None) -> int | float | st
     words = re.split(r"[,/]" if str(described).endswith("rational") else ",", text)
     pattern, kind = (_FLOAT, np.float32) if base in (oiio.FLOAT, oiio.HALF, oiio.DOUBLE) else (_INT, _whole)
     if len(words) > count or not all(pattern.fullmatch(word) for word in words):
-        raise ParameterError(f"'{text}' is not a {type_name}")
+        raise ParameterError(f"'{text}' is not of type {type_name}")
     numbers = [kind(word) for word in words] + [0] * (count - len(words))
     if count == 1:
         return float(numbers[0]) if kind is np.float32 else int(numbers[0])

@@ -30,7 +30,7 @@ class Space(enum.Enum):
 
     LAB = "CIE Lab D65"
     DATA = "data scaled to 0 to 100"
-    ANY = "the stored values"
+    ANY = "the image's own color space"
 
 
 class Kind(enum.Enum):
