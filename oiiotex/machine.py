@@ -112,7 +112,7 @@ def start_python(module: str, *arguments: str, **how: Any) -> Popen[Any]:
 
 def program(name: str) -> str | None:
     """The absolute path of a program found in absolute entries of $PATH; None if there is none."""
-    import shutil  # slow to import, too
+    import shutil  # slow to import
 
     path = shutil.which(name, path=_without_current_folder(os.environ).get("PATH", ""))
     return path if path and os.path.isabs(path) else None  # Windows searches the current folder first

@@ -187,6 +187,6 @@ def docstring(op: type[Op]) -> str:
         "Raises",
         "------",
         "oiiotex.Error",
-        "    With a one-line message: what is wrong, and what is expected.",
+        "    With a one-line message that names the problem and the expected value.",
     ]
     return "\n".join(lines)

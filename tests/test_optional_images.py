@@ -82,7 +82,7 @@ def test_what_is_wrong_is_said(folder, line, said):
 def test_python_says_what_is_wrong():
     photo = buffer(PHOTO)
     with pytest.raises(
-        errors.ParameterError, match="mask='nope': neither a part of the image, which has part0, nor a file"
+        errors.ParameterError, match=r"mask='nope': expected a part of the image \(part0\) or an existing file"
     ):
         filters.patchmatch(photo, mask="nope")
     with pytest.raises(errors.ParameterError, match="not list"):

@@ -209,7 +209,7 @@ def test_an_unknown_modifier_names_the_nearest_and_all_there_are():
 def test_an_unknown_modifier_without_a_near_one_names_none():
     text = refusal(parse_modifiers, Everything, {"qqqq": "3"})
     assert "did you mean" not in text
-    assert "unknown modifier 'qqqq'; there is mask, count, strength" in text
+    assert "unknown modifier 'qqqq'; modifiers: mask, count, strength" in text
 
 
 def test_an_image_is_no_modifier():
@@ -241,13 +241,13 @@ def test_an_argument_is_a_word_of_its_own_and_no_modifier():
     assert all(p.required for p in Merge.arguments())
     assert Everything.arguments() == ()
     text = refusal(parse_modifiers, Merge, {"mode": "max"})
-    assert text == "unknown modifier 'mode'; there is mask, gamma, from"
+    assert text == "unknown modifier 'mode'; modifiers: mask, gamma, from"
 
 
 def test_an_argument_is_checked_as_a_modifier_is():
     mode, weights, shift = Merge.arguments()
     assert (mode.parse("max"), weights.parse("1,2"), shift.parse("-5")) == ("max", (1.0, 2.0), -5)
-    assert refusal(mode.parse, "under") == "mode=under: expected over | max"
+    assert refusal(mode.parse, "under") == "mode=under: expected one of over, max"
     assert refusal(shift.parse, "6") == "shift=6: expected an integer from -5 to 5 px"
     made = Merge(sources=(), mode="over", weights=[1, np.float32(0.5)], shift=np.int8(2))
     assert made.values() == {"mode": "over", "weights": (1.0, 0.5), "shift": 2, "gamma": 1.0, "from": "here"}

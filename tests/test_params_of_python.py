@@ -90,8 +90,8 @@ def test_a_python_value_out_of_type_or_range_is_refused_with_what_is_allowed(nam
         ("size", 64, "size=64: expected (width, height) from 5 to 65536 px, not int"),
         ("flag", 1, "flag=1: expected True or False, not int"),
         ("stmap", 1, "stmap=1: expected True or False or a file name, not int"),
-        ("mode", 1, "mode=1: expected 'xy' | 'x' | 'none', not int"),
-        ("color", [1, "2"], "color=[1, '2']: expected a number or a sequence of them"),
+        ("mode", 1, "mode=1: expected one of 'xy', 'x', 'none', not int"),
+        ("color", [1, "2"], "color=[1, '2']: expected a number or a sequence of numbers"),
         ("words", "a,b", "words='a,b': expected a sequence of strings, not str"),
         ("words", [1], "words=[1]: expected a sequence of strings"),
     ],
@@ -106,7 +106,7 @@ def test_a_wrong_type_is_a_type_error_in_words_of_python(name, value, said):
     [
         ("count", -7, "count=-7: expected an integer from 0 to 10 px"),
         ("size", (4, 64), "size=(4, 64): expected (width, height) from 5 to 65536 px"),
-        ("mode", "z", "mode='z': expected 'xy' | 'x' | 'none'"),
+        ("mode", "z", "mode='z': expected one of 'xy', 'x', 'none'"),
         ("words", [], "words=[]: expected a sequence of strings"),
     ],
 )

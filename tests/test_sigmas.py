@@ -140,7 +140,7 @@ def test_the_sheet_and_its_table(tmp_path):
 def test_what_goes_wrong_says_what_is_allowed(fails, photo):
     line = fails(photo, "--texstationarize:amount=nan")
     assert "amount=nan" in line and " from 0 to 1" in line
-    assert "would overwrite exemplar, an image that it reads" in fails(photo, f"--texsigmas:json={photo}")
+    assert "would overwrite exemplar, an input image" in fails(photo, f"--texsigmas:json={photo}")
     image = buffer(pictures.bricks(40, 40, 1))
     for value in (-0.1, 1.01):
         with pytest.raises(errors.ParameterError, match=rf"amount={value}: .* from 0 to 1"):

@@ -299,7 +299,7 @@ def _declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
 
 
 def parse_modifiers(op: type, modifiers: Mapping[str, str | None]) -> dict[str, Any]:
-    """An op's values by field, from the texts of modifiers; a text of None sets nothing, but its name is checked.
+    """An op's values by field, from the values of modifiers; a value of None sets nothing, but its name is checked.
 
     Optional input images are requested by a modifier of their name.
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Height maps that are copied in pieces: steps between the pieces, and constants that close them.
 
-A piece is a connected area of pixels that are neighbors in the photo, too. Two pieces that meet may have similar colors
-and different heights, because relief extends beyond a patch; when displaced, such a seam becomes a cliff.
+A piece is a connected area of pixels that are neighbors in the photo as well. Two pieces that meet may have similar
+colors and different heights, because relief extends beyond a patch; when displaced, such a seam becomes a cliff.
 """
 
 from __future__ import annotations
