@@ -126,13 +126,13 @@ def test_as_oiiotool(folder, chain):
 
 
 REFUSED = (
-    ("rgb.exr --addc 0.1,x", "value=0.1,x: expected comma-separated list of numbers"),
+    ("rgb.exr --addc 0.1,x", "value=0.1,x: expected a comma-separated list of numbers"),
     ("rgb.exr --clamp:min=low", "min=low"),
     ("rgb.exr --clamp:minimum=0", "did you mean 'min'"),
     ("rgb.exr --saturate much", "scale=much"),
     ("gray.exr --saturate 2", "3 channels"),
     ("gray.exr --normalize", "this one has 1"),
-    ("rgb.exr --noise:type=blue", "type=blue: expected gaussian"),
+    ("rgb.exr --noise:type=blue", "type=blue: expected one of gaussian"),
     ("rgb.exr --noise:portion=2", "portion=2"),
     ("rgb.exr --polar", "2-channel"),
     ("rgb.exr rgba.exr --scale", "single channel"),
@@ -141,7 +141,7 @@ REFUSED = (
     ("rgb.exr rgb.exr rgba.exr --mad", "they have 3, 3 and 4"),
     ("rgba.exr --invert:chbegin=3", "no channel from there to 3"),
     ("nan.exr --fixnan error", "5 pixel(s) have NaN or Inf values"),
-    ("nan.exr --fixnan box5", "none | black | box3 | error"),
+    ("nan.exr --fixnan box5", "none, black, box3, error"),
     ("rgb.exr --add", "takes 2"),
     ("rgb.exr --ch ''", "names no channel"),
     ("rgb.exr --ch ,", "names no channel"),

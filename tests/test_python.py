@@ -154,7 +154,10 @@ def test_errors_speak_python(tmp_path):
     for call, said in (
         (lambda: filters.stationarize(PHOTO), "array does not say its color space: add colorspace=NAME"),
         (lambda: filters.stationarize(PHOTO), "or colorspace='data' where its channels are no colors"),
-        (lambda: filters.stationarize(broken, colorspace=SRGB), "repair them by OpenImageIO.ImageBufAlgo.fixNonFinite"),
+        (
+            lambda: filters.stationarize(broken, colorspace=SRGB),
+            "repair them with OpenImageIO.ImageBufAlgo.fixNonFinite",
+        ),
         (lambda: filters.quilt(PHOTO, colorspace=SRGB, label=1), "filters.label(keep=True) makes them"),
         (
             lambda: filters.stationarize(PHOTO, colorspace=SRGB, session=Session(budget=1 << 10)),

@@ -59,9 +59,7 @@ class Preview(Gather):
         photo = None if self.exemplar is None else self.exemplar.first
         channels = tile.spec.nchannels
         if photo is not None and photo.spec.nchannels != channels:
-            raise ImageError(
-                f"exemplar has {photo.spec.nchannels} channels, but the tile has {channels}: numbers must match"
-            )
+            raise ImageError(f"exemplar has {photo.spec.nchannels} channels, but the tile has {channels}: must match")
         widest = max(part.spec.width for part in (tile, photo or tile))
         task = f"a preview of rows of {widest} px, {self.height} px high,"
         shown = {name: ((photo if name in _OF_EXEMPLAR else tile) or tile).spec for name in names}

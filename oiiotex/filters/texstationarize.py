@@ -53,8 +53,8 @@ class Stationarize(PatchSynthesis):
         ge=0,
         le=1,
         unset="1; with inpaint or for data, 0",
-        help="Share of the photo's gradients and stains that is removed before synthesis, as by `flatten`. 0: every"
-        " pixel is a verbatim copy.",
+        help="Share of the photo's gradients and stains that is removed before synthesis. 0: every pixel is a verbatim"
+        " copy.",
     )
     drift: bool | Path = param(False, help=DRIFT_HELP, advanced=True)
     sigma: float | None = param(
