@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is imported when something of it is first asked for: large libraries, and modules by what they declare.
+"""Deferred imports: large libraries, and the modules that declare ops and options.
 
-All that is declared (ops, options, their help and checks) names their types, and none of it needs them: a line that
-only prints, or that is wrong, must not wait half a second for numpy. So modules take them from here, and use nothing
-of them while they are themselves imported (tests/test_imports.py).
+Declarations of ops and options refer to types of these libraries without using them, and importing numpy takes half a
+second. So modules import the libraries from here, and do not use them at import time (tests/test_imports.py).
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ if TYPE_CHECKING:
 else:
 
     class _Deferred(ModuleType):
-        """Stands for the library of its name, and hands on what is asked of it."""
+        """Placeholder that imports the library of its name at first use."""
 
         def __getattr__(self, name: str) -> Any:
             value = getattr(importlib.import_module(self.__name__), name)
-            setattr(self, name, value)  # from now on it is asked for as quickly as of the library itself
+            setattr(self, name, value)  # later lookups do not call this function
             return value
 
     np, oiio, ocio = map(_Deferred, ("numpy", "OpenImageIO", "PyOpenColorIO"))
@@ -34,17 +33,17 @@ else:
 
 @dataclass(frozen=True)
 class Shelf:
-    """The ops, or the options, that a module declares: known by name before it is imported.
+    """The ops, or the options, that a module declares; their names are known before it is imported.
 
     Attributes
     ----------
     heading : str
-        Under which help shows them; shelves of one heading follow each other.
+        Their heading in the help; shelves with the same heading are consecutive.
     module : str
     names : tuple of str
-        All by which a line may call them, in the order in which they are declared.
+        All their names on the command line, in the order of declaration.
     attribute : str
-        The module's tuple of them, or the one that there is.
+        Name of the module's tuple of them, or of a single one.
     """
 
     heading: str
@@ -54,6 +53,6 @@ class Shelf:
 
     @property
     def declarations(self) -> tuple[Any, ...]:
-        """The ops, or the options: the module is imported."""
+        """The ops, or the options; imports the module."""
         declared = getattr(importlib.import_module(self.module), self.attribute)
         return declared if isinstance(declared, tuple) else (declared,)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can go wrong, in words for a user. Every error of the package is an `oiiotex.Error` of one line."""
+"""Errors and their messages. Every error of the package is an `oiiotex.Error` with a one-line message."""
 
 from __future__ import annotations
 
@@ -15,38 +15,38 @@ T = TypeVar("T")
 
 
 def one_line(text: str) -> str:
-    """A text in one line, with what steers terminals shown as Python writes it: names come from strangers."""
+    """A text in one line, with control characters escaped: names come from untrusted files."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split()))
 
 
 def present(value: T | None) -> T:
-    """The value itself, which is never None here: type checkers cannot know. AssertionError where it is."""
+    """The value, for type checkers; AssertionError if it is None."""
     assert value is not None
     return value
 
 
-LINE, PYTHON = 1, 2  # whose words a text is said in: the command line's, which all but Python's callers read
-_SPELLED = re.compile("\ufdd0(.*?)\ufdd1(.*?)\ufdd2", re.DOTALL)  # noncharacters, which no name of a stranger has
+LINE, PYTHON = 1, 2  # which notation a text uses: the command line's, or Python's for callers of functions
+_SPELLED = re.compile("\ufdd0(.*?)\ufdd1(.*?)\ufdd2", re.DOTALL)  # noncharacters, which no name contains
 
 
 def either(line: str, python: str) -> str:
-    """A word within a text that the command line and Python spell in their own ways; `spelled` chooses."""
+    """A word that differs between the command line and Python; `spelled` chooses."""
     return f"\ufdd0{line}\ufdd1{python}\ufdd2"
 
 
 def spelled(text: str, words: int = LINE) -> str:
-    """The text, as LINE or PYTHON spells what `either` has marked in it."""
+    """The text with words marked by `either` in the notation of LINE or PYTHON."""
     return _SPELLED.sub(lambda marked: marked[words], text)
 
 
 def modifier(**values: object) -> str:
-    """Modifiers as a word of a text: `mask=1:size=5` or `mask=True, size=5`."""
+    """Modifiers as part of a text: `mask=1:size=5` or `mask=True, size=5`."""
     line = (f"{name}={int(value) if isinstance(value, bool) else value}" for name, value in values.items())
     return either(":".join(line), ", ".join(f"{name}={value}" for name, value in values.items()))
 
 
 def texture_filter(name: str, **values: bool) -> str:
-    """A filter as a word of a text: `--texlabel:keep=1` or `filters.label(keep=True)`."""
+    """A filter as part of a text: `--texlabel:keep=1` or `filters.label(keep=True)`."""
     line = "".join(f":{spelled(modifier(**{one: value}))}" for one, value in values.items())
     python = f"({spelled(modifier(**values), PYTHON)})" if values else ""
     return either(f"--tex{name}{line}", f"filters.{name}{python}")
@@ -55,45 +55,45 @@ def texture_filter(name: str, **values: bool) -> str:
 CACHE = either("--cache", "the session's budget")
 COLORSPACE = either("--iscolorspace NAME", "colorspace=NAME")
 IS_DATA = either("--iscolorspace data", "colorspace='data'")
-_REPAIR = either("add --fixnan box3 after it", "repair them by OpenImageIO.ImageBufAlgo.fixNonFinite")
-OUT_OF_MEMORY = f"out of memory: lower {CACHE}, or make the tile or the photo smaller"
+_REPAIR = either("add --fixnan box3 after it", "repair them with OpenImageIO.ImageBufAlgo.fixNonFinite")
+OUT_OF_MEMORY = f"out of memory: lower {CACHE}, or reduce the size of the result or the photo"
 
 
 class Error(Exception):
-    """Base of all errors that oiiotex raises on purpose: what is wrong, what is expected, what to do.
+    """Base of all oiiotex errors: the problem, the expected value, and a hint.
 
     Parameters
     ----------
     problem : str
-        What is wrong, where parameter and value do not say it alone.
+        What is wrong; may be empty if parameter, value and expected are given.
     subject : str
-        The image that is at fault, whose name begins the sentence of `problem`.
+        The image at fault. Its name is printed before `problem`.
     parameter : str
-        The parameter that is at fault.
+        The parameter at fault.
     value : object
-        Its value; ... where none is to be shown.
+        Its value; ... to show none.
     expected : str
-        What a value must be.
+        The values that are valid.
     hint : str
         What to do.
 
     Attributes
     ----------
     op : str
-        The op that refuses, filled in by who runs it.
+        The op that raised the error, filled in by its caller.
     step : str
-        The word of the command line that failed, filled in by who runs the line.
+        The option that failed, filled in by the command line.
     where : str
-        What the error is part of: a file, a product of a recipe.
+        Context of the error: a file, or a product of a recipe.
     words : int
-        LINE or PYTHON: whom `str` speaks to.
+        LINE or PYTHON: the notation of `str`.
     """
 
     def __init__(
         self, problem: str = "", *, subject: str = "", parameter: str = "", value: object = ...,
         expected: str = "", hint: str = "",
     ):  # fmt: skip
-        # `args` stay what the class was called with: so it can be pickled, whatever a subclass takes
+        # `args` are kept as passed, so that subclasses with other arguments can be pickled
         self.problem, self.subject, self.parameter, self.value = problem, subject, parameter, value
         self.expected, self.hint = expected, hint
         self.op = self.step = self.where = ""
@@ -103,7 +103,7 @@ class Error(Exception):
         return self.said(self.words)
 
     def said(self, words: int) -> str:
-        """The error in one line, as LINE or PYTHON says it."""
+        """The message in one line, in the notation of LINE or PYTHON."""
         value = "" if self.value is ... else f"={shown(self.value, words)}"
         expected = f"expected {self.expected}" if self.expected else ""
         problem = f"{self.subject} {self.problem}".strip()
@@ -113,7 +113,7 @@ class Error(Exception):
         return one_line(spelled(f"{self.where}{at}{text}{hint}", words))
 
     def facts(self) -> dict[str, str]:
-        """Its fields, for programs; `kind` is the class, `text` the line."""
+        """The fields as a dict; `kind` is the class, `text` the message."""
         fields = {name: spelled(str(getattr(self, name))) for name in _FIELDS}
         value = {} if self.value is ... else {"value": shown(self.value, LINE)}
         given = {name: text for name, text in fields.items() if text}
@@ -125,7 +125,7 @@ _FIELDS = ("op", "step", "where", "subject", "parameter", "problem", "expected",
 
 @contextlib.contextmanager
 def within(where: str) -> Iterator[None]:
-    """Errors that leave this block begin with a name of what they are part of."""
+    """Prefix errors raised in this block with their context."""
     try:
         yield
     except Error as error:
@@ -134,7 +134,7 @@ def within(where: str) -> Iterator[None]:
 
 
 def of_facts(facts: Mapping[str, Any]) -> Error:
-    """The error whose `facts` another process has sent."""
+    """An error from the `facts` of another process."""
     error = Error(value=facts.get("value", ...))
     for name in _FIELDS:
         setattr(error, name, facts.get(name, ""))
@@ -142,22 +142,23 @@ def of_facts(facts: Mapping[str, Any]) -> Error:
 
 
 def shown(value: object, words: int) -> str:
-    """A value of a parameter in one line, as LINE or PYTHON writes it."""
+    """The value of a parameter in one line, in the notation of LINE or PYTHON."""
     if words == PYTHON:
-        return one_line(repr(tuple(value) if isinstance(value, tuple) else value))
+        plain = tuple(value) if isinstance(value, tuple) else str(value) if isinstance(value, str) else value  # no enum
+        return one_line(repr(plain))
     return one_line(str(int(value) if isinstance(value, bool) else value))
 
 
 class ParameterError(Error):
-    """A parameter or an option is unknown, or its value is not allowed."""
+    """A parameter or an option is unknown, or its value is not valid."""
 
 
 class ParameterTypeError(ParameterError, TypeError):
-    """A value of Python is of the wrong type, or the arguments are not those that the function takes."""
+    """An argument of a Python function is of the wrong type, missing, or unknown."""
 
 
 class QualityError(Error):
-    """A result is beyond a limit of `fail`. `result`: what the function would have returned."""
+    """A result exceeds a limit of `fail`. `result`: the return value of the function."""
 
     def __init__(self, problem: str, result: object):
         super().__init__(problem)
@@ -165,11 +166,11 @@ class QualityError(Error):
 
 
 class ImageError(Error):
-    """An image cannot be read, written, or used for what was asked."""
+    """An image cannot be read, written, or used for the operation."""
 
 
 class MemoryBudgetError(ImageError):
-    """A task needs more memory than the budget, in bytes. `advice` says what else helps."""
+    """A task exceeds the memory budget, in bytes. `advice`: what else helps."""
 
     def __init__(self, task: str, need: int, budget: int, advice: str):
         needs = f"{task} needs {-(-need >> 20)} MB of memory; the budget is {-(-budget >> 20)} MB"
@@ -178,7 +179,7 @@ class MemoryBudgetError(ImageError):
 
 
 class BrokenValues(ImageError):
-    """NaN or Inf where there should be color. `counts` says how many of either: (2,) int64."""
+    """An image has NaN or Inf values. `counts`: number of each, (2,) int64."""
 
     def __init__(self, name: str, counts: np.ndarray):
         super().__init__(f"has {counts[0]} NaN and {counts[1]} Inf values: {_REPAIR}", subject=name)
@@ -186,7 +187,7 @@ class BrokenValues(ImageError):
 
 
 class ColorError(Error):
-    """A color space is unknown, or none is given where one is needed."""
+    """A color space is unknown, or a required one is missing."""
 
 
 class DeviceError(Error):
@@ -194,11 +195,11 @@ class DeviceError(Error):
 
 
 class OutOfDeviceMemory(DeviceError):
-    """A device has less memory than it says: found out while it works. Smaller pieces may fit."""
+    """The device ran out of memory during the work. Smaller pieces may fit."""
 
 
 class NoDeviceError(DeviceError):
-    """No OpenCL device works here. `remedy`: the command that helps; '' where none is known."""
+    """No working OpenCL device. `remedy`: a command that helps; empty if none is known."""
 
     def __init__(self, problem: str, remedy: str):
         super().__init__(f"{problem}: {remedy or 'install the OpenCL of a GPU driver, or of a CPU'}")
@@ -206,15 +207,15 @@ class NoDeviceError(DeviceError):
 
 
 class BuildError(DeviceError):
-    """A device's compiler refuses one of our programs."""
+    """The device's compiler rejects an OpenCL program."""
 
 
 class Interrupted(Error):
-    """The run was stopped from outside: by a signal, or by a progress callback that said no."""
+    """The run was stopped by a signal or by the progress callback."""
 
 
 class Unseen(Exception):
-    """Pixels or the device were asked for while a line is only looked through: what follows from them is not known yet.
+    """Pixels or the device are needed in a dry run, so everything that depends on them is unknown.
 
-    It is no error, and never leaves `cli.rehearsal`.
+    Not an error; it never leaves `cli.rehearsal`.
     """

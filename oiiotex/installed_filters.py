@@ -16,17 +16,17 @@ GROUP = "oiiotex.filters"
 
 
 def installed(taken: Iterable[str]) -> tuple[type[Op], ...]:
-    """The filter classes of all installed packages, by name; one that is broken is passed over with a warning.
+    """The filter classes of all installed packages, by name; broken ones are skipped with a warning.
 
-    `taken` are names of filters that there are already.
+    `taken`: names of existing filters.
     """
     names = set(taken)
     ops: list[type[Op]] = []
     for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
         try:
             op = _loaded(entry, names)
-        except Exception as error:  # another's code may fail in any way; the program must start all the same
-            log.warning("filter %s of %s is left out: %s", entry.name, entry.value, one_line(str(error)))
+        except Exception as error:  # foreign code may raise anything; the program must start anyway
+            log.warning("filter %s of %s is ignored: %s", entry.name, entry.value, one_line(str(error)))
             continue
         names.add(op.name)
         ops.append(op)
@@ -36,12 +36,12 @@ def installed(taken: Iterable[str]) -> tuple[type[Op], ...]:
 def _loaded(entry: EntryPoint, names: set[str]) -> type[Op]:
     op = entry.load()
     if not (isinstance(op, type) and issubclass(op, Op)):
-        raise TypeError("it is no subclass of oiiotex.core.op.Op")
+        raise TypeError("expected a subclass of oiiotex.core.op.Op")
     if not getattr(op, "name", "").isidentifier():
-        raise TypeError("it declares no name that is a Python identifier")
+        raise TypeError("name must be a Python identifier")
     if op.name in names:
-        raise TypeError(f"there is a filter '{op.name}' already")
+        raise TypeError(f"filter '{op.name}' already exists")
     if op.prefix != Op.prefix:
-        raise TypeError(f"filters begin with {Op.prefix}")
-    op.images(), op.parameters()  # a declaration that cannot be read is found now
+        raise TypeError(f"prefix must be {Op.prefix}")
+    op.images(), op.parameters()  # finds invalid declarations
     return op

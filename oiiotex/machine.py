@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What this process may use of the machine: threads and memory; how it starts others.
+"""Threads and memory that this process may use, and how it starts other processes.
 
-All that is started is started here, and takes no code from the current folder. A child works in `/`. Its program is
-named in full, or looked for in the folders that $PATH names in full; lists of folders in its environment have no entry
-that means the current folder; a Python of ours looks for modules where this one does.
+All child processes are started here, and load no code from the current folder. They run in `/`. Their program is an
+absolute path, or is found in absolute entries of $PATH. Search paths in their environment have no relative entries, and
+child Pythons use the module search path of this process.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from subprocess import Popen
 
-# Lists of folders from which Python, the dynamic loader, OpenImageIO, compilers and linkers take code.
+# Search paths from which Python, the dynamic loader, OpenImageIO, compilers and linkers load code.
 _LISTS = (
     "PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "OPENIMAGEIO_PLUGIN_PATH", "OIIO_LIBRARY_PATH",
     "LIBRARY_PATH", "COMPILER_PATH", "GCC_EXEC_PREFIX", "CPATH", "C_INCLUDE_PATH",
@@ -27,7 +27,7 @@ _LISTS = (
 
 
 def usable_threads() -> int:
-    """CPU threads that this process may use: by affinity, and by the quota of its cgroup."""
+    """Number of CPU threads that this process may use, by affinity and cgroup quota."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     for quota in _quotas():
         count = min(count, max(1, math.ceil(quota)))
@@ -35,7 +35,7 @@ def usable_threads() -> int:
 
 
 def _quotas() -> list[float]:
-    """CPUs that the cgroup allows, where it says so."""
+    """CPU quotas of the cgroup, if it has any."""
     quotas = []
     try:
         quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
@@ -53,7 +53,7 @@ def _quotas() -> list[float]:
 
 
 def memory() -> int:
-    """Bytes of memory that this process may use: the machine's, or less where a cgroup says so."""
+    """Bytes of memory that this process may use: the machine's, or the limit of its cgroup."""
     installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 8 << 30
     limits = [installed]
     for name in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
@@ -73,35 +73,35 @@ def start(command: Sequence[str], *, env: Mapping[str, str] | None = None, **how
     Parameters
     ----------
     command : sequence of str
-        The program, by its absolute path, and its arguments. Paths among them must be absolute: it works in `/`.
+        Absolute path of the program, and its arguments. Paths in arguments must be absolute, as it runs in `/`.
     env : mapping, optional
         Its environment. Default: this process's.
     how
-        As `subprocess.Popen` takes it.
+        Further arguments of `subprocess.Popen`.
 
     Raises
     ------
     ValueError
-        The program is not named by an absolute path.
+        The path of the program is not absolute.
     OSError
-        It cannot be started.
+        The program cannot be started.
     """
     if not os.path.isabs(command[0]):
         raise ValueError(f"{command[0]}: expected the absolute path of a program")
-    from subprocess import Popen  # slow to import, and few lines start a process
+    from subprocess import Popen  # slow to import, and rarely needed
 
     return Popen(command, env=_without_current_folder(os.environ if env is None else env), cwd="/", **how)
 
 
 def start_python(module: str, *arguments: str, **how: Any) -> Popen[Any]:
-    """Start a module of ours as a program, in a Python that ignores the environment's and the user's own settings.
+    """Start a module of oiiotex as a program, in a Python that ignores environment variables and user settings.
 
     Parameters
     ----------
     module : str
     arguments : str
     how
-        As `start` takes it.
+        Further arguments of `start`.
     """
     code = (
         f"import sys; sys.path[:] = {search_path()!r}; import runpy;"
@@ -111,15 +111,15 @@ def start_python(module: str, *arguments: str, **how: Any) -> Popen[Any]:
 
 
 def program(name: str) -> str | None:
-    """The absolute path of a program in a folder that $PATH names in full; None where there is none."""
-    import shutil  # as slow
+    """The absolute path of a program found in absolute entries of $PATH; None if there is none."""
+    import shutil  # slow to import
 
     path = shutil.which(name, path=_without_current_folder(os.environ).get("PATH", ""))
-    return path if path and os.path.isabs(path) else None  # Windows looks in the current folder first
+    return path if path and os.path.isabs(path) else None  # Windows searches the current folder first
 
 
 def forget_current_folder() -> None:
-    """What this process loads from here on comes from folders that its environment names in full, too."""
+    """Remove relative entries from the search paths in this process's environment."""
     kept = _without_current_folder(os.environ)
     for name in _LISTS:
         if name in os.environ and name not in kept:
@@ -129,19 +129,19 @@ def forget_current_folder() -> None:
 
 
 def search_path() -> list[str]:
-    """Where this process looks for modules, less the current folder."""
-    own = set(sysconfig.get_paths().values())  # of the interpreter, even where somebody works there
+    """The module search path of this process, without the current folder."""
+    own = set(sysconfig.get_paths().values())  # of the interpreter, kept even if it is the current folder
     here = os.path.realpath(os.curdir)
     entries = [p for p in sys.path if os.path.isabs(p) and (p in own or os.path.realpath(p) != here)]
     return [*entries, str(Path(__file__).resolve().parents[1])]
 
 
 def _without_current_folder(environment: Mapping[str, str]) -> dict[str, str]:
-    """The environment, its lists of folders less the entries that are not absolute: '', '.', 'lib'."""
+    """The environment, without relative entries such as '', '.' and 'lib' in its search paths."""
     kept = dict(environment)
     for name in _LISTS:
         if name in kept:
             kept[name] = os.pathsep.join(entry for entry in kept[name].split(os.pathsep) if os.path.isabs(entry))
-            if not kept[name]:  # which loaders take for the current folder
+            if not kept[name]:  # an empty list means the current folder to loaders
                 del kept[name]
     return kept

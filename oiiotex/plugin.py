@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The public door for filters of other packages: what a filter needs, wherever it lies inside.
+"""The public API for filters of other packages.
 
-`docs/how-to/your_own_filter.md` uses nothing else. Other modules may change from one version to the next.
+`docs/how-to/your_own_filter.md` uses nothing else. Other modules may change between versions.
 """
 
 from .color.config import as_float

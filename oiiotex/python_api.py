@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Python edge: an op's declaration as a function on ImageBufs, numpy arrays and files."""
+"""The Python API: each op as a function of ImageBufs, numpy arrays and files."""
 
 from __future__ import annotations
 
@@ -33,11 +33,10 @@ if "IPython" in sys.modules and (_shell := sys.modules["IPython"].get_ipython())
 
 
 def function_of(op: type[Op]) -> Callable[..., Any]:
-    """A function of the op's images (positional) and parameters (keywords), with `session=` for the rest.
+    """A function of the op's images (positional) and parameters (keywords), with `session=` for resources.
 
-    Images that may be left out are keywords, too; one may be the name of a part of the first image. It returns an
-    ImageBuf, or a dict of them by name where the op was asked for more than one; a list of these where it makes
-    several images.
+    Optional images are keywords; their value may be the name of a part of the first image. The function returns an
+    ImageBuf, or a dict of them by name if more than one output is requested; a list of these for several images.
     """
 
     def function(
@@ -86,7 +85,7 @@ def _bound(
             raise ParameterTypeError(f"unknown parameter '{name}'{nearest(name, known)}")
     missing = [p.attribute for p in op.parameters() if p.required and p.attribute not in values]
     if missing:
-        raise ParameterTypeError(f"{missing[0]}= must be given")
+        raise ParameterTypeError(f"requires {missing[0]}=")
     pictures = tuple(_image(image, resources) for image in images)
     if colorspace is not None:
         resources.color.resolve(colorspace)
@@ -109,7 +108,7 @@ def _image(given: ImageLike, resources: Resources) -> Image:
     if not isinstance(given, Mapping):
         return _picture(given)
     if not given:
-        raise ImageError("an image has at least one part")
+        raise ImageError("a dict of parts is empty: expected at least one part")
     parts = [replace(_picture(picture).first, name=name) for name, picture in given.items()]
     return Image(tuple(parts), parts[0].name)
 
@@ -120,7 +119,7 @@ def _picture(given: Any) -> Image:
     if isinstance(given, np.ndarray):
         return from_array(given)
     kind = type(given).__name__
-    raise ParameterTypeError(expected=f"an ImageBuf, an array, a file's name or a dict of parts, not {kind}")
+    raise ParameterTypeError(expected=f"an ImageBuf, an array, a file name or a dict of parts, not {kind}")
 
 
 def _keyword(op: type[Op], name: str, value: ImageLike, first: Image | None, resources: Resources) -> Image:
@@ -132,11 +131,11 @@ def _keyword(op: type[Op], name: str, value: ImageLike, first: Image | None, res
     if Path(value).exists():
         return read(value, resources.cache)
     has = ", ".join(p.name for p in first.parts) if first is not None else "none"
-    raise ParameterError(f"neither a part of the image, which has {has}, nor a file", parameter=name, value=value)
+    raise ParameterError(parameter=name, value=value, expected=f"a part of the image ({has}) or an existing file")
 
 
 def _results_of(bound: Op, session: Session, roi: oiio.ROI | None) -> tuple[list[Any], list[str]]:
-    """Its images, and which limits they fail."""
+    """Its images, and the limits that they exceed."""
     results = run(bound, session)
     return [_buffers(type(bound), one, roi) for one in results], [text for one in results for text in one.failed]
 
@@ -147,7 +146,7 @@ def _buffers(op: type[Op], result: Result, roi: oiio.ROI | None) -> Any:
 
 
 def _within(part: Part, roi: oiio.ROI, op: type[Op]) -> Part:
-    """The part's pixels in a region, its display window and metadata as they are."""
+    """The part cropped to a region, with unchanged display window and metadata."""
     window = Window(roi.xbegin, roi.ybegin, roi.xend, roi.yend) & part.window if roi.defined else part.window
     if window.empty:
         raise ParameterError(f"roi {roi} is outside the result {part.window}")

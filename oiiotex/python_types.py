@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An op's declaration in words of Python: types, signature, docstring, results. The stub is made from it."""
+"""An op's declaration for Python: types, signature, docstring, results. The stub is generated from it."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from .session import Session
 
 FileName = str | os.PathLike[str]
 Array = np.ndarray[Any, np.dtype[Any]]
-"""(height, width) or (height, width, channels), rows from the top; integers as shares of their type's largest value."""
+"""(height, width) or (height, width, channels), top row first; the maximum of an integer type is 1.0."""
 Picture = oiio.ImageBuf | Array
 ImageLike = Picture | FileName | Mapping[str, Picture]
-"""An image of one part, a file, or parts by their names, as the functions return them."""
+"""An image of one part, a file, or a dict of parts by name, as the functions return it."""
 
 __all__ = [
     "ROI", "Array", "FileName", "ImageBuf", "ImageLike", "Literal", "Picture", "Sequence", "Session",
@@ -36,16 +36,26 @@ _NAMES = {
     Numbers: "float | Sequence[float]", Words: "Sequence[str]", SizeRule: "Literal['pow2']",
 }  # fmt: skip
 _COMMON: tuple[tuple[str, str, int | None, str], ...] = (  # name, type, default, help
-    ("colorspace", "str | None", None, "Color space of the required images. Default: the one that they name."),
-    ("roi", "ROI | None", None, "Region of the result to compute. Default: all of it."),
-    ("nthreads", "int", 0, "Number of CPU threads if no session is given. 0: all that the process may use."),
-    ("session", "Session | None", None, "Device, memory budget, color config and progress, shared by several calls."),
+    (
+        "colorspace",
+        "str | None",
+        None,
+        "Color space of the positional images. Default: the color space in their metadata.",
+    ),
+    ("roi", "ROI | None", None, "Region of the result to compute."),
+    ("nthreads", "int", 0, "Number of CPU threads, without a session. 0: all that are available."),
+    (
+        "session",
+        "Session | None",
+        None,
+        "Device, memory budget, color config and progress callback. Default: a new session.",
+    ),
 )
 SINGLE, PARTS = "ImageBuf", "dict[str, ImageBuf]"
 
 
 def annotation(parameter: Parameter) -> str:
-    """The type of a parameter, or of an input image, as a text."""
+    """The type of a parameter, or of an input image, as a string."""
     if parameter.kind is None:
         name = "Sequence[ImageLike]" if parameter.count else "ImageLike"
         return name if parameter.default is not None else f"{name} | None"
@@ -60,14 +70,14 @@ def annotation(parameter: Parameter) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Form:
-    """One way to call an op: what differs from its full signature, and what it returns then.
+    """One way to call an op: the differences from its full signature, and the resulting return type.
 
     Attributes
     ----------
     narrowed : dict of str to str
-        Types of parameters that say which way it is.
+        Narrowed types of the parameters that select this way.
     required : tuple of str
-        Those of them that must be given.
+        Those of them that are required.
     returns : str
     """
 
@@ -77,15 +87,15 @@ class Form:
 
 
 def forms(op: type[Op]) -> tuple[Form, ...]:
-    """The ways to call an op, from the plainest to all of them: what a type checker knows about its result."""
+    """The ways to call an op, from the simplest to the most general, as overloads for type checkers."""
     asked = {o.asked_by: o for o in op.outputs if o.asked_by and o.kind.is_image and not o.instead}
     flags = {p.name: p for p in op.parameters() if p.name in asked and bool in (p.kind or ())}
-    # of what may be several parts or none, the call alone does not say how many there are
+    # the call alone does not determine the number of parts of outputs that may be several or none
     certain = [n for n in flags if not asked[n].name.endswith(".N") or asked[n].of]
     plain = SINGLE if not (op.main().name.endswith(".N") or _passes_on(op)) else f"{SINGLE} | {PARTS}"
     several = _several(op)
     alone = {name: "Literal[1]" for name in several if name in {p.name for p in op.parameters()}}
-    alone |= {"single": "Literal[False]"} if "single" in {p.name for p in op.parameters()} else {}  # of many parts one
+    alone |= {"single": "Literal[False]"} if "single" in {p.name for p in op.parameters()} else {}  # one part for many
     quiet = {n: _without_true(p, asked[n]) for n, p in flags.items()}
     one_part = {i.name: "Picture" for i in op.images()[:1] if op.carries}
     every = f"{SINGLE} | {PARTS}" if flags or op.carries or plain != SINGLE else SINGLE
@@ -96,12 +106,12 @@ def forms(op: type[Op]) -> tuple[Form, ...]:
 
 
 def _passes_on(op: type[Op]) -> bool:
-    """Whether it makes images of all parts of its own."""
+    """Whether it passes all parts of its images on."""
     return all(image.many for image in op.images()) and not op.parameters()
 
 
 def _several(op: type[Op]) -> tuple[str, ...]:
-    """The parameters and inputs by which it makes several images."""
+    """The parameters and inputs that make it return several images."""
     further = op.further_images()
     if further is None:
         return ()
@@ -118,7 +128,7 @@ def _without_true(parameter: Parameter, output: Output) -> str:
 
 
 def signature(op: type[Op], form: Form | None = None) -> inspect.Signature:
-    """Of the op's function, or of one form of it; types are texts."""
+    """Signature of the op's function, or of one form of it; types are strings."""
     form = form or forms(op)[-1]
     kinds = inspect.Parameter
     first = [
@@ -145,7 +155,7 @@ def signature(op: type[Op], form: Form | None = None) -> inspect.Signature:
 
 
 def takes_none(op: type[Op]) -> bool:
-    """Whether a parameter can stand for the one image, so that it may be left out."""
+    """Whether a parameter can replace the only image, which is then optional."""
     return len(op.images()) == 1 and not op.images()[0].many and not op.taken({"graph": "g"})
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One use of an op, from its checked values to parts, files and printed lines.
+"""One run of an op, from its checked values to parts, files and printed lines.
 
-What an output's kind means is said here, once for all ops: which type and color tag its pixels have, whether they may
-be converted, and whether it becomes a part of the image, a file beside it, or text. Files are checked before the work.
+This module defines the meaning of each kind of output for all ops: pixel type, color tag, whether values may be
+converted, and whether it becomes a part of the image, a separate file, or text. Files are checked before the work.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ log = logging.getLogger("oiiotex")
 _TYPES = {Kind.IDS: "uint", Kind.PICTURE: "uint8"} | dict.fromkeys(
     (Kind.MASK, Kind.COORDINATES, Kind.MEASURE, Kind.CRYPTOMATTE), "float"
 )
-_FORESEEN = "oiiotex:foreseen"  # the attribute of parts whose windows, channels or number may yet be others
+_FORESEEN = "oiiotex:foreseen"  # attribute of parts whose windows, channels or number are not final
 _CHANNELS = {Kind.COORDINATES: 2, Kind.PICTURE: 3, Kind.CRYPTOMATTE: 4} | dict.fromkeys(
     (Kind.IDS, Kind.MASK, Kind.MEASURE), 1
 )
-_LARGE = 1 << 20  # bytes of a manifest that should lie beside the image and not in it
+_LARGE = 1 << 20  # bytes; a larger manifest should be a separate file
 
 
 class Result(NamedTuple):
-    """An image that an op has made, the names by which Python has its parts, and which limits it fails, in words."""
+    """An image made by an op, the names of its parts in Python, and the limits that it exceeds, as text."""
 
     image: Image
     names: tuple[str, ...]
@@ -58,22 +58,22 @@ class Result(NamedTuple):
 
 
 def run(op: Op, session: Session, written: set[str] | None = None, provenance: bool = True) -> tuple[Result, ...]:
-    """What the op makes: its images, and beside them the files and lines that it was asked for.
+    """Run an op: returns its images, and writes the requested files and lines.
 
     Parameters
     ----------
     op : Op
     written : set of str, optional
-        Real paths of files that ops of the same line have written before; those written now join them.
+        Real paths of files written by earlier ops of the same line; new ones are added.
     provenance : bool
-        Files say how they were made; images do in any case.
+        Whether files get metadata about their origin; images always do.
 
     Raises
     ------
     ParameterError
-        A file would overwrite what the op reads, another of its files, or one in `written`.
+        A file would overwrite an input of the op, another of its files, or one in `written`.
     ImageError
-        A file's folder cannot be written, or its format cannot hold what it is to hold; and what the op raises.
+        A folder is not writable, or a format cannot store an output; also errors of the op.
     """
     written = set() if written is None else written
     files = op.files()
@@ -81,7 +81,7 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
         _require_free(op, files, written)
         session.resources.require_streamable(*op.scanned())
         facts = _facts(op)
-        computed = op.compute(session)  # first: what it refuses, it refuses before the photo is read for its hash
+        computed = op.compute(session)  # first, so that its errors precede reading the photo for its hash
         sources = [(name, facts | _photo(op, name, part) if facts else {}) for name, part in _sources(op)]
         results = _Runner(op, session, files, provenance).results(computed, sources)
     written.update(os.path.realpath(path) for path in files.values())
@@ -89,23 +89,23 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
 
 
 def foreseen(op: Op, session: Session, written: set[str]) -> tuple[Image, ...]:
-    """What `run` would make, as far as the line says it: nothing is written, no pixel computed.
+    """A dry run of `run`: nothing is written, and no pixel is computed.
 
-    The op itself is asked, up to where it looks at pixels or at the device. From there on only what it declares is
-    known: `is_foreseen` says so of its images, and of all that is made of them.
+    The op is run until it needs pixels or the device. From there on, its images follow from its declaration alone;
+    `is_foreseen` is then true for them and for all images made from them.
 
     Parameters
     ----------
     op : Op
     session : Session
-        One whose device raises `Unseen`, as the pixels of the op's images do.
+        A session whose device raises `Unseen`, as do the pixels of the op's images.
     written : set of str
-        As `run` takes it.
+        As in `run`.
 
     Raises
     ------
     Error
-        What `run` would refuse.
+        As in `run`.
     """
     files = op.files()
     _require_free(op, files, written)
@@ -113,7 +113,7 @@ def foreseen(op: Op, session: Session, written: set[str]) -> tuple[Image, ...]:
     reads_written = any(os.path.realpath(path) in written for path in op.paths_read())
     written.update(os.path.realpath(path) for path in files.values())
     guessed, images = any(map(is_foreseen, op.operands())), None
-    if not reads_written:  # else what it is to read is not there yet
+    if not reads_written:  # otherwise its input is not written yet
         try:
             sources = [(name, _facts(op)) for name, _ in _sources(op)]
             runner = _Runner(op, session, files, provenance=False, dry=True)
@@ -131,17 +131,17 @@ def foreseen(op: Op, session: Session, written: set[str]) -> tuple[Image, ...]:
 
 
 def is_foreseen(image: Image) -> bool:
-    """Whether only a part of what is to be known of the image is known."""
+    """Whether the image comes from a dry run, with incomplete facts."""
     return any(part.spec.get_int_attribute(_FORESEEN) for part in image.parts)
 
 
 def as_foreseen(image: Image) -> Image:
-    """The image as one of which only a part is known."""
+    """The image marked as coming from a dry run, with incomplete facts."""
     return Image(tuple(_saying(part, {_FORESEEN: 1}) for part in image.parts), image.source)
 
 
 def _declared(op: Op, source: str) -> Image:
-    """What the op declares of an image that it makes: parts, and their types."""
+    """An image with the parts and types that the op declares."""
     operands = op.operands()
     like = operands[0].first.spec if operands else oiio.ImageSpec(1, 1, 3, oiio.FLOAT)
     parts: list[Part] = []
@@ -158,7 +158,7 @@ def _declared(op: Op, source: str) -> Image:
 
 
 def _unseen_part(output: Output, name: str, like: oiio.ImageSpec, stored: bool) -> Part:
-    """An output as a part of which nothing but its kind is known."""
+    """A part of which only the kind of output is known."""
     count = _CHANNELS.get(output.kind, like.nchannels)
     spec = oiio.ImageSpec(1, 1, count, _type_of(output) or like.format)
     if output.kind is Kind.PIXELS:
@@ -173,22 +173,22 @@ def _unseen_part(output: Output, name: str, like: oiio.ImageSpec, stored: bool) 
 
 @dataclass(frozen=True)
 class _Runner:
-    """Turns what one op has computed into images and files."""
+    """Turns the results of an op into images and files."""
 
     op: Op
     session: Session
     files: Mapping[str, Path]
     provenance: bool
-    dry: bool = False  # make no file, print no line
+    dry: bool = False  # write no file, print no line
 
     def results(self, results: Any, sources: Iterable[tuple[str, dict[str, Any]]]) -> tuple[Result, ...]:
-        """What `compute` gave, as images, which say these facts of their sources; of further images the first's."""
+        """The results of `compute` as images, with facts about their sources as metadata."""
         images = results if isinstance(results, tuple) else (results,)
         pairs = zip(images, itertools.cycle(sources), strict=False)
         return tuple(self.result(image, *source) for image, source in pairs)
 
     def result(self, results: Image | Mapping[str, Any], source: str, facts: dict[str, Any]) -> Result:
-        """The image of that source, its files written, which say these facts."""
+        """The image of one source, with facts as metadata; writes its files."""
         op = self.op
         if isinstance(results, Image):
             parts = [_saying(part, facts) for part in results.parts]
@@ -208,14 +208,14 @@ class _Runner:
                 metadata = facts if self.provenance else {}
                 image = Image(tuple(_saying(part, metadata) for part in members), str(path))
                 write(image, path, _type_of(op.output(members[0].name)))
-        for table in tables:  # what they name is there now
+        for table in tables:  # the files that they name exist now
             self._table_leaves(*table)
         failed = [text for output, _, report in tables if op.judges(output) for text in report["failed"]]
         parts = [_saying(part, facts) for part in (*parts, *op.carried())]
         return Result(Image(tuple(parts), source), _names(parts, "" if originals else first), tuple(failed))
 
     def _wanted(self, results: Mapping[str, Any]) -> Iterator[tuple[str, Output, Path | None, Any]]:
-        """Of what somebody asked for or hears: its name, declaration, file and value, made now where it was not yet."""
+        """Name, declaration, file and value of each requested output, computed now if it is deferred."""
         for name, value in results.items():
             output = self.op.output(name)
             if self.dry and not (self.op.asked(output) is True and output.kind.is_image):
@@ -225,11 +225,11 @@ class _Runner:
                 yield name, output, path, value() if callable(value) else value
 
     def _is_said(self, output: Output) -> bool:
-        """Whether somebody hears what there is to say of it."""
+        """Whether its lines are printed."""
         return output.lines is not None and self.session.progress.say is not None
 
     def _table_leaves(self, output: Output, path: Path | None, value: Any) -> None:
-        """Print a table's lines; write what has a file."""
+        """Print the lines of a table; write its file."""
         if output.lines is not None and self.session.progress.say is not None:
             for line in output.lines(value):
                 self.session.progress.say(line)
@@ -248,15 +248,15 @@ class _Runner:
             file.write(value.encode()) if output.kind is Kind.MESH else np.savez_compressed(file, **value)
 
     def _part(self, output: Output, name: str, path: Path | None, value: Any, is_image: bool) -> Part:
-        """A part as its kind has it, of colors that were said to be none as data."""
+        """A part of the type of its kind; tagged as data with the parameter data."""
         op = self.op
         if output.kind is Kind.PICTURE:
             return _picture(name, value)
         if output.kind is Kind.CRYPTOMATTE:
             return self._cryptomatte(value, path)
         pixel_type = _type_of(output)
-        said_data = op.space is Space.LAB and op.working_space is Space.DATA  # by the parameter data
-        called = value.name if is_image else name  # the op's image may take the photo's place, and name
+        said_data = op.space is Space.LAB and op.working_space is Space.DATA  # set by the parameter data
+        called = value.name if is_image else name  # the op's image may keep the photo's name
 
         def describe(spec: oiio.ImageSpec) -> None:
             if pixel_type is not None:
@@ -271,13 +271,13 @@ class _Runner:
         return part if pixel_type is None else replace(part, stored=pixel_type, typed=True, exact=output.kind.is_exact)
 
     def _cryptomatte(self, labels: Sequence[LabelMap], path: Path | None) -> Part:
-        """The part of all label maps, its manifest in it or in a file."""
+        """The part of all label maps, with its manifest in metadata or in a file."""
         image = getattr(self.op, self.op.images()[0].attribute).first if getattr(self.op, "single", False) else None
         part, whole = cryptomatte_part(labels, path.name if path else None, image)
         if path is not None:
             _write_json(whole, path)
         elif sum(len(name) + 14 for name in whole) > _LARGE:
-            log.warning("%s: the manifest is large: cryptomatte=FILE.json puts it beside the image", self.op.flag())
+            log.warning("%s: the manifest is large; write it to a file with cryptomatte=FILE.json", self.op.flag())
         return part
 
 
@@ -285,7 +285,7 @@ class _Runner:
 
 
 def _require_free(op: Op, files: Mapping[str, Path], written: set[str]) -> None:
-    """Refuse files that would overwrite something, or that cannot be written."""
+    """Refuse files that would overwrite others, or that cannot be written."""
     taken = _read_by(op, {op.output(name).asked_by for name in files})
     holders: dict[Path, list[Output]] = defaultdict(list)
     for name, path in files.items():
@@ -295,7 +295,7 @@ def _require_free(op: Op, files: Mapping[str, Path], written: set[str]) -> None:
             if real in taken:
                 raise ParameterError(f"{request} would overwrite {taken[real]}")
             if real in written:
-                raise ParameterError(f"{request} has just been written by an op's modifier")
+                raise ParameterError(f"{request} would overwrite a file written by an earlier op")
             taken[real] = request
         elif holders[path][0].asked_by != output.asked_by:
             raise ParameterError(f"{request} would overwrite {taken[real]}")
@@ -312,35 +312,35 @@ def _require_free(op: Op, files: Mapping[str, Path], written: set[str]) -> None:
 
 
 def _read_by(op: Op, asking: set[str]) -> dict[str, str]:
-    """Real paths of what the op is made from, and what they are called; `asking` parameters name what it writes."""
+    """Real paths of the op's inputs, with descriptions; parameters in `asking` name outputs."""
     names = {}
     for slot, image in op.given():
-        names[os.path.realpath(image.source)] = f"{slot.name}, an image that it reads"
+        names[os.path.realpath(image.source)] = f"{slot.name}, an input image"
     for parameter in op.parameters():
         value = getattr(op, parameter.attribute)
         if isinstance(value, Path) and parameter.attribute not in asking:
-            names[os.path.realpath(value)] = f"{parameter.name}, a file that it reads"
+            names[os.path.realpath(value)] = f"{parameter.name}, an input file"
     return names
 
 
 def _type_of(output: Output) -> oiio.TypeDesc | None:
-    """The pixel type that an output's kind asks for."""
+    """The pixel type of an output's kind; None for that of its image."""
     name = _TYPES.get(output.kind)
     return oiio.TypeDesc(name) if name else None
 
 
 def _pixel_of(output: Output) -> Part:
-    """A part of one pixel that asks of a format what the output will."""
+    """A part of one pixel with the same requirements for a format as the output."""
     kind = _type_of(output)
     spec = oiio.ImageSpec(1, 1, 3 if output.kind is Kind.PICTURE else 2, kind or oiio.TypeDesc(oiio.UINT8))
     return Part(output.name, spec, lambda window: np.zeros((1, 1, spec.nchannels)), kind, exact=output.kind.is_exact)
 
 
-# --- what is made ---
+# --- metadata and results ---
 
 
 def _sources(op: Op) -> Sequence[tuple[str, Part | None]]:
-    """What the op's images are made from, and its name: of several maps of a material each from its own."""
+    """Names and parts of the sources of the op's images, one for each map of a material."""
     slots = (*op.images()[:1], op.further_images())
     named = [(image.source, image.first) for slot, image in op.given() if slot in slots]
     files = [(str(value), None) for value in op.values().values() if isinstance(value, Path)]
@@ -348,33 +348,33 @@ def _sources(op: Op) -> Sequence[tuple[str, Part | None]]:
 
 
 def _facts(op: Op) -> dict[str, Any]:
-    """How the op's images say that they were made; of what from, `_photo` says."""
+    """Metadata about how the op's images were made; `_photo` gives that about their source."""
     facts = op.provenance()
     return facts | {"oiiotex:version": __version__} if facts else {}
 
 
 def _photo(op: Op, name: str, part: Part | None) -> dict[str, str]:
-    """The photo by name, and the hash of the pixels that were taken, as --hash prints it; as said, where it was said.
+    """The name of the photo, and the hash of its pixels as printed by --hash; taken from its metadata if present.
 
-    What looks at a pixel and what is around it, and what has yet to be computed, is not looked at only for a hash.
+    Pointwise and neighborhood ops and images not yet computed get no hash, which would require reading all pixels.
     """
     if part is None:
         return {SOURCE: os.path.basename(name)}
     source = part.spec.get_string_attribute(SOURCE) or os.path.basename(name)
     if " SHA-1 " not in source and (op.copies or (part.ready and not isinstance(op, (Pointwise, Neighborhood)))):
-        with contextlib.suppress(ImageError):  # no hash of channels that are not alike; what is broken is said later
+        with contextlib.suppress(ImageError):  # no hash for mixed channel types; errors of reading are raised later
             source += f" SHA-1 {sha1(part)}"
     return {SOURCE: source}
 
 
 def _names(parts: Sequence[Part], main: str) -> tuple[str, ...]:
-    """The parts' names, the first being the op's image unless it is what was kept."""
+    """The names of the parts; the first is the op's image unless the input is kept."""
     names = [part.name for part in parts]
     return (main or names[0], *names[1:]) if main not in names[1:] else tuple(names)
 
 
 def _picture(name: str, picture: np.ndarray | Part) -> Part:
-    """sRGB for screens."""
+    """A picture as an 8-bit sRGB part."""
     if not isinstance(picture, Part):
         pixels = picture if picture.dtype == np.uint8 else np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
         spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.TypeDesc(_TYPES[Kind.PICTURE]))
@@ -384,13 +384,13 @@ def _picture(name: str, picture: np.ndarray | Part) -> Part:
 
 
 def _write_json(facts: Any, path: Path) -> None:
-    """Facts into a file, whole or not at all."""
+    """Write facts to a file, atomically."""
     with temporary_beside(path) as temporary:
         temporary.write_text(json.dumps(facts, indent=1))
 
 
 def _saying(part: Part, facts: dict[str, Any]) -> Part:
-    """The part, its metadata saying how it was made."""
+    """The part with facts as metadata."""
 
     def mark(spec: oiio.ImageSpec) -> None:
         for name, value in facts.items():

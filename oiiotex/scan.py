@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One look at an image of any size, on all threads.
+"""One scan of an image of any size, on all threads, similar to `vips_sink` of libvips.
 
-As libvips' `vips_sink` has a start, a scan and a stop: who asks makes the sums, `look` sees a piece on any thread, and
-`keep` adds what it found, piece after piece from the top down on one thread. So neither threads nor bands show in a
-result that adds whole numbers, or that hangs on their order.
+`look` processes pieces on any thread, and `keep` collects its findings on one thread, from top to bottom. So the result
+does not depend on threads or bands if it adds integers, or depends on the order of pieces only.
 """
 
 from __future__ import annotations
@@ -30,31 +29,31 @@ def scan(
     keep: Callable[[Window, Finding], object],
     *, cell: int = 0, halo: int = 0, larger: int = 1, advance: Callable[[int, int], object] | None = None,
 ) -> None:  # fmt: skip
-    """Look at a part once, in full-width pieces.
+    """Scan a part once, in full-width pieces.
 
     Parameters
     ----------
     part : Part
     lens : Lens
-        How pixels are seen.
+        The conversion of pixels to the working space.
     look : callable
-        (values, opaque, piece) -> what is found there. `values` and `opaque` are `Lens.values` of the piece, which
-        `look` may use up. Runs on several threads.
+        (values, opaque, piece) -> finding. `values` and `opaque` are `Lens.values` of the piece, which `look` may
+        overwrite. Runs on several threads.
     keep : callable
-        (piece, what was found), in order, on one thread.
+        Called with (piece, finding), in order, on one thread.
     cell : int
-        No piece crosses a border between rows of cells of so many px, counted from the data window's top; 0: anywhere.
+        Height of cells in px, counted from the top of the data window, whose borders no piece crosses; 0: no cells.
     halo : int
-        Rows above and below a piece that `look` gets as well, as far as there are any.
+        Number of rows above and below a piece that are passed to `look` as well, clipped to the image.
     larger : int
-        Pieces are so many times `PIECE_PIXELS`, where a piece has its price: a halo that is looked at twice, a table.
+        Size of pieces in multiples of `PIECE_PIXELS`; larger if a piece has a fixed cost, such as a halo or a table.
     advance : callable or None
-        Told after each piece how many rows are done, and how many there are; may raise to stop.
+        Called after each piece with the rows done and their total; may raise to stop.
 
     Raises
     ------
     BrokenValues
-        NaN or Inf: all are counted.
+        There are NaN or Inf values; all are counted.
     """
     whole, broken = part.window, np.zeros(2, np.int64)
     if halo:
@@ -63,9 +62,9 @@ def scan(
     def seen(given: tuple[Window, Window, np.ndarray]) -> Finding | BrokenValues:
         piece, around, rows = given
         try:
-            with np.errstate(over="ignore"):  # values are cut to a range in the end
+            with np.errstate(over="ignore"):  # values are clipped later
                 return look(*lens.values(rows), piece)
-        except BrokenValues:  # rows of the halo are counted where they are a piece's own
+        except BrokenValues:  # rows of the halo are counted in their own piece
             return BrokenValues(lens.name, lens.broken(rows[piece.inside(around)]))
 
     wanted = list(bands(part, BAND_BYTES))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the time went: seconds by stage, as `--runstats` prints them. Imports nothing of ours."""
+"""Seconds by stage, as printed by `--runstats`. Imports no other module of oiiotex."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Stats:
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self.calls: dict[str, int] = {}
-        self.watch: Callable[[str, bool], object] | None = None  # told of each block that begins (True) or ends
+        self.watch: Callable[[str, bool], object] | None = None  # called at the begin (True) and end of each block
 
     def add(self, name: str, seconds: float) -> None:
         """Count one call of `name` that took `seconds`."""

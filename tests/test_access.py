@@ -113,5 +113,5 @@ def test_what_help_says_follows_from_the_kind():
     from oiiotex.cli.printing.report import _op_page
 
     for kind in (Doubled, BoxMean):
-        assert f"Works in whatever the channels hold; {kind.reach}." in _op_page(kind)
+        assert f"Works in the image's own color space; {kind.reach}." in _op_page(kind)
     assert issubclass(Doubled, Op) and Doubled.reach != BoxMean.reach

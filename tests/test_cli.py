@@ -101,7 +101,7 @@ photo.png --texstationarize:QUICK:stmap=st.jpg | cannot hold part 'st' as float
 photo.png far.exr --texwarp | --texwarp : far.exr has 4 coordinates outside
 photo.png --texstationarize:QUICK:stmap=1 | png holds one image, not part0, st
 photo.png -d float | png cannot hold part 'part0' as float
-photo.png -d uint31 | no pixel type 'uint31'
+photo.png -d uint31 | unknown pixel type 'uint31'
 photo.png --threads two | --threads two: expected an integer from 0
 photo.png --threads 40000 | --threads 40000: expected an integer from 0 to 4096
 photo.png --attrib:type=int[1000000000] foo 1 | expected at most 65536 values

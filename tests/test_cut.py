@@ -337,7 +337,7 @@ def test_what_is_wrong_is_said(tmp_path):
         filters.cut(buffer(PHOTO), patch=3)
     photo = tmp_path / "photo.png"
     done = oiiotex(photo, "--iscolorspace", "sRGB", f"--texcut:stmap={photo}", "-o", tmp_path / "a.exr")
-    assert done.returncode == 1 and "would overwrite exemplar, an image that it reads" in done.stderr
+    assert done.returncode == 1 and "would overwrite exemplar, an input image" in done.stderr
 
 
 @pytest.mark.parametrize("wraps", [(False, False), (True, False), (True, True)])

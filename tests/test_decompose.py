@@ -242,7 +242,7 @@ def test_paper_is_czf02_by_the_letter():
     found = op._settings(512 * 512)
     assert (found.features, found.bins, found.group, found.search) == ("haar", 8, "cliques", "meanshift")
     assert found.scales > 1 and not found.refine and found.assign == "neighbors" and found.count is None
-    with pytest.raises(errors.ParameterError, match="scales=2: paper=1 says scales=3"):
+    with pytest.raises(errors.ParameterError, match="scales=2: conflicts with paper=1: expected scales=3"):
         Decompose(source=None, paper=True, scales=2)
     picture, truth = quarters(64)
     labels = ids_of(picture, paper=True, step=8, threshold=0.9)

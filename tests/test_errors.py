@@ -131,13 +131,14 @@ WRONG: dict[str, tuple[str, dict[str, object], str, str]] = {
         "light='3': conflicts with overcast=True",
     ),
     "paper": (
-        "stationarize:paper=1:contrast=0.5", {"paper": True, "contrast": 0.5}, "contrast=0.5: paper=1 says contrast=1",
-        "contrast=0.5: paper=True says contrast=1",
+        "stationarize:paper=1:contrast=0.5", {"paper": True, "contrast": 0.5},
+        "contrast=0.5: conflicts with paper=1: expected contrast=1",
+        "contrast=0.5: conflicts with paper=True: expected contrast=1",
     ),
     "inverse": ("lab:to=lin_rec709_scene", {"to": "lin_rec709_scene"}, "requires inverse=1", "requires inverse=True"),
     "labels": (
-        "quilt:label=1", {"label": 1}, "has no label parts: --texlabel:keep=1 makes them",
-        "has no label parts: filters.label(keep=True) makes them",
+        "quilt:label=1", {"label": 1}, "has no label parts; create them with --texlabel:keep=1",
+        "has no label parts; create them with filters.label(keep=True)",
     ),
     "panels": ("preview:panels=no", {"panels": ["no"]}, "panels=no: expected ", "panels=('no',): expected "),
 }  # fmt: skip

@@ -195,7 +195,7 @@ def test_occlusion_looks_around_what_tiles(tile):
 def test_occlusion_of_broken_heights_is_refused(value, text):
     heights = np.zeros((24, 24))
     heights[0, 5] = value  # which lies beyond the border too
-    with pytest.raises(errors.ImageError, match=f"{text} values: repair them by"):
+    with pytest.raises(errors.ImageError, match=f"{text} values: repair them with"):
         pixels(filters.estimateao(gray(heights, "data"), radius=4))
 
 

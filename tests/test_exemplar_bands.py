@@ -48,7 +48,7 @@ OPS: dict[str, tuple[str, dict[str, Any]]] = {
     "a photo": ("stationarize", {"stmap": True}),
     "alpha and a mask": ("stationarize", {"exemplar": WITH_ALPHA, "mask": 1 - marked(110, 170, 80, 120)}),
     "weights": ("stationarize", {"weight": WEIGHT, "measure": "moments"}),
-    "a part anew": ("stationarize", {"within": marked(60, 80, 60, 90), "size": None}),
+    "a part anew": ("stationarize", {"inpaint": marked(60, 80, 60, 90), "size": None}),
     "a material": ("patchmatch", {"maps": [NORMALS, PHOTO[..., :1]], "kinds": ("color", "normal", "height")}),
     "variants": ("stationarize", {"variants": 2}),
     "by the letter": ("stationarize", {"paper": True, "sigma": 5}),

@@ -87,7 +87,7 @@ def test_a_full_disk_does_not_end_the_frames_that_fit(tmp_path, picture):
 def test_no_room_for_intermediate_results_is_one_line_that_names_tmpdir(tmp_path):
     words = "--create 1600x1600 3 --cache 16 --mulc 0.5 --rotate 30 -o " + str(tmp_path / "out.exr")
     done = on_small_disk(tmp_path, "1m", f"TMPDIR=$PWD {shlex.join(PROGRAM)} {words}", "code=$?; ls -A; exit $code")
-    assert "no room for intermediate results" in line_of(done)
+    assert "no space for intermediate results" in line_of(done)
     assert "set TMPDIR" in done.stderr
     assert (done.stdout, os.listdir(tmp_path)) == ("", ["small"])
 

@@ -85,7 +85,7 @@ def test_data_and_parts_of_a_photo_are_not_flattened_by_default():
     area = np.zeros((96, 112, 1), np.float32)
     area[30:50, 40:70] = 1
     given = photo()
-    made = filters.stationarize(given, within=buffer(area, space="", names=("Y",)), **QUICK)
+    made = filters.stationarize(given, inpaint=buffer(area, space="", names=("Y",)), **QUICK)
     np.testing.assert_array_equal(pixels(made)[~area[..., 0].astype(bool)], pixels(given)[~area[..., 0].astype(bool)])
 
 

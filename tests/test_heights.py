@@ -159,22 +159,22 @@ def test_whole_numbers_that_cannot_hold_levelled_heights_say_so(caplog):
     flat[::7] = 1 - flat[::7]  # spikes of the whole range in both halves: no constant leaves room
     with caplog.at_level(logging.WARNING):
         made(heights(flat, oiio.UINT8), **BLIND, relevel=True)
-    assert "lie beyond uint8 and are cut" in caplog.text
+    assert "exceed the range of uint8 and are clipped" in caplog.text
 
 
-def test_within_raises_nothing_outside():
+def test_inpaint_raises_nothing_outside():
     within = np.zeros((96, 96, 1))
     within[30:60, 30:60] = 1
     mask = buffer(within, oiio.FLOAT, space="", names=("Y",))
-    more = {"size": None, "within": mask, "relevel": True} | BLIND
+    more = {"size": None, "inpaint": mask, "relevel": True} | BLIND
     _, levelled = made(**more)
     outside = within[..., 0] == 0
     np.testing.assert_array_equal(levelled[outside], pixels(heights())[..., 0][outside])
 
 
 @pytest.mark.parametrize(("given", "said"), [
-    ({"kinds": ("color", "data"), "relevel": True}, "relevel=True: none of the maps is a height"),
-    ({"variants": 2, "relevel": True}, "variants=2 does not go with relevel"),
+    ({"kinds": ("color", "data"), "relevel": True}, "relevel=True requires kinds with a height"),
+    ({"variants": 2, "relevel": True}, "variants=2: conflicts with relevel"),
 ])  # fmt: skip
 def test_what_does_not_go_with_levelling_is_said(given, said):
     with pytest.raises(errors.ParameterError, match=said):

@@ -215,7 +215,7 @@ def test_oiiotools_other_names_of_a_type_mean_the_same(name, kind):
     ["banana", "", "FLOAT", "float ", "int64", "uint64", "string", "float[3]", "color", "point", "half[2]", "vector"],
 )
 def test_what_is_no_pixel_type_is_refused_with_those_there_are(name):
-    assert refusal(type_named, name) == f"no pixel type '{name}'; there is {', '.join(NUMPY)}"
+    assert refusal(type_named, name) == f"unknown pixel type '{name}': expected one of {', '.join(NUMPY)}"
 
 
 def test_pixels_of_a_type_that_numpy_lacks_are_refused():
@@ -299,7 +299,7 @@ def test_a_buffer_of_a_file_is_read_and_named(tmp_path):
 
 
 def test_a_buffer_that_holds_no_image_is_refused(tmp_path):
-    assert refusal(from_buffer, oiio.ImageBuf()) == "ImageBuf: holds no image"
+    assert refusal(from_buffer, oiio.ImageBuf()) == "ImageBuf: contains no image"
     text = refusal(from_buffer, oiio.ImageBuf(str(tmp_path / "no.exr")))
     assert text.startswith(f"{tmp_path / 'no.exr'}: ")
 

@@ -157,7 +157,7 @@ def test_one_command_from_a_photo(tmp_path):
     ("words", "said"),
     [
         ((), "no label parts"),
-        (("--texlabel:keep=1", ":level=99"), "level=99: there is"),
+        (("--texlabel:keep=1", ":level=99"), "level=99: expected one of"),
         (("--texlabel:keep=1", ":size=4194304x4194304"), "quilting 4194304x4194304"),
     ],
 )

@@ -228,7 +228,7 @@ def test_paper_is_lsa16_by_the_letter(monkeypatch):
     assert (op.features, op.share, op.coarsest, op.runs, op.minsize) == ("moments", 1.0, False, 10, 25)
     op.compute(Session())
     assert seen and all(k == {"persistence": 0.95, "slowest": 0.0} for k in seen)  # the same at every level, no floor
-    with pytest.raises(errors.ParameterError, match=r"share=0\.7: paper=1 says share=1"):
+    with pytest.raises(errors.ParameterError, match=r"share=0\.7: conflicts with paper=1: expected share=1"):
         filters.op_named("label")(source=op.source, paper=True, share=0.7)
 
 

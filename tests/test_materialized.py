@@ -93,5 +93,6 @@ def test_a_full_folder_for_temporary_files_is_refused_in_one_line(tmp_path, room
     done = subprocess.run(command, env={**os.environ, "TMPDIR": str(tmp_path)}, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     (line,) = done.stdout.splitlines()
-    says = f"no room for intermediate results in {tmp_path} " if room else "no folder for intermediate results "
-    assert line.startswith(f"{says}(set TMPDIR): ")
+    full = f"no space for intermediate results in {tmp_path}: "
+    says = full if room else "cannot create a file for intermediate results: "
+    assert line.startswith(says) and line.endswith("; set TMPDIR")

@@ -87,9 +87,9 @@ def test_normals_of_length_0_are_never_a_source(caplog, none):
     broken[20:30, 30:50] = none
     with caplog.at_level(logging.WARNING):
         tiles = made(images(broken), stmap=True)
-    assert "200 normals of length 0: these pixels are never a source" in caplog.text
+    assert "200 normals have length 0; these pixels are not used as a source" in caplog.text
     assert (np.abs(pixels(tiles[1]).astype(float) - none).max(-1) > 0.02).all()
-    with pytest.raises(errors.ImageError, match="no normal of any length"):
+    with pytest.raises(errors.ImageError, match="contains only normals of length 0"):
         made(images(np.full_like(NORMAL, none)))
 
 
@@ -125,7 +125,7 @@ def test_maps_of_different_sizes_or_windows_are_refused(change, said):
         ({"kinds": ("color", "bump", "data")}, "kinds=.'color', 'bump', 'data'.: expected"),
         ({"match": (1, 1)}, "match=.1.0, 1.0.: expected one number for each of the 3 maps"),
         ({"match": (0, 0, 0)}, "match=.0.0, 0.0, 0.0.: expected"),
-        ({"n": 2}, "n=2: there are 3 maps"),
+        ({"n": 2}, "n=2: 3 maps are given"),
     ],
 )
 def test_what_does_not_fit_the_maps_is_said(given, said):
@@ -154,6 +154,6 @@ def test_n_takes_and_pushes_images_of_the_stack(tmp_path):
 
 
 def test_too_many_channels_are_refused_in_a_whole_sentence():
-    said = "33 channels to compare, at most 32 are allowed: match= with 0 leaves a map out$"
+    said = "33 channels to compare: expected at most 32; set match of a map to 0 to ignore it$"
     with pytest.raises(errors.ParameterError, match=said):
         filters.stationarize(buffer(ALBEDO), maps=[buffer(ALBEDO)] * 10, **QUICK)

@@ -67,9 +67,9 @@ def test_part_stack_file_and_keyword_are_the_same(folder):
         ((f"{OP}:mask=nope",), "neither a part (the image has part0) nor a file"),
         ((f"{OP}:mask=1",), "expected 2 image(s) on the stack, found 1"),
         ((f"{OP}:label=1",), "no label parts"),
-        ((f"{OP}:level=1",), "say label, too"),
-        (("left.png", "--resize", "30x30", f"{OP}:mask=1"), "mask is 30x30, the exemplar 72x64"),
-        (("left.png", "--mulc", "0", f"{OP}:mask=1"), "the mask leaves no pixel"),
+        ((f"{OP}:level=1",), "level and labels require label"),
+        (("left.png", "--resize", "30x30", f"{OP}:mask=1"), "mask is 30x30, but the exemplar is 72x64"),
+        (("left.png", "--mulc", "0", f"{OP}:mask=1"), "mask selects no pixel"),
         ((f"{OP}:masc=1",), "did you mean 'mask'"),
     ],
 )
@@ -82,7 +82,7 @@ def test_what_is_wrong_is_said(folder, line, said):
 def test_python_says_what_is_wrong():
     photo = buffer(PHOTO)
     with pytest.raises(
-        errors.ParameterError, match="mask='nope': neither a part of the image, which has part0, nor a file"
+        errors.ParameterError, match=r"mask='nope': expected a part of the image \(part0\) or an existing file"
     ):
         filters.patchmatch(photo, mask="nope")
     with pytest.raises(errors.ParameterError, match="not list"):

@@ -104,7 +104,7 @@ def test_a_side_file_is_refused_before_the_work(op, output, tmp_path, monkeypatc
             errors.ParameterError, tmp_path / name, f"{output.asked_by}=.*{name} would overwrite {op.images()[0].name}"
         )
     new = tmp_path / "new.exr"
-    refused(errors.ParameterError, new, "has just been written", {os.path.realpath(new)})
+    refused(errors.ParameterError, new, "would overwrite a file written by an earlier op", {os.path.realpath(new)})
     refused(errors.ImageError, tmp_path / "nowhere" / "x.exr", "no such folder")
     others = {o.asked_by for _, o in (p.values for p in SIDE_FILES if p.values[0] is op)} - {output.asked_by}
     for other in others:
@@ -195,7 +195,7 @@ def test_an_undeclared_output_is_a_mistake(monkeypatch):
 def test_a_plan_that_is_read_is_not_overwritten(tmp_path):
     filters.quilt(buffer(PHOTO), size=(40, 40), plan=tmp_path / "p.npz")
     held = (tmp_path / "p.npz").read_bytes()
-    with pytest.raises(errors.ParameterError, match="would overwrite plan, a file that it reads"):
+    with pytest.raises(errors.ParameterError, match="would overwrite plan, an input file"):
         filters.quilt(buffer(PHOTO), plan=tmp_path / "p.npz", render=True, stmap=tmp_path / "p.npz")
     assert (tmp_path / "p.npz").read_bytes() == held
 
@@ -203,7 +203,7 @@ def test_a_plan_that_is_read_is_not_overwritten(tmp_path):
 def test_a_line_does_not_write_one_file_twice(tmp_path, photo):
     words = [photo, "--texcut:stmap=st.exr:size=16x16"] * 2
     done = oiiotex(*words, cwd=tmp_path)
-    assert done.returncode == 1 and "stmap=st.exr has just been written by an op's modifier" in done.stderr
+    assert done.returncode == 1 and "stmap=st.exr would overwrite a file written by an earlier op" in done.stderr
     done = oiiotex(photo, "--nosoftwareattrib", "--texcut:stmap=st.exr:size=16x16", "-o", "a.exr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert read(tmp_path / "st.exr").first.spec.get_string_attribute("oiiotex:filter") == ""

@@ -209,7 +209,7 @@ def test_an_unknown_modifier_names_the_nearest_and_all_there_are():
 def test_an_unknown_modifier_without_a_near_one_names_none():
     text = refusal(parse_modifiers, Everything, {"qqqq": "3"})
     assert "did you mean" not in text
-    assert "unknown modifier 'qqqq'; there is mask, count, strength" in text
+    assert "unknown modifier 'qqqq'; modifiers: mask, count, strength" in text
 
 
 def test_an_image_is_no_modifier():
@@ -241,7 +241,7 @@ def test_an_argument_is_a_word_of_its_own_and_no_modifier():
     assert all(p.required for p in Merge.arguments())
     assert Everything.arguments() == ()
     text = refusal(parse_modifiers, Merge, {"mode": "max"})
-    assert text == "unknown modifier 'mode'; there is mask, gamma, from"
+    assert text == "unknown modifier 'mode'; modifiers: mask, gamma, from"
 
 
 def test_an_argument_is_checked_as_a_modifier_is():

@@ -136,8 +136,8 @@ def test_it_joins_the_promise_tests(studio):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (("class Posterize(Pointwise)", "class Posterize"), "no subclass"),
-        (('"posterize"', '"warp"'), "there is a filter 'warp' already"),
+        (("class Posterize(Pointwise)", "class Posterize"), "expected a subclass"),
+        (('"posterize"', '"warp"'), "filter 'warp' already exists"),
         (("import numpy", "import nothing_of_that_name"), "nothing_of_that_name"),
     ],
 )

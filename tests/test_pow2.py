@@ -59,10 +59,10 @@ def test_pow2_is_kept_on_a_lattice_with_a_warning_where_that_is_visible(caplog):
     assert "128x128 px stretch" in made["19.3"][0] and not made["none"]
 
 
-def test_within_keeps_the_size_of_the_photo():
+def test_inpaint_keeps_the_size_of_the_photo():
     photo = buffer(pictures.moss(52, 90, 4))
-    with pytest.raises(ParameterError, match="with within the result is as large as the photo, 90x52"):
-        filters.stationarize(photo, within=photo, size="pow2", session=Session())
+    with pytest.raises(ParameterError, match="size='pow2': expected 90x52, the photo's, with inpaint"):
+        filters.stationarize(photo, inpaint=photo, size="pow2", session=Session())
 
 
 def test_the_library_makes_powers_of_two_by_default():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texstationarize told where, with what and how finely: within, weight, sigmamap."""
+"""--texstationarize told where, with what and how finely: inpaint, weight, sigmamap."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ def made(**more: object):
     return filters.stationarize(buffer(PHOTO), **{**QUICK, **more})
 
 
-# --- within ---
+# --- inpaint ---
 
 
 def test_outside_nothing_changes_and_inside_nothing_stays_of_the_stain():
-    found = made(within=mask(STAIN), stmap=True)
+    found = made(inpaint=mask(STAIN), stmap=True)
     tile, st = pixels(found["tile"]), pixels(found["st"])
     photo = PHOTO.astype(np.float32)
     np.testing.assert_array_equal(np.where(STAIN, 0, tile), np.where(STAIN, 0, photo))
@@ -55,7 +55,7 @@ def test_the_new_pixels_go_with_the_old_ones():
     """Jumps across the mask's border are half of those that a piece of another texture makes there."""
     across = STAIN[:, 1:, 0] != STAIN[:, :-1, 0]
     other = np.where(STAIN, pixels(made(weight=mask(~STAIN))), PHOTO)
-    tiles = (pixels(made(within=mask(STAIN))), other)
+    tiles = (pixels(made(inpaint=mask(STAIN))), other)
     found, pasted = (np.abs(np.diff(tile[..., 1], axis=1))[across].mean() for tile in tiles)
     assert found < 0.6 * pasted
 
@@ -63,7 +63,7 @@ def test_the_new_pixels_go_with_the_old_ones():
 def test_only_a_border_made_anew_makes_a_photo_tile():
     y, x = np.indices((96, 112))
     border = (np.minimum(np.minimum(x, 111 - x), np.minimum(y, 95 - y)) < 14)[..., None]
-    tile = pixels(made(within=mask(border), tile="xy"))
+    tile = pixels(made(inpaint=mask(border), tile="xy"))
     np.testing.assert_array_equal(tile[~border[..., 0]], PHOTO.astype(np.float32)[~border[..., 0]])
     for axis in (0, 1):
         assert seam_ratio(tile[..., 1], axis) < 0.6 * seam_ratio(PHOTO[..., 1], axis)
@@ -76,7 +76,7 @@ def test_windows_stay_and_what_is_transparent_stays():
     photo = oiio.ImageBuf(spec)
     alpha = (np.indices((96, 112))[1] < 100)[..., None] * 1.0
     photo.set_pixels(photo.roi, np.concatenate([PHOTO * alpha, alpha], -1).astype(np.float32))
-    found = filters.stationarize(photo, within=mask(STAIN), **QUICK)
+    found = filters.stationarize(photo, inpaint=mask(STAIN), **QUICK)
     assert found.roi == photo.roi and found.roi_full == photo.roi_full
     np.testing.assert_array_equal(pixels(found)[~STAIN[..., 0]], pixels(photo)[~STAIN[..., 0]])
     assert (pixels(found)[STAIN[..., 0], 3] == 1).all()
@@ -84,26 +84,26 @@ def test_windows_stay_and_what_is_transparent_stays():
 
 def test_a_mask_of_nothing_leaves_the_photo_as_it_is_and_says_so(caplog):
     with caplog.at_level(logging.WARNING):
-        np.testing.assert_array_equal(pixels(made(within=mask(STAIN & False))), PHOTO.astype(np.float32))
-    assert "within marks no pixel: the photo stays as it is" in caplog.text
+        np.testing.assert_array_equal(pixels(made(inpaint=mask(STAIN & False))), PHOTO.astype(np.float32))
+    assert "inpaint marks no pixel; the photo is unchanged" in caplog.text
 
 
-def test_what_within_cannot_do_is_said():
-    with pytest.raises(errors.ImageError, match=r"within covers all of .*nothing is left to take patches from"):
-        made(within=mask(STAIN | True))
-    with pytest.raises(errors.ImageError, match="within is 40x30, the exemplar 112x96"):
-        made(within=mask(STAIN[:30, :40]))
-    with pytest.raises(errors.ParameterError, match="size=64x64: with within the result is as large as the photo"):
-        made(within=mask(STAIN), size=(64, 64))
+def test_what_inpaint_cannot_do_is_reported():
+    with pytest.raises(errors.ImageError, match=r"inpaint marks every pixel of .*no source pixels remain"):
+        made(inpaint=mask(STAIN | True))
+    with pytest.raises(errors.ImageError, match="inpaint is 40x30, but the exemplar is 112x96"):
+        made(inpaint=mask(STAIN[:30, :40]))
+    with pytest.raises(errors.ParameterError, match=r"size=[(]64, 64[)]: expected 112x96, the photo's, with inpaint"):
+        made(inpaint=mask(STAIN), size=(64, 64))
     with pytest.raises(errors.ImageError, match="no 7x7 patch of the exemplar of 112x96 px is free of"):
-        made(within=mask(np.indices((96, 112)).sum(0)[..., None] % 5 > 0))
+        made(inpaint=mask(np.indices((96, 112)).sum(0)[..., None] % 5 > 0))
 
 
-def test_within_on_the_command_line(tmp_path):
+def test_inpaint_on_the_command_line(tmp_path):
     save(PHOTO, tmp_path / "photo.png")
     save(STAIN * 1.0, tmp_path / "stain.png")
     done = oiiotex(
-        "photo.png", "stain.png", "--texstationarize:within=1:iterations=2:patch=7", "-o", "out.png", cwd=tmp_path
+        "photo.png", "stain.png", "--texstationarize:inpaint=1:iterations=2:patch=7", "-o", "out.png", cwd=tmp_path
     )
     assert done.returncode == 0, done.stderr
     before, after = load(tmp_path / "photo.png"), load(tmp_path / "out.png")
@@ -131,8 +131,8 @@ def test_what_weighs_more_is_used_more_and_what_weighs_nothing_never():
     ("value", "said"),
     [
         (0.0, "weight is 0 everywhere"),
-        (-1.0, "10752 values that are negative"),
-        (np.nan, "10752 values that are negative"),
+        (-1.0, "10752 negative, NaN or Inf values"),
+        (np.nan, "10752 negative, NaN or Inf values"),
     ],
 )
 def test_weights_that_are_none_are_refused(value, said):
@@ -141,7 +141,7 @@ def test_weights_that_are_none_are_refused(value, said):
 
 
 def test_weights_of_another_size_are_refused():
-    with pytest.raises(errors.ImageError, match="weight is 4x3, the exemplar 112x96"):
+    with pytest.raises(errors.ImageError, match="weight is 4x3, but the exemplar is 112x96"):
         used(np.ones((3, 4)))
 
 
@@ -200,7 +200,7 @@ def test_where_sigma_is_small_the_result_is_more_even():
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        (0.0, "sigmamap has 5 values below 0.5 px, the least is 0: sigmas are in pixels"),
+        (0.0, "sigmamap has 5 values below 0.5 px [(]minimum 0[)]: expected sigma in pixels"),
         (np.nan, "sigmamap has 5 NaN or Inf values: expected numbers >= 0.5 px"),
     ],
 )
@@ -212,9 +212,9 @@ def test_sigmas_that_are_none_are_refused(value, said):
 
 
 def test_a_map_of_sigmas_must_fit_the_result_and_stand_alone():
-    with pytest.raises(errors.ImageError, match="sigmamap is 112x96, the result 64x50"):
+    with pytest.raises(errors.ImageError, match="sigmamap is 112x96, but the result is 64x50"):
         made(sigmamap=sigmas(np.full((96, 112), 8.0)), size=(64, 50))
-    with pytest.raises(errors.ImageError, match="sigmamap is of uint8: sigmas are in pixels, in a file of floats"):
+    with pytest.raises(errors.ImageError, match="sigmamap is uint8: expected a float image with sigma in pixels"):
         made(sigmamap=buffer(np.ones((96, 112, 1)), oiio.UINT8))
-    with pytest.raises(errors.ParameterError, match="sigma=8: sigmamap says it already"):
+    with pytest.raises(errors.ParameterError, match=r"sigma=8[.]0: conflicts with sigmamap"):
         made(sigmamap=sigmas(np.full((96, 112), 8.0)), sigma=8.0)

@@ -70,8 +70,8 @@ def test_panels_stand_side_by_side_in_the_order_asked_for():
     ("given", "said"),
     [
         ({"panels": ["4x4"]}, "panels=..4x4.,.: expected exemplar, seamless, 2x2, 3x3, plane"),
-        ({"panels": ["2x2", "seamless"]}, "panels=2x2,seamless: seamless needs exemplar="),
-        ({"exemplar": TILE[..., :1]}, "exemplar has 1 channels, the tile 3"),
+        ({"panels": ["2x2", "seamless"]}, "panels=.*: seamless requires exemplar"),
+        ({"exemplar": TILE[..., :1]}, "exemplar has 1 channels, but the tile has 3"),
     ],
 )
 def test_what_is_wrong_is_said(given, said):

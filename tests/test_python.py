@@ -123,7 +123,7 @@ def test_masks_are_arrays_files_or_names_of_parts(tmp_path):
     for other in made[1:]:
         np.testing.assert_array_equal(made[0], other)
     with pytest.raises(
-        errors.ParameterError, match=r"mask='no': neither a part of the image, which has part0, nor a file"
+        errors.ParameterError, match=r"mask='no': expected a part of the image \(part0\) or an existing file"
     ):
         filters.stationarize(PHOTO, mask="no", colorspace=SRGB)
 

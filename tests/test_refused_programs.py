@@ -72,7 +72,7 @@ def test_where_a_program_does_not_build_the_next_device_does_it_all(monkeypatch,
     opened = refusing(monkeypatch, left, None)
     assert np.array_equal(tile(), expected)
     assert opened == ["device 0", "device 1"]
-    assert [m for m in caplog.messages if "cannot build" in m and "all is done again on device 1" in m]
+    assert [m for m in caplog.messages if "cannot build" in m and "repeating all work on device 1" in m]
 
 
 def test_only_once_and_never_where_a_device_is_named(monkeypatch):

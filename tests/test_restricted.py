@@ -166,7 +166,7 @@ def test_parts_that_stay_are_said_in_one_line_and_labels_are_not(caplog):
         assert not caplog.records
         filters.patchmatch({**parts, **more}, mask="m", label=1, iterations=1)
     assert [r.getMessage() for r in caplog.records] == [
-        "--texpatchmatch: of photo only the first part is used, not depth, normals"
+        "--texpatchmatch: only the first part of photo is used; ignored: depth, normals"
     ]
 
 
@@ -182,6 +182,6 @@ def test_a_mask_lies_where_its_windows_say():
     np.testing.assert_array_equal(pixels(filters.patchmatch(photo, mask=crop, seed=1)), expected)
     away = buffer(whole)
     away.specmod().x = away.specmod().full_x = 500
-    unlike = r"^patchmatch: mask is .*[+]500[+]0, the exemplar .*: they must be alike, or in"
+    unlike = r"^patchmatch: mask is .*[+]500[+]0, but the exemplar is .*: expected the same size, or"
     with pytest.raises(errors.ImageError, match=unlike):
         filters.patchmatch(photo, mask=away)

@@ -96,7 +96,7 @@ def test_an_interrupted_run_says_that_its_pieces_are_kept(folder):
     done = interrupted(folder, "stopped.tif", signal.SIGINT)
     assert done.returncode == 130
     (line,) = done.stderr.strip().splitlines()
-    assert "finished pieces are kept in stopped.tif.parts: the same run goes on there" in line
+    assert "finished pieces are stored in stopped.tif.parts; repeat the run to resume" in line
     assert len(pieces(folder / "stopped.tif.parts")) >= 2
     assert not list(folder.glob(".*oiiotex*"))
 

@@ -192,12 +192,12 @@ WRONG = [
     (("--texsynth:graph=away.json",), "gone.png: no such file"),
     (("--texsynth:graph=loop.json:window=3x4",), "window=3x4: expected WxH+X+Y"),
     (("--texsynth:graph=loop.json:window=0x4+1+1",), "expected WxH+X+Y"),
-    (("--texsynth:graph=loop.json:window=4x4+9999999999999999999999+1",), "places up to 2^60"),
+    (("--texsynth:graph=loop.json:window=4x4+9999999999999999999999+1",), "offsets up to 2^60"),
     (("--texsynth:graph=loop.json:size=20x20:window=9x9+15+0",), "9x9+15+0: expected a window inside size=20x20"),
     (("--texsynth:graph=loop.json:level=61",), "level=61: expected an integer from 0 to 60"),
-    (("--texsynth:graph=loop.json:stmap=loop.json",), "loop.json would overwrite graph, a file that it reads"),
+    (("--texsynth:graph=loop.json:stmap=loop.json",), "loop.json would overwrite graph, an input file"),
     (("photo.png", "--texsynth:size=100x64:toroidal=1"), "size=100x64: expected multiples of 64 px, for toroidal=1"),
-    (("photo.png", "--texsynth:toroidal=1"), "toroidal=1 requires size, after which the texture repeats"),
+    (("photo.png", "--texsynth:toroidal=1"), "toroidal=1 requires size, the period of the texture"),
     *((("photo.png", f"--texsynth:size=70x50:tiles={wrong}"), f"tiles={wrong}: expected I/N, I from 1 to N")
       for wrong in ("0/3", "4/3", "1", "1/51", "a/b")),
     (("photo.png", "--texsynth:lock=61"), "lock=61: expected 0 or 1 or an integer from 0 to 60"),
@@ -252,5 +252,5 @@ def test_paper_is_hrrg08_by_the_letter(folder):
     photo = oiio.ImageBuf(str(folder / "photo.png"))
     six = filters.synth(photo, size=(40, 30), seed=2, paper=True).get_pixels(oiio.FLOAT)
     assert not np.array_equal(six, filters.synth(photo, size=(40, 30), seed=2).get_pixels(oiio.FLOAT))
-    with pytest.raises(errors.ParameterError, match="dims=12: paper=True says dims=6"):
+    with pytest.raises(errors.ParameterError, match="dims=12: conflicts with paper=True: expected dims=6"):
         filters.synth(photo, dims=12, paper=True)

@@ -50,13 +50,13 @@ def test_sizes_may_differ():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"vary": "sigma"}, "say both or neither"),
-        ({"over": ["1"]}, "say both or neither"),
+        ({"vary": "sigma"}, "vary and over require each other"),
+        ({"over": ["1"]}, "vary and over require each other"),
         ({"vary": "sgima", "over": ["1"]}, "did you mean 'sigma'"),
-        ({"vary": "seed", "over": ["1"]}, "vary='seed': of filters.stationarize"),
+        ({"vary": "seed", "over": ["1"]}, "vary='seed': expected a modifier of filters.stationarize"),
         ({"vary": "sigma", "over": ["8", "x"]}, "sigma='x': expected a number"),
         ({"vary": "sigma", "over": ["8", "0"]}, "sigma='0': expected a number"),
-        ({"filter": "warp"}, "filter='warp': expected 'stationarize'"),
+        ({"filter": "warp"}, "filter='warp': expected one of 'stationarize'"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_the_work(given, said):

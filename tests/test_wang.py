@@ -95,7 +95,7 @@ def test_variants_of_a_material_come_tile_by_tile(tmp_path):
     ("given", "said"),
     [
         ({"tile": "x"}, "variants=2 does not go with tile=x"),
-        ({"within": PHOTO, "size": None}, "variants=2 does not go with within"),
+        ({"inpaint": PHOTO, "size": None}, "variants=2 does not go with inpaint"),
         (
             {"size": (24, 64)},
             "tiles of 24x64 px are too small for border strips of 7 px: expected at least 28x28 px",

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The public surface for programs that are built on oiiotex: its page, its library, its recipes, its farms.
+"""The API for programs built on oiiotex: live page, library, recipes and farm.
 
-`images`, `files`, `lines`, `materials`, `painting` and `service` name what such a program may use, wherever it lies
-inside; filters of other packages use `oiiotex.plugin`. Other modules may change from one version to the next.
+Such programs import only `images`, `files`, `lines`, `materials`, `painting` and `service`. Filters of other packages
+use `oiiotex.plugin`. Other modules may change between versions.
 """

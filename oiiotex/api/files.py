@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are written whole or not at all, within a folder, and documents that strangers write."""
+"""Atomic writing of files below a folder, and reading of untrusted documents."""
 
 from ..io.atomic import OUTSIDE, OutsideError, temporary_beside, writing_only_below, written
 from ..io.disk_cache import hash_of

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command lines: read, looked through before they run, and run here or in processes of their own."""
+"""Command lines: parsing, dry runs, and execution here or in worker processes."""
 
 from ..cli.language.parse import Step, parse, split_modifiers
 from ..cli.language.sequences import Frame

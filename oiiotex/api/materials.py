@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Materials: what file names say of maps, documents of MaterialX, USD and Blender, renders of a preview."""
+"""Materials: kinds of maps by file names, MaterialX, USD and Blender documents, preview renders."""
 
 from ..materials.documents import (
     BLENDER,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a page needs beside the filters: label codes, painted plans, levels of zoom."""
+"""Label codes, painted plans and levels of zoom, for the live page."""
 
 from ..exemplar.presets import PRESETS
 from ..labels.legend import code_of, codes_of, color_of

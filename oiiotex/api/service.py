@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The resident process: its client, requests and their order, settings."""
+"""The resident process: client, requests and their priorities, settings."""
 
 from ..service.client import BRUSH, EXPORT, LOOKS, TILES, Client, Request, connect
 from ..service.messages import LinkError

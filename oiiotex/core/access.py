@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How an op looks at pixels. An op is of one of these kinds, by its base class, and never says more of it itself.
+"""Access kinds: which pixels of its images an op reads. The base class of an op determines its kind.
 
-What help says follows from the kind, and so do the promises that tests hold every op to: which pixels may be asked for
-before a window of the result is, and which ones then (tests/test_promises.py, tests/test_streaming.py).
+The line in the help follows from the kind, and so do the guarantees that tests check: which pixels may be read before
+and during the computation of a window of the result (tests/test_promises.py, tests/test_streaming.py).
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class _Mapped(Op):
-    """What makes its result from pixels at their place."""
+    """An op whose result at a pixel depends on the source near that pixel."""
 
     def halo(self) -> tuple[int, int]:
-        """How many pixels it looks to each side: (x, y)."""
+        """Number of pixels that it reads on each side: (x, y)."""
         return 0, 0
 
     def mapped(
@@ -37,10 +37,10 @@ class _Mapped(Op):
         session: Session,
         spec: oiio.ImageSpec | None = None,
     ) -> Part:
-        """A part of the same size, window by window, computed on all threads when it is asked for.
+        """A part of the same size, computed window by window, on all threads, when it is read.
 
-        `work`: (pixels of the part, window) -> pixels of the result there. It must give a pixel the same value in any
-        window. With a halo the pixels are those of the window grown by it, as far as the part goes.
+        `work`: (pixels of the part, window) -> pixels of the result there. The value of a pixel must not depend on the
+        window. With a halo, the pixels are those of the window grown by it and clipped to the part.
         """
         return mapped(part, work, session.resources, spec, self.halo())
 
@@ -52,7 +52,7 @@ def mapped(
     spec: oiio.ImageSpec | None = None,
     halo: tuple[int, int] = (0, 0),
 ) -> Part:
-    """As `_Mapped.mapped`, for any op; `halo` is how many pixels `work` needs to each side, (x, y)."""
+    """As `_Mapped.mapped`, for any op; `halo`: number of pixels that `work` needs on each side, (x, y)."""
     whole, source = part.window, cached(part, resources.cache) if any(halo) else part
 
     def fetch(window: Window) -> np.ndarray:
@@ -69,58 +69,58 @@ def mapped(
 
 @dataclass(frozen=True, kw_only=True)
 class Pointwise(_Mapped):
-    """A pixel of the result follows from the pixels at its place."""
+    """A pixel of the result depends on the source pixel at the same place."""
 
-    reach: ClassVar[str] = "looks at one pixel, and streams"
+    reach: ClassVar[str] = "pointwise, out-of-core"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Neighborhood(_Mapped):
-    """A pixel of the result follows from those around its place, as far as `halo` says."""
+    """A pixel of the result depends on source pixels within `halo` of its place."""
 
-    reach: ClassVar[str] = "looks at a neighborhood, and streams"
+    reach: ClassVar[str] = "neighborhood, out-of-core"
 
     def halo(self) -> tuple[int, int]:
-        """How many pixels it looks to each side: (x, y)."""
+        """Number of pixels that it reads on each side: (x, y)."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScanThenMap(_Mapped):
-    """It looks through its images band by band and keeps what it sums up; then it is as what is pointwise."""
+    """It scans its images in bands for statistics, then computes its result pointwise."""
 
     scans: ClassVar[bool] = True
-    reach: ClassVar[str] = "looks through the whole image in bands, then at one pixel, and streams"
+    reach: ClassVar[str] = "two-pass (a scan of the whole image, then pointwise), out-of-core"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gather(Op):
-    """A pixel of the result follows from pixels elsewhere: nothing is held for the result, its source may be."""
+    """A pixel of the result depends on source pixels anywhere: the source may be held, the result is not."""
 
-    reach: ClassVar[str] = "looks at pixels anywhere; the result streams"
+    reach: ClassVar[str] = "gather (reads source pixels anywhere), with an out-of-core result"
 
 
 @dataclass(frozen=True, kw_only=True)
 class AnyWindow(Op):
-    """Any window of the result is made alone, of no image or of small ones that are read before."""
+    """Any window of the result is computed alone, from no image or from small ones that are read first."""
 
-    reach: ClassVar[str] = "makes any window alone"
+    reach: ClassVar[str] = "computes any window alone"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Whole(Op):
-    """It holds its images and its result, and says before it starts how much that needs."""
+    """It holds its images and its result, and checks the memory budget before it starts."""
 
     scans: ClassVar[bool] = True
-    reach: ClassVar[str] = "holds the whole image"
+    reach: ClassVar[str] = "whole-image, in memory"
 
 
 @dataclass(frozen=True, kw_only=True)
 class InBands(Op):
-    """It looks at its images and makes its result over and over, in bands of rows; beyond the budget they lie in files.
+    """It reads its images and updates its result repeatedly, in bands of rows, from files if the budget is exceeded.
 
-    Masks and maps of weights are held, and what still does not fit says before it starts how much it needs.
+    Masks and weights are held in memory. The remaining memory is checked before the work starts.
     """
 
     scans: ClassVar[bool] = True
-    reach: ClassVar[str] = "passes through its exemplar and its result in bands, from memory or from files"
+    reach: ClassVar[str] = "iterative, out-of-core beyond the memory budget"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Attributes: those by which parts say what they hold and how they were made, and values of any from texts."""
+"""Attributes: the names of ours, and values parsed from strings."""
 
 from __future__ import annotations
 
@@ -10,49 +10,48 @@ from ..deferred import np, oiio
 from ..errors import ParameterError
 
 TAG = "oiio:ColorSpace"
-OURS = "oiiotex:"  # what the names of all that follow begin with
-SOURCE = "oiiotex:source"  # of an image that was made from a photo: the photo's name, and the hash of its pixels
+OURS = "oiiotex:"  # prefix of all following names
+SOURCE = "oiiotex:source"  # of a synthesized image: name of the photo, and hash of its pixels
 
-COUNT = "oiiotex:labels"  # of a label part: how many labels it has
-RHO, PARENTS = "oiiotex:rho", "oiiotex:parents"  # its scale, px; of each label the one it is part of, a level coarser
-NAMES = "oiiotex:names"  # what its labels are called, a JSON list in order
-SUPERPIXELS, SIGMA = "oiiotex:superpixels", "oiiotex:sigma"  # of superpixels: how many, and their scale, px
+COUNT = "oiiotex:labels"  # of a label part: number of labels
+RHO, PARENTS = "oiiotex:rho", "oiiotex:parents"  # its scale, px; for each label, its parent on the next coarser level
+NAMES = "oiiotex:names"  # names of its labels, a JSON list in order
+SUPERPIXELS, SIGMA = "oiiotex:superpixels", "oiiotex:sigma"  # of superpixels: number, and scale, px
 EDGES = "oiiotex:edges"  # of a Wang tile: the colors of its edges
-ESTIMATE = "oiiotex:estimate"  # of what was guessed and not measured: how
-HEIGHT_PX = "oiiotex:heightpx"  # of a height map: how many px a height of 1 rises above one of 0
-WINDOW = "oiiotex:window"  # of a plane without end, of which the image is a part
-PLANE = "oiiotex:plane"  # of a share of one: what its pixels follow from
+ESTIMATE = "oiiotex:estimate"  # of estimated maps: the method
+HEIGHT_PX = "oiiotex:heightpx"  # of a height map: px between heights 0 and 1
+WINDOW = "oiiotex:window"  # of an image that is part of an unbounded plane
+PLANE = "oiiotex:plane"  # of a chunk of one: key of the settings that determine its pixels
 
-_OF_COLORS = ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile")  # nothing of data
+_OF_COLORS = ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile")  # not for data
 _MOST_VALUES = 65536  # of an attribute
 _INT = re.compile(r"\s*[+-]?\d+\s*")
 _FLOAT = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 
 
 def note(spec: oiio.ImageSpec, name: str, value: str | float) -> None:
-    """Set an attribute; whole numbers beyond 31 bits, which seeds may have, as text: neither EXR nor Python's edge of
-    OpenImageIO has a type for them."""
+    """Set an attribute; integers beyond 31 bits, such as seeds, become strings, as EXR has no type for them."""
     large = isinstance(value, int) and not -(2**31) <= value < 2**31
     spec.attribute(name, str(value) if large else value)
 
 
 def mark_as_data(spec: oiio.ImageSpec) -> None:
-    """Say that the channels are no colors, and forget what said that they were."""
+    """Tag the channels as data, and remove attributes about color."""
     for attribute in _OF_COLORS:
         spec.erase_attribute(attribute)
     spec.attribute(TAG, "data")
 
 
-# --- from texts, as oiiotool reads them: 3 is an int, 3.0 a float, 'a,b' with a type an array ---
+# --- from strings, as in oiiotool: 3 is an int, 3.0 a float, 'a,b' with a type an array ---
 
 
 def attribute_value(text: str, type_name: str | None = None) -> int | float | str | np.ndarray:
-    """A text as the value of an attribute; `attribute_type` gives the type to set it with.
+    """The value of an attribute, parsed from a string; `attribute_type` gives its type.
 
     Raises
     ------
     ParameterError
-        The type is unknown, or the text is no value of it.
+        The type is unknown, or the string is not a value of it.
     """
     if type_name is None:
         if _INT.fullmatch(text):
@@ -70,26 +69,26 @@ def attribute_value(text: str, type_name: str | None = None) -> int | float | st
     words = re.split(r"[,/]" if str(described).endswith("rational") else ",", text)
     pattern, kind = (_FLOAT, np.float32) if base in (oiio.FLOAT, oiio.HALF, oiio.DOUBLE) else (_INT, _whole)
     if len(words) > count or not all(pattern.fullmatch(word) for word in words):
-        raise ParameterError(f"'{text}' is no {type_name}")
+        raise ParameterError(f"'{text}' is not of type {type_name}")
     numbers = [kind(word) for word in words] + [0] * (count - len(words))
     if count == 1:
         return float(numbers[0]) if kind is np.float32 else int(numbers[0])
-    whole = np.uint32 if base == oiio.UINT32 else np.int32  # OpenImageIO takes no array of the other kind, in silence
+    whole = np.uint32 if base == oiio.UINT32 else np.int32  # OpenImageIO silently ignores arrays of the other kind
     return np.array(numbers, np.float32) if kind is np.float32 else np.array(numbers, np.int64).astype(whole)
 
 
 def _whole(text: str) -> int:
-    """A whole number; the nearest of 32 bits where it has more, as oiiotool takes it."""
-    digits = text.strip()[:40]  # Python refuses to read thousands
+    """An integer, clamped to 32 bits as in oiiotool."""
+    digits = text.strip()[:40]  # Python limits the number of digits
     return max(-(2**31), min(2**31 - 1, int(digits)))
 
 
 def _timecode(text: str) -> np.ndarray:
-    """HH:MM:SS:FF as SMPTE 12M packs it: two decimal digits to a byte, frames in the lowest; and no user data."""
+    """HH:MM:SS:FF packed as in SMPTE 12M: two decimal digits per byte, frames in the lowest; no user data."""
     match = re.fullmatch(r"(\d\d?)[:](\d\d?)[:](\d\d?)[:;](\d\d?)", text, re.ASCII)
     numbers = [int(word) for word in match.groups()] if match else [99]
     if not all(number < limit for number, limit in zip(numbers, (24, 60, 60, 60), strict=False)):
-        raise ParameterError(f"'{text}' is no timecode: expected HH:MM:SS:FF, or two whole numbers with a comma")
+        raise ParameterError(f"'{text}' is not a timecode: expected HH:MM:SS:FF, or two comma-separated integers")
     packed = 0
     for number in numbers:
         packed = packed << 8 | number // 10 << 4 | number % 10
@@ -100,19 +99,19 @@ def attribute_type(type_name: str) -> oiio.TypeDesc:
     """The type of that name."""
     described = oiio.TypeDesc(type_name)
     if described == oiio.TypeDesc() or oiio.BASETYPE(described.basetype) == oiio.UNKNOWN:
-        raise ParameterError(f"no type '{type_name}'; there is int, float, string, float[3], color, matrix ...")
+        raise ParameterError(f"unknown type '{type_name}': expected int, float, string, float[3], color, matrix ...")
     return described
 
 
 def set_attribute(spec: Any, name: str, text: str, type_name: str | None = None) -> None:
-    """Set an attribute of a spec from a text; raises as `attribute_value` does.
+    """Set an attribute of a spec from a string; raises as `attribute_value` does.
 
     Parameters
     ----------
-    spec : oiio.ImageSpec, or what else has `attribute`
+    spec : oiio.ImageSpec, or another object with `attribute`
     name, text : str
     type_name : str, optional
-        As OpenImageIO calls it; int, float or string, as the text looks, when left out.
+        An OpenImageIO type. Default: int, float or string, depending on the text.
     """
     require_utf8(name, text, type_name or "")
     value = attribute_value(text, type_name)
@@ -123,7 +122,7 @@ def set_attribute(spec: Any, name: str, text: str, type_name: str | None = None)
 
 
 def require_utf8(*texts: str) -> None:
-    """Refuse what OpenImageIO's Python edge cannot take.
+    """Refuse strings that OpenImageIO's Python bindings cannot encode.
 
     Raises
     ------

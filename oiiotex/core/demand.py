@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plan tiles, keep what will be asked for again, stream.
+"""Bands, cached pieces, random access and streaming of parts.
 
-Images are pulled: a writer asks the last part of a chain for one window after another, each part asks those before it.
-Nothing here knows files or colors.
+Images are pulled: a writer reads the windows of the last part of a chain, and each part reads those before it. This
+module is independent of files and colors.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from .window import Window
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike
 
-BAND_BYTES = 8 << 20  # of pixels that travel at once: large enough to hide a call's cost, small enough for caches
-SPILL_SIDE = 256  # px of a tile of what lies in a file
-PIECE_PIXELS = 1 << 16  # what a thread works on: small enough for caches
+BAND_BYTES = 8 << 20  # of pixels processed at once: large enough to hide the cost of calls, small enough for caches
+SPILL_SIDE = 256  # px; side of a tile in a temporary file
+PIECE_PIXELS = 1 << 16  # pixels that a thread processes at once: small enough for caches
 
 
 def rows_for(part: Part, limit: int | None = None, multiple: int = 1) -> int:
-    """How many full rows make a band of `limit` bytes or so, of `BAND_BYTES`, as floats, in multiples of `multiple`."""
+    """Number of full rows, a multiple of `multiple`, in a band of about `limit` bytes (`BAND_BYTES`), as floats."""
     row = max(1, part.spec.width * max(part.pixel_bytes, 4 * part.spec.nchannels))
     return max(1, (limit or BAND_BYTES) // row // multiple) * multiple
 
 
 def bands(part: Part, limit: int | None = None) -> Iterator[Window]:
-    """The part from top to bottom in full rows of a few megabytes, as floats."""
+    """Bands of full rows, from top to bottom, of a few megabytes as floats."""
     return part.window.cells(part.spec.width, rows_for(part, limit))
 
 
 class PieceCache:
-    """Pieces of images, the least recently used of which go when their bytes exceed `limit`. Any thread may ask.
+    """A thread-safe cache of image pieces; the least recently used ones are evicted beyond `limit` bytes.
 
-    A piece that two threads ask for is made once. What is made ahead runs on a thread of its own, so that decoding
-    goes on while what was decoded is worked on.
+    A piece that two threads request is computed once. Prefetching runs on separate threads, so that decoding continues
+    while decoded pieces are processed.
     """
 
     def __init__(self, limit: int):
@@ -58,7 +58,7 @@ class PieceCache:
         return ThreadPoolExecutor(2, "oiiotex-read")
 
     def get(self, key: Hashable, make: Callable[[], np.ndarray]) -> np.ndarray:
-        """The piece of that name, made now if it is not there."""
+        """The piece of that key, computed if it is not cached."""
         with self._lock:
             piece = self._pieces.get(key)
             if piece is not None:
@@ -70,18 +70,18 @@ class PieceCache:
         return self._fill(key, mine, make)
 
     def forget(self) -> None:
-        """Let go of all pieces that are there: what follows needs the memory more."""
+        """Evict all finished pieces to free memory."""
         with self._lock:
             for key in [key for key, piece in self._pieces.items() if piece.done()]:
                 self._bytes -= self._pieces.pop(key).result().nbytes
 
     def holds(self, key: Hashable) -> bool:
-        """Whether the piece is there, or being made."""
+        """Whether the piece is cached or being computed."""
         with self._lock:
             return key in self._pieces
 
     def ahead(self, key: Hashable, make: Callable[[], np.ndarray]) -> None:
-        """Have the piece made in the background, if it is not there."""
+        """Compute the piece in the background if it is not cached."""
         with self._lock:
             if key in self._pieces:
                 return
@@ -91,7 +91,7 @@ class PieceCache:
     def _fill_quietly(self, key: Hashable, mine: Future[np.ndarray], make: Callable[[], np.ndarray]) -> None:
         try:
             self._fill(key, mine, make)
-        except BaseException:  # whoever asks for the piece is told
+        except BaseException:  # raised where the piece is requested
             pass
 
     def _fill(self, key: Hashable, mine: Future[np.ndarray], make: Callable[[], np.ndarray]) -> np.ndarray:
@@ -119,18 +119,18 @@ def assembled(
     whole: Window,
     piece: Callable[[Window], np.ndarray],
 ) -> np.ndarray:
-    """The pixels of a window, put together from the pieces of a grid.
+    """The pixels of a window, assembled from the pieces of a grid.
 
     Parameters
     ----------
     window : Window
         Inside `whole`.
     cell : (int, int)
-        Width and height of the grid's cells, px; those at the right and bottom border are cut to `whole`.
+        Width and height of the grid's cells, px; they are clipped to `whole`.
     whole : Window
-        Through whose top left corner the grid goes.
+        Its top left corner is the origin of the grid.
     piece : callable
-        Cell -> its pixels, (height, width, channels), all of one type.
+        Cell -> its pixels, (height, width, channels), of the same type for all cells.
     """
     cells = cells_of(window, cell, whole)
     if len(cells) == 1:
@@ -146,30 +146,30 @@ def assembled(
 
 
 def cells_of(window: Window, cell: tuple[int, int], whole: Window) -> list[Window]:
-    """The cells of a grid of `cell` (width, height) over `whole` that a window touches, row by row."""
+    """The cells of a grid of `cell` (width, height) over `whole` that overlap a window, row by row."""
     return [_whole_cell(c, cell, whole) for c in window.cells(*cell, origin=(whole.left, whole.top))]
 
 
 def _whole_cell(inside: Window, cell: tuple[int, int], whole: Window) -> Window:
-    """The grid's cell around `inside`, cut to `whole`."""
+    """The grid's cell around `inside`, clipped to `whole`."""
     left = whole.left + (inside.left - whole.left) // cell[0] * cell[0]
     top = whole.top + (inside.top - whole.top) // cell[1] * cell[1]
     return Window.sized(left, top, *cell) & whole
 
 
 def cached(part: Part, cache: PieceCache) -> Part:
-    """The same part, computed in bands that are kept for a while: for what looks at rows again (halos, copies).
+    """The same part with cached bands, for ops that read rows repeatedly (halos, copies).
 
     Raises
     ------
     ImageError
-        One row is more than the cache holds.
+        A row exceeds the size of the cache.
     """
-    if part.ready or part.spec.deep:  # OpenImageIO holds deep pixels whole
+    if part.ready or part.spec.deep:  # OpenImageIO holds deep images whole
         return part
     row = part.spec.width * part.pixel_bytes
     if row > cache.limit:
-        raise MemoryBudgetError(f"a row of {part.spec.width} pixels", row, cache.limit, "make the image narrower")
+        raise MemoryBudgetError(f"a row of {part.spec.width} pixels", row, cache.limit, "reduce the width")
     owner, whole = object(), part.window
     cell = (whole.width, rows_for(part, BAND_BYTES // 2))
 
@@ -179,11 +179,11 @@ def cached(part: Part, cache: PieceCache) -> Part:
     return dataclasses.replace(part, fetch=fetch, ready=True)
 
 
-# --- rows, where all of an image may not be there ---
+# --- rows of images that may exceed memory ---
 
 
 class SomeRows(Protocol):
-    """Rows for a slice, of an array with that shape and type."""
+    """An array-like object that provides rows for a slice."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -191,7 +191,7 @@ class SomeRows(Protocol):
 
     @property
     def dtype(self) -> np.dtype:
-        """Of every value."""
+        """Type of the values."""
 
     def __len__(self) -> int: ...
 
@@ -199,7 +199,7 @@ class SomeRows(Protocol):
 
 
 class MadeRows:
-    """Rows that are made whenever they are asked for.
+    """Rows that are computed at each access.
 
     Parameters
     ----------
@@ -222,14 +222,14 @@ class MadeRows:
 
 
 def first_channels(rows: SomeRows, count: int) -> SomeRows:
-    """The same with no more channels than that."""
+    """The first `count` channels."""
     if isinstance(rows, np.ndarray) or rows.shape[2] == count:
         return rows[..., :count] if isinstance(rows, np.ndarray) else rows
     return MadeRows((*rows.shape[:2], count), rows.dtype, lambda first, last: rows[first:last][..., :count])
 
 
 def rows_of(part: Part) -> MadeRows:
-    """Those of a part, in its own type."""
+    """The rows of a part, in its own type."""
     whole = part.window
 
     def read(first: int, last: int) -> np.ndarray:
@@ -243,7 +243,7 @@ def rows_of(part: Part) -> MadeRows:
 
 
 def materialized(part: Part, budget: int) -> Part:
-    """The same part where any window can be read in any order: in memory if it is small, else in a temporary file."""
+    """The same part with random access: in memory if it is small, otherwise in a temporary file."""
     size = part.spec.width * part.spec.height * part.pixel_bytes
     if size <= budget // 4:
         pixels = np.empty((part.spec.height, part.spec.width, part.spec.nchannels), dtype_of(part.spec))
@@ -256,7 +256,7 @@ def materialized(part: Part, budget: int) -> Part:
 
 
 def _spilled(part: Part) -> Callable[[Window], np.ndarray]:
-    """Any window of a part, out of a file."""
+    """A function that reads any window of a part, stored in a temporary file."""
     from .scratch import TileStore  # few runs spill
 
     whole, side = part.window, SPILL_SIDE
@@ -271,7 +271,7 @@ def _spilled(part: Part) -> Callable[[Window], np.ndarray]:
 
 
 def on_a_torus(part: Part, window: Window) -> np.ndarray:
-    """The pixels of a window that may reach beyond the data window, where the image begins anew."""
+    """The pixels of a window, with the image repeated outside its data window."""
     whole = part.window
     if window & whole == window:
         return part.read(window)
@@ -283,7 +283,7 @@ def on_a_torus(part: Part, window: Window) -> np.ndarray:
 
 
 def _turns(begin: int, end: int, low: int, size: int) -> Iterator[tuple[slice, int]]:
-    """Along one axis: (where in the output, where in the image it begins)."""
+    """Along one axis: (slice of the output, where it begins in the image)."""
     at = begin
     while at < end:
         place = (at - low) % size
@@ -300,7 +300,7 @@ def stream(part: Part, windows: Iterable[Window]) -> Iterator[tuple[Window, np.n
 @overload
 def stream(part: Part, windows: Iterable[Window], buffers: Literal[True]) -> Iterator[tuple[Window, oiio.ImageBuf]]: ...
 def stream(part: Part, windows: Iterable[Window], buffers: bool = False) -> Iterator[tuple[Window, Pixels]]:
-    """The part's windows in order; the next one is computed while the caller works on this one."""
+    """The part's windows in order; the next one is computed while the caller processes this one."""
     fetch: Callable[[Window], Pixels] = part.buffer if buffers else part.read
     with ThreadPoolExecutor(1, "oiiotex-compute") as worker:
         pending: tuple[Window, Future[Pixels]] | None = None
@@ -322,12 +322,12 @@ def sha1(part: Part) -> str:
     Raises
     ------
     ImageError
-        Whole numbers lie beside broken ones: they are not read exactly.
+        There are both integer and float channels, which cannot be read exactly together.
     """
     kinds = [_numpy_type(part.spec.channelformat(channel)) for channel in range(part.spec.nchannels)]
     own = np.dtype(dtype_of(part.spec))
     if any(kind.kind != own.kind for kind in kinds):
-        raise ImageError(f"'{part.name}' has channels of whole and of broken numbers: no hash can be made")
+        raise ImageError(f"'{part.name}' has both integer and float channels: cannot compute its hash")
     packed = np.dtype([(str(channel), kind) for channel, kind in enumerate(kinds)])
     digest = hashlib.sha1(usedforsecurity=False)
     for _, pixels in stream(part, bands(part)):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exponentials, logarithms and roots by + - * / alone, and sampled Gaussians.
+"""Exponentials, logarithms and roots from + - * / only, and sampled Gaussians.
 
-IEEE 754 says every bit of these four, not of exp and log: numpy's differ in the last one between processors, and so do
-those of C libraries. Where decisions follow, as labels do from spectra, a last bit is sent far.
+IEEE 754 defines these four operations exactly, but not exp and log, whose last bits differ between processors and C
+libraries. Where results are used in decisions, as with labels from spectra, such a difference can become large.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from ..deferred import np
 _LOG2_E = 1.4426950408889634
 _LN2_HIGH = 0.693147180369123816490  # 32 bits: its product with any exponent is exact
 _LN2_LOW = 1.90821492927058770002e-10
-_DEGREE = 13  # of the exponential's polynomial within half an octave
-_TERMS = 11  # of the logarithm's
+_DEGREE = 13  # of the polynomial for the exponential, within half an octave
+_TERMS = 11  # of the series for the logarithm
 _LARGEST = 700.0
 
 
 def exponential(x: np.ndarray) -> np.ndarray:
-    """e^x to 1e-15 of itself, float64; x is held within 700 of 0."""
+    """e^x with a relative error of 1e-15, float64; x is clamped to -700 .. 700."""
     x = np.clip(np.asarray(x, np.float64), -_LARGEST, _LARGEST)
     octave = np.rint(x * _LOG2_E)
     rest = (x - octave * _LN2_HIGH) - octave * _LN2_LOW
@@ -32,11 +32,11 @@ def exponential(x: np.ndarray) -> np.ndarray:
 
 
 def logarithm(x: np.ndarray) -> np.ndarray:
-    """The natural logarithm of x > 0 to 1e-15, float64."""
+    """The natural logarithm of x > 0 with an error of 1e-15, float64."""
     share, octave = np.frexp(np.asarray(x, np.float64))
     low = share < math.sqrt(0.5)
     share, octave = np.where(low, 2.0 * share, share), octave - low
-    ratio = (share - 1.0) / (share + 1.0)  # log of what lies between the roots of 1/2 and 2 is 2 artanh of it
+    ratio = (share - 1.0) / (share + 1.0)  # log(share) = 2 artanh(ratio), for shares from sqrt(1/2) to sqrt(2)
     square, value = ratio * ratio, np.full_like(ratio, 1.0 / (2 * _TERMS + 1))
     for k in range(_TERMS - 1, -1, -1):
         value *= square
@@ -45,7 +45,7 @@ def logarithm(x: np.ndarray) -> np.ndarray:
 
 
 def root(x: np.ndarray, k: int) -> np.ndarray:
-    """The kth root of x >= 0 to 1e-14 of itself, float64."""
+    """The kth root of x >= 0 with a relative error of 1e-14, float64."""
     x = np.asarray(x, np.float64)
     above = np.maximum(x, 1e-300)
     return np.where(x > 0, exponential(logarithm(above) / k), 0.0)
@@ -59,9 +59,9 @@ def gaussian_taps(sigma: float, reach: float, most: int | None = None) -> np.nda
     sigma : float
         Standard deviation, in samples; above 0.
     reach : float
-        The radius in sigmas: rounded up, 1 or more.
+        The radius in sigmas, rounded up; at least 1 sample.
     most : int or None
-        The radius in samples, at most.
+        The maximum radius in samples.
     """
     radius = max(1, math.ceil(reach * sigma))
     radius = radius if most is None else min(radius, most)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What travels between ops: a lazy `Image`, parts that know their spec and can produce any window of their pixels.
+"""Lazy images that ops exchange: parts with a spec that can produce any window of their pixels.
 
-Where pixels come from (a file, a buffer, an op not yet computed) is the part's own business. ImageBuf is what
-OpenImageIO's algorithms and Python callers take; numpy arrays are what our filters take; a part gives either.
+A part hides the source of its pixels (a file, a buffer, an op not yet computed). It provides them as ImageBufs, for
+OpenImageIO's algorithms and Python callers, or as numpy arrays, for our filters.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .window import Window
 if TYPE_CHECKING:
     from .demand import SomeRows
 
-_RESIZED_BYTES = 8 << 20  # of the rows that are resized at once
+_RESIZED_BYTES = 8 << 20  # bytes of rows that are resized at once
 _STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes")
 _NUMPY = {
     "uint8": "uint8", "int8": "int8", "uint16": "uint16", "int16": "int16", "uint": "uint32", "int": "int32",
@@ -41,25 +41,25 @@ class Part:
         Data and display window, channels, pixel type, metadata. Never changed in place.
     fetch : callable
         Window inside the data window -> its pixels: (height, width, channels) of the spec's pixel type, or an
-        ImageBuf with that data window; of a deep part always the latter.
+        ImageBuf with that data window (always for a deep part).
     stored : oiio.TypeDesc or None
-        The pixel type in which it is written by default; None (computed by the host): as the run's first file was.
+        The default pixel type for writing; None (computed by the host): that of the first file of the run.
     typed : bool
-        What ops of the host make of it is `stored` as it is: Lab, masks and measures, which other types would cut.
+        Whether results of the host's ops keep `stored`: Lab, masks and measures, which other types would clip.
     native : bool
-        Ops of the host work on the part's own pixel type; else what is `stored` comes to them as float.
+        Whether ops of the host use the part's own pixel type instead of float.
     ready : bool
-        Pixels cost little, in any order.
+        Whether random access to pixels is cheap.
     exact : bool
-        A file must hold it as it is, or not at all: labels, source coordinates.
+        Whether a file must store the values exactly: labels, source coordinates.
     levels : tuple of Part
-        Its smaller versions, where the file is MIP-mapped.
+        Its MIP levels, if the file is MIP-mapped.
     thumbnail : callable or None
-        Gives the thumbnail of its file, or that of --thumbnail-set; None: there is none.
+        Returns the thumbnail of its file or of --thumbnail-set; None: it has none.
     depth : int
-        Ops that must be asked, one within the other, for a pixel.
+        Number of nested ops that compute a pixel.
     title : str
-        What oiiotool calls a computed image.
+        The name that oiiotool gives to a computed image.
     """
 
     name: str
@@ -82,18 +82,18 @@ class Part:
 
     @property
     def pixel_bytes(self) -> int:
-        """Bytes of a pixel as `read` gives it."""
+        """Bytes of a pixel as returned by `read`."""
         return self.spec.nchannels * np.dtype(dtype_of(self.spec)).itemsize
 
     def read(self, window: Window) -> np.ndarray:
-        """(height, width, channels) of the spec's pixel type; do not write into it."""
+        """The pixels of a window, (height, width, channels), of the spec's type; do not modify them."""
         if self.spec.deep:
             raise ImageError(f"part '{self.name}' is deep: expected a flat image; flatten it first")
         pixels, roi = self.fetch(window), window.roi(self.spec.nchannels)
         return pixels_of(pixels, self.spec.format, roi) if isinstance(pixels, oiio.ImageBuf) else pixels
 
     def buffer(self, window: Window) -> oiio.ImageBuf:
-        """As an ImageBuf with that data window, for ops of the host; do not write into it."""
+        """An ImageBuf with that data window, for ops of the host; do not modify it."""
         pixels = self.fetch(window)
         if isinstance(pixels, oiio.ImageBuf) and (self.spec.deep or pixels.spec().format == self.working_type):
             return pixels
@@ -111,15 +111,15 @@ class Part:
 
     @property
     def working_type(self) -> oiio.TypeDesc:
-        """The pixel type in which ops of the host see it."""
+        """The pixel type for ops of the host."""
         if self.stored is not None and not self.native:
             return oiio.TypeDesc(oiio.FLOAT)
         return self.spec.format
 
     def respecced(self, change: Callable[[oiio.ImageSpec], object]) -> Part:
-        """The same pixels under a changed copy of the spec, whose data window may have moved.
+        """The same pixels with a changed copy of the spec, whose data window may have moved.
 
-        Smaller versions are changed alike, and go where a window changes.
+        MIP levels get the same change; they are removed if a window changes.
         """
         spec = oiio.ImageSpec(self.spec)
         change(spec)
@@ -140,19 +140,19 @@ class Part:
 
 @dataclass(frozen=True)
 class Image:
-    """What travels between ops: one part or more, the first being the picture itself."""
+    """One or more parts, of which the first is the main image."""
 
     parts: tuple[Part, ...]
     source: str = "image"  # a name for messages
 
     @property
     def first(self) -> Part:
-        """The picture itself."""
+        """The main image."""
         return self.parts[0]
 
     @property
     def title(self) -> str:
-        """What it is called where images are compared or asked for their name."""
+        """Its name in comparisons and expressions."""
         return self.first.title or self.source
 
     def part(self, name: str) -> Part | None:
@@ -169,7 +169,7 @@ class Channels:
 
 
 def channels_of(spec: oiio.ImageSpec) -> Channels:
-    """Color is R, G, B or Y by name, else the first three that are not alpha, or the one there is."""
+    """Color is R, G, B or Y by name, otherwise the first up to three channels other than alpha."""
     names = [n.upper() for n in spec.channelnames]
     alpha = spec.alpha_channel if spec.alpha_channel >= 0 else names.index("A") if "A" in names else None
     if all(c in names for c in "RGB"):
@@ -194,25 +194,25 @@ def type_named(name: str) -> oiio.TypeDesc:
     Raises
     ------
     ImageError
-        There is no such type. OpenImageIO would silently fall back to another one.
+        The type is unknown. OpenImageIO would silently use another one.
     """
     name = {"uint32": "uint", "int32": "int", "sint8": "int8", "sint16": "int16", "sint32": "int"}.get(name, name)
     if name not in _NUMPY:
-        raise ImageError(f"no pixel type '{name}'; there is {', '.join(_NUMPY)}")
+        raise ImageError(f"unknown pixel type '{name}': expected one of {', '.join(_NUMPY)}")
     return oiio.TypeDesc(name)
 
 
 def from_pixels(name: str, pixels: np.ndarray, spec: oiio.ImageSpec, stored: oiio.TypeDesc | None = None) -> Part:
-    """A part that lies in memory as an array, (height, width, channels): the data window of `spec`, of its type.
+    """A part from an array in memory, (height, width, channels), with the data window and type of `spec`.
 
-    Nobody changes the array any more.
+    The array must not be changed afterwards.
     """
     whole = Window.data(spec)
     return Part(name, spec, lambda window: pixels[window.inside(whole)], stored, ready=True)
 
 
 def pixels_of(buffer: oiio.ImageBuf, kind: oiio.TypeDesc | oiio.BASETYPE, roi: oiio.ROI | None = None) -> np.ndarray:
-    """The pixels of a buffer, or a region of it: (height, width, channels); an ImageError where they cannot be read."""
+    """The pixels of a buffer, or of a region, (height, width, channels); raises ImageError if unreadable."""
     roi = roi or buffer.roi
     pixels = buffer.get_pixels(kind, roi)
     if pixels is None:
@@ -221,7 +221,7 @@ def pixels_of(buffer: oiio.ImageBuf, kind: oiio.TypeDesc | oiio.BASETYPE, roi: o
 
 
 def in_memory(name: str, buffer: oiio.ImageBuf) -> Part:
-    """A part that lies in memory as an ImageBuf which nobody changes any more."""
+    """A part from an ImageBuf in memory, which must not be changed afterwards."""
     spec = oiio.ImageSpec(buffer.spec())
     whole = Window.data(spec)
 
@@ -235,7 +235,7 @@ def in_memory(name: str, buffer: oiio.ImageBuf) -> Part:
 
 
 def cropped(part: Part, window: Window) -> Part:
-    """The part with another data window: what lies beyond its own is black."""
+    """The part with another data window, black outside its own."""
     if window == part.window:
         return part
     dtype, channels = dtype_of(part.spec), part.spec.nchannels
@@ -254,7 +254,7 @@ def cropped(part: Part, window: Window) -> Part:
 
 
 def derived_spec(spec: oiio.ImageSpec, width: int | None = None, height: int | None = None) -> oiio.ImageSpec:
-    """A copy of `spec` for changed pixels: stale hashes are dropped; a new size makes a new window at the origin."""
+    """A copy of `spec` for changed pixels, without stale hashes; a new size sets the windows to the origin."""
     new = oiio.ImageSpec(spec)
     new.tile_width = new.tile_height = new.tile_depth = 0
     for name in _STALE:
@@ -267,7 +267,7 @@ def derived_spec(spec: oiio.ImageSpec, width: int | None = None, height: int | N
 
 
 def spec_beside(spec: oiio.ImageSpec, channels: tuple[str, ...]) -> oiio.ImageSpec:
-    """Of floats in the windows of another spec, and nothing else of it: parts of one file have one display window."""
+    """A float spec with only the windows of another one, as parts of a file share their display window."""
     new = oiio.ImageSpec(spec.width, spec.height, len(channels), oiio.FLOAT)
     new.x, new.y, new.full_x, new.full_y = spec.x, spec.y, spec.full_x, spec.full_y
     new.full_width, new.full_height = spec.full_width, spec.full_height
@@ -276,7 +276,7 @@ def spec_beside(spec: oiio.ImageSpec, channels: tuple[str, ...]) -> oiio.ImageSp
 
 
 def measure_spec(spec: oiio.ImageSpec, channels: tuple[str, ...] = ("Y",)) -> oiio.ImageSpec:
-    """Of floats measured on an image with that spec: its windows and metadata, other channels."""
+    """A float spec for measures of an image: its windows and metadata, with other channels."""
     new = derived_spec(spec)
     new.set_format(oiio.TypeDesc(oiio.FLOAT))
     new.channelformats = ()
@@ -284,28 +284,28 @@ def measure_spec(spec: oiio.ImageSpec, channels: tuple[str, ...] = ("Y",)) -> oi
     return new
 
 
-# --- the Python edge ---
+# --- conversion for the Python API ---
 
 
 def from_array(pixels: np.ndarray, name: str = "array") -> Image:
-    """An array as an image: (height, width) or (height, width, channels), the first row on top.
+    """An image from an array, (height, width) or (height, width, channels), top row first.
 
-    One channel is gray, three are R, G, B, four with alpha, by which color is taken to be multiplied. Truth values
-    become 0 and 1; integers of 64 bits, as they come for labels, 32-bit ids.
+    One channel is gray, three are R, G, B, and four have alpha (premultiplied). Booleans become 0 and 1; 64-bit
+    integers, such as labels, become 32-bit ids.
 
     Raises
     ------
     ImageError
-        It has another shape, no pixels, or values of a type that no image has.
+        The shape or the type is not supported, or there are no pixels.
     """
     pixels = pixels[..., None] if pixels.ndim == 2 else pixels
     if pixels.ndim != 3 or not pixels.size:
-        raise ImageError(f"{name}: an array of shape {pixels.shape} is no image: (height, width, channels) is")
+        raise ImageError(f"{name}: shape {pixels.shape}: expected (height, width) or (height, width, channels)")
     if pixels.dtype.kind == "b":
         pixels = pixels.astype(np.float32)
     if pixels.dtype.kind in "iu" and pixels.dtype.itemsize == 8:
         if pixels.min() < 0 or pixels.max() >= 1 << 32:
-            raise ImageError(f"{name}: 64-bit values from {pixels.min()} to {pixels.max()} are no 32-bit ids")
+            raise ImageError(f"{name}: 64-bit values from {pixels.min()} to {pixels.max()}: expected 32-bit ids")
         pixels = pixels.astype(np.uint32)
     kinds = {np.dtype(dtype): name for name, dtype in _NUMPY.items()}
     native = pixels.dtype.newbyteorder("=")
@@ -317,29 +317,29 @@ def from_array(pixels: np.ndarray, name: str = "array") -> Image:
 
 
 def from_buffer(buffer: oiio.ImageBuf) -> Image:
-    """An ImageBuf as it stands now.
+    """An image from a snapshot of an ImageBuf.
 
     Raises
     ------
     ImageError
-        It holds no image, or one of a kind that cannot be used (deep, volume).
+        It is empty, or its kind is not supported (deep, volume).
     """
     if not isinstance(buffer, oiio.ImageBuf):
         raise ImageError(f"expected an OpenImageIO.ImageBuf, not {type(buffer).__name__}")
     if buffer.has_error or not buffer.initialized:
-        raise ImageError(f"{buffer.name or 'ImageBuf'}: {one_line(buffer.geterror()) or 'holds no image'}")
+        raise ImageError(f"{buffer.name or 'ImageBuf'}: {one_line(buffer.geterror()) or 'contains no image'}")
     spec = oiio.ImageSpec(buffer.spec())
     if spec.deep or spec.depth > 1:
         raise ImageError(f"{buffer.name or 'ImageBuf'}: deep and volume images are not supported")
     pixels = pixels_of(buffer, spec.format)
-    if buffer.has_error:  # its file is broken: what cannot be read is black
+    if buffer.has_error:  # its file is damaged; unreadable pixels are black
         raise ImageError(f"{buffer.name or 'ImageBuf'}: {one_line(buffer.geterror())}")
     name = spec.get_string_attribute("oiio:subimagename") or "part0"
     return Image((from_pixels(name, pixels, spec, spec.format),), buffer.name or "ImageBuf")
 
 
 def to_buffer(part: Part) -> oiio.ImageBuf:
-    """The part as an ImageBuf of its own pixel type, which the caller may change."""
+    """A new ImageBuf of the part, in its own pixel type, which the caller may change."""
     buffer = oiio.ImageBuf(part.spec)
     rows = max(1, (8 << 20) // max(1, part.spec.width * part.pixel_bytes))
     for window in part.window.cells(part.spec.width, rows):
@@ -354,7 +354,7 @@ def tagged(image: Image, name: str, value: str) -> Image:
 
 
 def resized(pixels: SomeRows, width: int, height: int, rows: slice | None = None) -> np.ndarray:
-    """An image through a triangle filter as wide as the reduction asks for, or some rows of that.
+    """An image resized by a triangle filter scaled to the reduction, or some rows of it.
 
     Parameters
     ----------
@@ -366,7 +366,7 @@ def resized(pixels: SomeRows, width: int, height: int, rows: slice | None = None
     Returns
     -------
     (height or rows, width, c) float32
-        A row has the same bits with whichever others it is asked for.
+        A row does not depend on which other rows are requested.
     """
     rows = rows or slice(0, height)
     (high, wide, channels), count = pixels.shape, rows.stop - rows.start
@@ -388,7 +388,7 @@ def resized(pixels: SomeRows, width: int, height: int, rows: slice | None = None
 
 
 def _rows_of(width: int, height: int, first: int, last: int, channels: int) -> oiio.ImageBuf:
-    """Some rows of an image of floats, where they lie in it."""
+    """A buffer for some rows of a float image, at their position."""
     spec = oiio.ImageSpec(width, last - first, channels, oiio.FLOAT)
     spec.y, spec.full_height, spec.full_y = first, height, 0
     return oiio.ImageBuf(spec)

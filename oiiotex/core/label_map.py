@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Labels at one scale, as a part of an image: its level, how many there are, what they are called and lie in."""
+"""Labels at one scale, as a part of an image: level, number, names and parents of the labels."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from ..errors import ImageError, one_line
 from .attributes import COUNT, NAMES, PARENTS, RHO
 from .image import Image, Part
 
-MOST_LABELS = 1 << 24  # tables by id stay small
+MOST_LABELS = 1 << 24  # limits the size of tables by id
 
 
 @dataclass(frozen=True)
 class LabelMap:
-    """A part that is called label.N, with one channel of ids: 1 and up, 0 is no label."""
+    """A part named label.N, with one channel of ids from 1; 0 means no label."""
 
     part: Part
     level: int  # N; 1 is the finest
 
     @classmethod
     def of(cls, part: Part, level: int, parents: Sequence[int], scale: float = 0.0) -> LabelMap:
-        """The label map that a part becomes.
+        """A label map from a part.
 
         Parameters
         ----------
         part : Part
-            One channel of ids, uint32; 0 is no label.
+            One channel of ids, uint32; 0 means no label.
         level : int
             1 is the finest.
         parents : sequence of int
-            Of label i + 1 the label of the next coarser level that holds it; 0 for none.
+            For label i + 1, its parent on the next coarser level; 0 for none.
         scale : float
-            rho, px; 0 where there is none.
+            rho, px; 0 if unknown.
         """
 
         def mark(spec: oiio.ImageSpec) -> None:
@@ -50,40 +50,40 @@ class LabelMap:
 
     @property
     def ids(self) -> np.ndarray:
-        """All of them, (height, width); raises ImageError where one is above `MOST_LABELS`."""
+        """The ids, (height, width); raises ImageError if one exceeds `MOST_LABELS`."""
         return required_ids(self.part.pixels()[..., 0], self.part.name)
 
     @property
     def scale(self) -> float:
-        """rho, px; 0 where nothing says it."""
+        """rho, px; 0 if unknown."""
         return self.part.spec.get_float_attribute(RHO)
 
     @property
     def count(self) -> int:
-        """How many labels there are; 0 where nothing says it."""
+        """Number of labels; 0 if unknown."""
         count = self.part.spec.get_int_attribute(COUNT)
-        return count if 0 <= count <= MOST_LABELS else 0  # files come from strangers
+        return count if 0 <= count <= MOST_LABELS else 0  # files are untrusted
 
     def parents(self, count: int) -> np.ndarray:
-        """The label of the next coarser level that holds label i + 1, (count,) int64; 0 where nothing says it."""
+        """The parents of labels on the next coarser level, (count,) int64; 0 if unknown."""
         text = self.part.spec.get_string_attribute(PARENTS)
         known = [int(word) if re.fullmatch("[0-9]{1,8}", word) else 0 for word in text.split(",")]
         return np.array((known + [0] * count)[:count], np.int64)
 
     def name(self, label: int) -> str:
-        """What a label is called: by whoever named it, else by its level and id."""
+        """The name of a label; by default its level and id."""
         names = self._names
         return names[label - 1] if 0 < label <= len(names) and names[label - 1] else f"label.{self.level}/{label}"
 
     def named(self, names: Mapping[int, str]) -> LabelMap:
-        """The map with its labels called so, by id; the others as before."""
-        texts = [names.get(label, "") for label in range(1, self.count + 1)]
-        part = self.part.respecced(lambda spec: spec.attribute(NAMES, json.dumps(texts)))
+        """The map with names for some labels, by id."""
+        listed = [names.get(label, "") for label in range(1, self.count + 1)]
+        part = self.part.respecced(lambda spec: spec.attribute(NAMES, json.dumps(listed)))
         return LabelMap(part, self.level)
 
     @functools.cached_property
     def _names(self) -> list[str]:
-        """What its part says, in the order of ids; '' where it says nothing. Files come from strangers."""
+        """The names in the part's metadata, in the order of ids; empty if absent or invalid."""
         try:
             names = json.loads(self.part.spec.get_string_attribute(NAMES) or "[]")
         except (ValueError, RecursionError):
@@ -92,7 +92,7 @@ class LabelMap:
 
 
 def required_ids(ids: np.ndarray, name: str) -> np.ndarray:
-    """The ids of part `name`, (height, width); an ImageError where one is above `MOST_LABELS`."""
+    """The ids of part `name`, (height, width); raises ImageError if one exceeds `MOST_LABELS`."""
     most = int(ids.max(initial=0))
     if most > MOST_LABELS:
         raise ImageError(f"{name} has label {most}: expected ids from 0 to {MOST_LABELS}; number the labels from 1")
@@ -100,7 +100,7 @@ def required_ids(ids: np.ndarray, name: str) -> np.ndarray:
 
 
 def holds_ids(part: Part) -> bool:
-    """Whether it is a label map, of superpixels, too, or one whose format carries no part names."""
+    """Whether a part can be a label map, such as superpixels or one from a format without part names."""
     return part.spec.format == oiio.UINT32 and part.spec.nchannels == 1
 
 

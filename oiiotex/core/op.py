@@ -26,15 +26,15 @@ log = logging.getLogger("oiiotex")
 
 
 class Space(enum.Enum):
-    """Where an op works."""
+    """The working space of an op."""
 
     LAB = "CIE Lab D65"
-    DATA = "data, whose range is 0 to 100"
-    ANY = "whatever the channels hold"
+    DATA = "data scaled to 0 to 100"
+    ANY = "the image's own color space"
 
 
 class Kind(enum.Enum):
-    """What an output is: its pixel type, its color tag and how it leaves follow from it (`run.run`)."""
+    """The kind of an output, which determines its pixel type, color tag and destination (`run.run`)."""
 
     PIXELS = "pixels"
     IDS = "32-bit ids"
@@ -51,12 +51,12 @@ class Kind(enum.Enum):
 
     @property
     def is_data(self) -> bool:
-        """Whether its values are no colors, whatever the image was."""
+        """Whether its values are data, regardless of the input."""
         return self in (Kind.IDS, Kind.MASK, Kind.COORDINATES, Kind.MEASURE, Kind.CRYPTOMATTE)
 
     @property
     def is_exact(self) -> bool:
-        """Whether another value is another meaning: it is never converted or filtered."""
+        """Whether its values must never be converted or filtered."""
         return self in (Kind.IDS, Kind.COORDINATES)
 
     @property
@@ -72,20 +72,20 @@ class Output:
     Attributes
     ----------
     name : str
-        One that ends in `.N` stands for several: `label.1`, `label.2`, ...
+        A name ending in `.N` stands for several outputs: `label.1`, `label.2`, ...
     kind : Kind
     help : str
     asked_by : str
-        The parameter that asks for it: 1 makes it a part of the image, a file's name puts it there (of Cryptomatte
-        only the manifest). Where it is empty the output is always made.
+        The parameter that requests it: 1 adds it to the image as a part, a file name writes it there (for Cryptomatte,
+        only the manifest). Empty: the output is always made.
     of : str
-        The input image whose first part it is, untouched, before all that is made.
+        The input image of which it is the unchanged first part, before all other outputs.
     instead : bool
-        Where it is asked for, it is made instead of the op's image, not beside it.
+        Whether it replaces the op's image if requested.
     judged_by : str
-        Of a table: the parameter that holds it to limits. It is made for that, too; its `failed` says what is beyond.
+        Of a table: the parameter with limits for it, which also requests it. Its `failed` lists exceeded limits.
     lines : callable or None
-        Of a table: its facts -> what is printed of them for people, whether a file was asked for or not.
+        Of a table: a function of its facts that returns the lines to print, with or without a file.
     """
 
     name: str
@@ -99,13 +99,13 @@ class Output:
 
     @property
     def text(self) -> str:
-        """What it is and what asks for it, for people."""
+        """Its help, kind, and the parameter that requests it."""
         return f"{self.help} [{self.kind.value}{f'; with {self.asked_by}' if self.asked_by else ''}]"
 
 
 @contextlib.contextmanager
 def errors_of(op: type[Op]) -> Iterator[None]:
-    """Errors that leave this block name the op, unless they name one already."""
+    """Errors raised in this block name the op, unless they already name one."""
     try:
         yield
     except Error as error:
@@ -115,24 +115,24 @@ def errors_of(op: type[Op]) -> Iterator[None]:
 
 @dataclass(frozen=True, kw_only=True)
 class Op:
-    """Base of all ops. An op is of an access kind (core/access.py), and must say `name`, `space` and `outputs`.
+    """Base of all ops. An op has an access kind (core/access.py), and declares `name`, `space` and `outputs`.
 
-    On the command line a filter of ours is `--tex` + name; the host's ops have no prefix.
+    On the command line our filters are `--tex` + name; ops of the host have no prefix.
 
-    A subclass that has no `name` is not an op but a common ground of several.
+    A subclass without `name` is a common base of several ops.
     """
 
     prefix: ClassVar[str] = "--tex"
     aliases: ClassVar[tuple[str, ...]] = ()  # further names on the command line
-    copies: ClassVar[bool] = False  # it promises that every pixel of its result is one of its source, whole
-    rescales: ClassVar[bool] = False  # a pixel of its result is not as large as one of its source
-    example: ClassVar[str] = ""  # Python as doctest takes it, for its docstring; default: a call on one photo
-    deep: ClassVar[bool] = False  # it takes deep images; else they are refused
-    carries: ClassVar[bool] = False  # the further parts of its first image follow what it makes
-    PAPER: ClassVar[dict[str, Any]] = {}  # what its parameter `paper` stands for, if it has one: values of others
+    copies: ClassVar[bool] = False  # every pixel of its result is a complete copy of a source pixel
+    rescales: ClassVar[bool] = False  # its result has another pixel size than its source
+    example: ClassVar[str] = ""  # a doctest for its docstring; default: a call on one photo
+    deep: ClassVar[bool] = False  # it accepts deep images
+    carries: ClassVar[bool] = False  # further parts of its first image are appended to its result
+    PAPER: ClassVar[dict[str, Any]] = {}  # values of other parameters that its parameter `paper` sets
     name: ClassVar[str]
-    scans: ClassVar[bool] = False  # it looks at all pixels of its images, whatever is wanted of the result
-    reach: ClassVar[str]  # how it looks at pixels, for people: of its kind, which says it for all
+    scans: ClassVar[bool] = False  # it reads all pixels of its images, for any window of the result
+    reach: ClassVar[str]  # which pixels it reads, for help; set by the access kind
     space: ClassVar[Space]
     outputs: ClassVar[tuple[Output, ...]]
 
@@ -143,7 +143,7 @@ class Op:
         if missing:
             raise TypeError(f"{cls.__name__} does not declare {', '.join(missing)}")
         if not hasattr(cls, "reach") or "reach" in cls.__dict__:
-            raise TypeError(f"{cls.__name__} must be of one access kind: Pointwise, ScanThenMap, Gather, Whole, ...")
+            raise TypeError(f"{cls.__name__} must have one access kind: Pointwise, ScanThenMap, Gather, Whole, ...")
 
     def __post_init__(self) -> None:
         with errors_of(type(self)):
@@ -154,34 +154,35 @@ class Op:
                 self._follow_the_paper()
 
     def _follow_the_paper(self) -> None:
-        """Parameters get the values of `PAPER`, unless another one than the default was given."""
+        """Set parameters to the values of `PAPER`; raise ParameterError if another value was given."""
         for parameter in self.parameters():
             if parameter.attribute in self.PAPER:
                 given, value = getattr(self, parameter.attribute), self.PAPER[parameter.attribute]
                 if given not in (parameter.default, value):
                     name = parameter.name
-                    says = f"leaves {name} out" if value is None else f"says {modifier(**{name: value})}"
-                    raise ParameterError(f"{modifier(paper=True)} {says}", parameter=name, value=given)
+                    expected = f"no {name}" if value is None else modifier(**{name: value})
+                    with_paper = f"conflicts with {modifier(paper=True)}"
+                    raise ParameterError(with_paper, parameter=name, value=given, expected=expected)
                 object.__setattr__(self, parameter.attribute, value)
 
     @classmethod
     def images(cls) -> tuple[Parameter, ...]:
-        """The declared input images that it always takes."""
+        """The declared input images that are required."""
         return tuple(i for i in declared(cls)[0] if i.required)
 
     @classmethod
     def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
-        """Those of `images` that it takes with these values; the others are None."""
+        """The images of `images` that it takes with these values; the others are None."""
         return cls.images()
 
     @classmethod
     def optional_images(cls) -> tuple[Parameter, ...]:
-        """The declared input images that it takes where they are asked for."""
+        """The declared input images that are optional."""
         return tuple(i for i in declared(cls)[0] if not (i.required or i.many))
 
     @classmethod
     def further_images(cls) -> Parameter | None:
-        """The declared input that holds the images behind the first, as many as its `count` says, or None."""
+        """The declared input that holds the images after the first (their number is its `count`), or None."""
         return next((i for i in declared(cls)[0] if i.count), None)
 
     @classmethod
@@ -196,46 +197,46 @@ class Op:
 
     @classmethod
     def inform(cls, text: str, *values: object) -> None:
-        """Log a line under its name; the text as `logging` takes it, with its values."""
+        """Log a line with its name; text and values as for `logging`."""
         log.info(f"%s: {text}", cls.flag(), *values)
 
     @classmethod
     def warn(cls, text: str, *values: object) -> None:
-        """The same as a warning."""
+        """Log a warning with its name."""
         log.warning(f"%s: {text}", cls.flag(), *values)
 
     @classmethod
     def arguments(cls) -> tuple[Parameter, ...]:
-        """The parameters that are words of their own behind the op."""
+        """The positional parameters, which follow the op."""
         return tuple(p for p in cls.parameters() if p.positional)
 
     @classmethod
     def modifiers(cls) -> tuple[Parameter, ...]:
-        """What may be said as a modifier: `--op:name=value`."""
+        """The parameters that are modifiers: `--op:name=value`."""
         return (*cls.optional_images(), *(p for p in cls.parameters() if not p.positional))
 
     @classmethod
     def arity(cls, values: dict[str, Any], depth: int) -> int:
-        """How many images it takes from a stack of that depth; more than the depth: it waits for them."""
+        """Number of images that it takes from a stack of that depth; if more, it waits for them."""
         further = cls.further_images()
         more = 0 if further is None else (values.get(further.count) or 1) - 1
         return len(cls.taken(values)) + more + sum(values.get(i.attribute) is True for i in cls.optional_images())
 
     @property
     def working_space(self) -> Space:
-        """Where this use sees images: in what the op declares; of Lab, with its parameter `data`, as data."""
+        """The working space of this use: the declared one, or data instead of Lab with its parameter `data`."""
         return Space.DATA if self.space is Space.LAB and self.values().get("data") else self.space
 
     def renamed(self) -> dict[str, str]:
-        """Channels that it has renamed: the old name by the new one."""
+        """Renamed channels: new name -> old name."""
         return {}
 
     def carried(self) -> tuple[Any, ...]:
-        """The further parts of its first image, where these follow what it makes."""
+        """The further parts of its first image, if they are appended to its result."""
         return getattr(self, self.images()[0].attribute).parts[1:] if self.carries else ()
 
     def given(self) -> Iterator[tuple[Parameter, Any]]:
-        """The images of this use, each with the input that it is for."""
+        """The images of this use, each with its declared input."""
         for slot in declared(type(self))[0]:
             value = getattr(self, slot.attribute)
             yield from ((slot, one) for one in (value if isinstance(value, tuple) else (value,)) if one is not None)
@@ -245,7 +246,7 @@ class Op:
         return {p.name: getattr(self, p.attribute) for p in self.parameters()}
 
     def provenance(self) -> dict[str, Any]:
-        """What a file should say of how it was made, as metadata."""
+        """Metadata about how the image was made."""
         given = {name: value for name, value in self.values().items() if value is not None}
         given |= {slot.name: image.source for slot, image in self.given() if slot in self.optional_images()}
         words = ":".join(f"{name}={int(v) if isinstance(v, bool) else v}" for name, v in given.items())
@@ -259,7 +260,7 @@ class Op:
         Raises
         ------
         KeyError
-            There is none.
+            No output has that name.
         """
         declared = {o.name: o for o in cls.outputs}
         return declared.get(name) or declared[re.sub(r"\.[0-9]+$", ".N", name)]
@@ -270,29 +271,29 @@ class Op:
         return next(o for o in cls.outputs if not (o.of or o.asked_by))
 
     def asked(self, output: Output) -> bool | Path:
-        """Whether an output is asked for; a file's name where it is to go there."""
+        """Whether an output is requested; the file name if it goes to a file."""
         value = getattr(self, output.asked_by) if output.asked_by else True
         return value if isinstance(value, Path) else bool(value)
 
     def judges(self, output: Output) -> bool:
-        """Whether an output is held to limits."""
+        """Whether an output is checked against limits."""
         return bool(output.judged_by) and getattr(self, output.judged_by) is not None
 
     def files(self) -> dict[str, Path]:
-        """The files that are written beside the image, by the outputs that they hold."""
+        """The files written in addition to the image, by output."""
         asked = ((output.name, self.asked(output)) for output in self.outputs)
         return {name: path for name, path in asked if isinstance(path, Path)}
 
     def operands(self) -> list[Any]:
-        """The images that this use has been given, in the order of declaration."""
+        """The images of this use, in the order of declaration."""
         return [image for _, image in self.given()]
 
     def scanned(self) -> list[Any]:
-        """The parts of which it looks at all pixels."""
+        """The parts of which it reads all pixels."""
         return [image.first for image in self.operands()] if self.scans else []
 
     def paths_read(self) -> list[Path]:
-        """The files that it reads beside its images."""
+        """The files that it reads in addition to its images."""
         asking = {output.asked_by for output in self.outputs}
         values = (getattr(self, p.attribute) for p in self.parameters() if p.attribute not in asking)
         return [value for value in values if isinstance(value, Path)]
@@ -302,20 +303,20 @@ class Op:
         return {}
 
     def result_count(self) -> int:
-        """How many images this use makes."""
+        """Number of images that this use makes."""
         return 1
 
     def compute(self, session: Session) -> Any:
-        """The outputs by name; a tuple of such mappings where it makes several images.
+        """The outputs by name; a tuple of such mappings if it makes several images.
 
-        What is an image comes as an `image.Part`, of which nothing need be computed before it is read; a picture as
-        (height, width, 3) sRGB values, floats in 0 .. 1 or 8 bits, or as a part of 8 bits; a table as what JSON can
-        hold, arrays by their names, a movie as (frames of 8-bit sRGB, frames a second), paints as a list of
-        `io.paint_palette.Paint`, a mesh as text, Cryptomatte as its label maps. Instead of an output its maker may
-        come, a callable without arguments: it is called where the output is asked for. An `image.Image` alone is the
-        op's image with all its parts.
+        Outputs are: for an image, an `image.Part`, which may be computed when it is read; for a picture, (height,
+        width, 3) sRGB values, 8-bit or floats in 0 .. 1, or an 8-bit part; for a table, values that JSON can hold; for
+        arrays, a dict by name; for a movie, (frames of 8-bit sRGB, frames per second); for paints, a list of
+        `io.paint_palette.Paint`; for a mesh, its text; for Cryptomatte, its label maps. An output may also be a
+        callable without arguments, which is called if the output is requested. An `image.Image` alone is the op's
+        image with all its parts.
 
-        A line is looked through before it is run: there, what asks for pixels or for the device raises `Unseen`, and
-        goes on being known by declaration alone. So what can be wrong is checked before either is touched.
+        Command lines are checked by a dry run, in which reading pixels or using the device raises `Unseen` and only
+        the declaration of the op is used. Check for errors before touching either.
         """
         raise NotImplementedError

@@ -23,21 +23,21 @@ from ..deferred import np
 from ..errors import ParameterError, ParameterTypeError, either, spelled
 
 _FIELD = "oiiotex"
-_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # Python's int and float take more: 1_0, ٣
-_INTEGERS = 1 << 31  # an int or a float of OpenImageIO's and of kernels is one of 32 bits
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # Python's int and float accept more: 1_0, ٣
+_INTEGERS = 1 << 31  # OpenImageIO and kernels use 32-bit ints and floats
 _FLOATS = (2 - 2**-23) * 2.0**127
 _TRUE, _FALSE = ("1", "on", "true", "yes"), ("0", "off", "false", "no")
 
 
 class Numbers(tuple[float, ...]):
-    """Numbers separated by commas: a color, a matrix, a list of coordinates."""
+    """Comma-separated numbers: a color, a matrix, a list of coordinates."""
 
     def __str__(self) -> str:
         return ",".join(f"{n:.9g}" for n in self)
 
 
 class Words(tuple[str, ...]):
-    """Texts separated by commas: the kinds of several maps, the names of panels."""
+    """Comma-separated words: the kinds of several maps, the names of panels."""
 
     def __str__(self) -> str:
         return ",".join(self)
@@ -53,13 +53,13 @@ class Size(NamedTuple):
         return f"{self.width}x{self.height}"
 
     def powers_of_two(self) -> Size:
-        """The nearest power of two of each side; halfway between two, the larger."""
+        """Each side rounded to the nearest power of two; ties are rounded up."""
         floors = (1 << (n.bit_length() - 1) for n in self)
         return Size(*(2 * low if 2 * n >= 3 * low else low for n, low in zip(self, floors, strict=True)))
 
 
 class SizeRule(enum.StrEnum):
-    """A word that stands for a size, which follows from an input image."""
+    """A word for a size that is derived from an input image."""
 
     POW2 = "pow2"
 
@@ -69,34 +69,34 @@ class Parameter:
     """One declared parameter of an op, or one of its input images (`kind` is then None)."""
 
     name: str
-    kind: tuple[type, ...] | None  # what a value may be; () only None
-    default: Any  # dataclasses.MISSING when it must be given
+    kind: tuple[type, ...] | None  # types of its value; (): only None
+    default: Any  # dataclasses.MISSING if required
     help: str
     unit: str = ""
     ge: float | None = None
     le: float | None = None
     choices: tuple[Any, ...] = ()
-    positional: bool = False  # on the command line a word of its own after the op; else a modifier
-    many: bool = False  # an input that is a tuple of images, as many as the op takes
-    unset: str = ""  # what is used where the default is None, in words: "longer side / 8"
-    example: str = ""  # a value as on the command line, where `sample` cannot derive one
+    positional: bool = False  # on the command line a separate word after the op instead of a modifier
+    many: bool = False  # an input that is a tuple of any number of images
+    unset: str = ""  # what a default of None stands for: "longer side / 8"
+    example: str = ""  # a value as on the command line, if `sample` cannot derive one
     advanced: bool = False  # few people need it: help and docs list it last
-    frame: bool = False  # the frame number of a sequence is its default
-    count: str = ""  # of such an input: the parameter that says how many images the op takes, the first input included
+    frame: bool = False  # its default is the frame number of a sequence
+    count: str = ""  # of such an input: the parameter with the number of images, the first input included
 
     @property
     def attribute(self) -> str:
-        """The field that holds it: `from_` holds `from`, which Python keeps for itself."""
+        """Name of its field: `from_` for `from`, which is a keyword of Python."""
         return f"{self.name}_" if keyword.iskeyword(self.name) else self.name
 
     @property
     def required(self) -> bool:
-        """Whether it must be given."""
+        """Whether a value is required."""
         return self.default is dataclasses.MISSING
 
     @property
     def expected(self) -> str:
-        """The values it takes, for help and errors: 'a number >= 1 px'; `spelled` has them for the line or Python."""
+        """The valid values, for help and errors: 'a number >= 1 px', with words marked for `spelled`."""
         if self.kind is None:
             return "1 (the next image on the stack), the name of a part of the first image, or a file name"
         if self.choices:
@@ -113,7 +113,7 @@ class Parameter:
 
     @property
     def default_text(self) -> str:
-        """The default in words, as on the command line; empty where a value is required."""
+        """The default as on the command line; empty if a value is required."""
         if self.required:
             return ""
         if self.unset or self.default in (None, ""):
@@ -122,7 +122,7 @@ class Parameter:
 
     @property
     def sample(self) -> str:
-        """A value as on the command line, not the default where that is possible; empty where none is known."""
+        """A value as on the command line, other than the default if possible; empty if none is known."""
         if self.example:
             return self.example
         kinds = self.kind or ()
@@ -141,24 +141,24 @@ class Parameter:
         return str(int(value)) if int in kinds or value == int(value) else f"{value:g}"
 
     def described(self, help: str) -> str:
-        """`help` with the values that it takes and the default, in sentences."""
+        """`help`, followed by valid values and default as sentences."""
         values = self.allowed()
         text = f"{help} {values[:1].upper()}{values[1:]}."
         return text if self.required else f"{text} Default: {self.default_text}."
 
     def allowed(self) -> str:
-        """What a value may be on the command line."""
+        """The valid values on the command line."""
         return spelled(self.expected)
 
     def check(self, value: Any) -> Any:
-        """`value` as the declared type.
+        """`value` converted to the declared type.
 
         Raises
         ------
         ParameterTypeError
-            It is not of the type.
+            The value is of another type.
         ParameterError
-            It is not in the range, not among the choices, or a number of more than 32 bits.
+            The value is out of range, not among the choices, or exceeds 32 bits.
         """
         if value is None and self.default is None:
             return None
@@ -179,7 +179,7 @@ class Parameter:
         raise self.wrong(value)
 
     def wrong(self, value: Any, bounds: str = "") -> ParameterError:
-        """The error that a value is not allowed; `bounds` says more of what is."""
+        """The error for an invalid value; `bounds` is appended to the valid values."""
         return ParameterError(parameter=self.name, value=value, expected=f"{self.expected} {bounds}".rstrip())
 
     def _in_range(self, value: Any) -> bool:
@@ -189,7 +189,7 @@ class Parameter:
         return all((self.ge is None or n >= self.ge) and (self.le is None or n <= self.le) for n in numbers)
 
     def _fitting(self, value: Any, given: Any) -> Any:
-        """The value, whose numbers fit into 32 bits wherever no bound is declared."""
+        """The value, checked to fit into 32 bits where no bound is declared."""
         for n in _numbers_in(value):
             least, most = (-_FLOATS, _FLOATS) if isinstance(n, float) else (-_INTEGERS, _INTEGERS - 1)
             if (self.ge is None and n < least) or (self.le is None and n > most):
@@ -197,14 +197,14 @@ class Parameter:
         return value
 
     def parse(self, text: str) -> Any:
-        """The value that a modifier's text means; raises as `check` does.
+        """The value of a modifier from its text; raises as `check` does.
 
-        For an input image: True for one of the stack, None for none, else the name of a part or a file.
+        For an input image: True to take it from the stack, None for none, otherwise the name of a part or a file.
         """
         if self.kind is None and text:
             return True if text in _TRUE else None if text in _FALSE else text
         if not text and self.positional and str in (self.kind or ()) and not self.choices:
-            return text  # as a word of its own: no value
+            return text  # an empty positional text is no value
         for choice in self.choices:
             if str(choice) == text:
                 return choice
@@ -245,11 +245,11 @@ def param(
     Parameters
     ----------
     default : optional
-        Without one, a value is required.
+        If omitted, a value is required.
     help : str
-        Sentences, the first of which begins with a noun phrase. Values, range and default are added by the program.
+        Sentences, the first beginning with a noun phrase. Valid values and default are appended automatically.
     ge, le : float, optional
-        The smallest and the largest value; of both sides of a Size, of all of `Numbers`.
+        The smallest and the largest value; for both sides of a Size, and for each of `Numbers`.
     unit, choices, unset, example, advanced, frame, positional
         As in `Parameter`.
     """
@@ -268,8 +268,8 @@ def image(
 ) -> Any:
     """Declare an input image as a dataclass field.
 
-    A field of type `tuple[Image, ...]` holds several. With `count` it follows the first input, and the parameter of
-    that name is the number of all these images together.
+    A field of type `tuple[Image, ...]` holds several images. With `count`, it follows the first input, and the
+    parameter of that name is the total number of these images.
     """
     facts = {"help": help, "count": count, "example": example, "advanced": advanced}
     return dataclasses.field(default=default, metadata={_FIELD: facts})
@@ -278,12 +278,12 @@ def image(
 def declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
     """(input images, parameters) of an op's dataclass, in the order of declaration.
 
-    An op's own parameters come before those that it shares with others.
+    Parameters of the op's own class come before those of its bases.
     """
     return _declared(op)
 
 
-@functools.cache  # not `declared` itself: to mypy the class of a frozen dataclass has no hash
+@functools.cache  # not `declared` itself: for mypy, the class of a frozen dataclass is not hashable
 def _declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
     hints = typing.get_type_hints(op)
     images, parameters = [], []
@@ -299,14 +299,14 @@ def _declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
 
 
 def parse_modifiers(op: type, modifiers: Mapping[str, str | None]) -> dict[str, Any]:
-    """An op's values by field, from modifier texts; a text of None is passed over, but its name must be right.
+    """An op's values by field, from the values of modifiers; a value of None sets nothing, but its name is checked.
 
-    Input images that may be left out are asked for by a modifier of their name.
+    Optional input images are requested by a modifier of their name.
 
     Raises
     ------
     ParameterError
-        An unknown modifier (the text names the nearest one), or a value that is not allowed.
+        A modifier is unknown (the message suggests the nearest one), or a value is invalid.
     """
     images, parameters = declared(op)
     known = {
@@ -317,16 +317,16 @@ def parse_modifiers(op: type, modifiers: Mapping[str, str | None]) -> dict[str, 
     values = {}
     for name, text in modifiers.items():
         if name not in known:
-            there = f"there is {', '.join(known) or 'none'}"
-            raise ParameterError(f"unknown modifier '{name}'{nearest(name, known)}", hint=there)
+            listed = f"modifiers: {', '.join(known) or 'none'}"
+            raise ParameterError(f"unknown modifier '{name}'{nearest(name, known)}", hint=listed)
         if text is not None:
             values[known[name].attribute] = known[name].parse(text)
     return values
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """', did you mean ...?' where something known is close, be it in another case, else nothing."""
-    import difflib  # where something is wrong already: it is slow to import
+    """', did you mean ...?' if a known name is similar, ignoring case; otherwise empty."""
+    import difflib  # slow to import, and only used for errors
 
     by_lower = {each.lower().lstrip("-"): each for each in known}
     close = difflib.get_close_matches(name.lower().lstrip("-"), list(by_lower), 1)
@@ -334,7 +334,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def _numbers_in(value: Any) -> tuple[float, ...]:
-    """The numbers of a value, none where it is something else."""
+    """The numbers of a value; empty for other types."""
     if isinstance(value, (Size, Numbers)):
         return tuple(value)
     return (value,) if isinstance(value, (int, float)) and not isinstance(value, bool) else ()
@@ -366,7 +366,7 @@ def _parse(kind: type, text: str) -> Any:
 
 
 def _convert(kind: type, value: Any) -> Any:
-    """A Python caller's value as `kind`; ValueError or TypeError where it is not one."""
+    """A Python value converted to `kind`; raises ValueError or TypeError if it cannot be."""
     if kind in (Size, Words) and isinstance(value, (str, bytes)):
         raise TypeError(value)
     if kind is Words:

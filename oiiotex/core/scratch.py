@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arrays that memory does not hold, in unnamed temporary files: by rows, or in square tiles."""
+"""Arrays in unnamed temporary files, stored by rows or in square tiles."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 
     from .demand import PieceCache
 
-AT_ONCE = 8 << 20  # bytes that are read or written by a call; the system reads 2 GB at once at most
+AT_ONCE = 8 << 20  # bytes that are read or written by a call; the system's limit is 2 GB
 
 
 def empty_rows(shape: tuple[int, ...], dtype: DTypeLike, in_memory: bool) -> np.ndarray | RowStore:
-    """An array to be filled, or the same in a file."""
+    """An uninitialized array, in memory or in a file."""
     return np.empty(shape, dtype) if in_memory else RowStore(shape, dtype)
 
 
 class RowStore:
-    """An array in a file that is read and written by rows; threads may share it.
+    """An array in a file, read and written by rows; thread-safe.
 
-    Indices are those of an array: rows, or rows and columns, as slices. As a whole it is `np.asarray` of it.
+    It is indexed like an array, by slices of rows, or of rows and columns. `np.asarray` reads all of it.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class RowStore:
     Raises
     ------
     ImageError
-        There is no room for it on the disk, here and whenever it is written.
+        The disk is full, now or when the array is written.
     """
 
     def __init__(self, shape: tuple[int, ...], dtype: DTypeLike):
@@ -65,19 +65,19 @@ class RowStore:
         return out if dtype is None else out.astype(dtype)
 
     def crossing(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """`array[np.ix_(rows, columns)]` of (rows, columns), for columns of which most are neighbors."""
+        """`array[np.ix_(rows, columns)]`, (rows, columns), efficient if most columns are adjacent."""
         out = np.empty((len(rows), len(columns)), self.dtype)
         for n, into, offset in self._runs(rows, columns):
             self._read(out[n, into], offset)
         return out
 
     def set_crossing(self, rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> None:
-        """The inverse of `crossing`, for rows and columns that do not come twice."""
+        """The inverse of `crossing`, for unique rows and columns."""
         for n, into, offset in self._runs(rows, columns):
             self._write(values[n, into], offset)
 
     def _runs(self, rows: np.ndarray, columns: np.ndarray) -> Iterator[tuple[int, slice, int]]:
-        """Columns that are neighbors, row by row: (number of the row, where they stand, their place in the file)."""
+        """Runs of adjacent columns, row by row: (index of the row, slice of columns, offset in the file)."""
         begins = np.flatnonzero(np.diff(columns, prepend=-2) != 1).tolist()
         for begin, end in zip(begins, [*begins[1:], len(columns)], strict=True):
             for n, row in enumerate(rows.tolist()):
@@ -92,22 +92,22 @@ class RowStore:
         array = np.ascontiguousarray(values, self.dtype)
         try:
             if os.pwrite(self._file.fileno(), array.data, offset) < array.nbytes:
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # a full disk takes a part in silence
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # a full disk silently writes a part
         except OSError as error:
             raise _no_room(error) from error
 
 
 class TileStore:
-    """An image in a file, in square tiles: windows and pixels of it are looked up anywhere; threads may share it.
+    """An image in a file, in square tiles, with random access to windows and pixels; thread-safe.
 
     Parameters
     ----------
     shape : (height, width, ...)
     dtype : dtype
     side : int
-        Of a tile, px.
+        Side of a tile, px.
     cache : PieceCache, optional
-        Of tiles that were looked at.
+        Cache of tiles.
     """
 
     def __init__(self, shape: tuple[int, ...], dtype: DTypeLike, side: int, cache: PieceCache | None = None):
@@ -116,7 +116,7 @@ class TileStore:
         self._tiles = RowStore((-(-shape[0] // side) * self._across, side, side, *shape[2:]), dtype)
 
     def put(self, top: int, left: int, pixels: np.ndarray) -> None:
-        """Pixels of whole tiles beside each other, of which those at the image's border may be cut."""
+        """Write a row of whole tiles, which may be cropped at the border of the image."""
         number, count = self._number(top, left), -(-pixels.shape[1] // self._side)
         tiles = np.zeros((count, *self._tiles.shape[1:]), self.dtype)
         for n in range(count):
@@ -125,7 +125,7 @@ class TileStore:
         self._tiles[number : number + count] = tiles
 
     def window(self, rows: slice, columns: slice) -> np.ndarray:
-        """Pixels of any window: (rows, columns, ...)."""
+        """The pixels of any window: (rows, columns, ...)."""
         out = np.empty((rows.stop - rows.start, columns.stop - columns.start, *self.shape[2:]), self.dtype)
         for top, down, into_rows in _cells(rows, self._side):
             for left, across, into_columns in _cells(columns, self._side):
@@ -152,23 +152,23 @@ class TileStore:
 
 
 def _cells(places: slice, side: int) -> Iterator[tuple[int, slice, slice]]:
-    """Tiles along one axis: (where it begins, what of it is wanted, where that stands among all)."""
+    """Tiles along one axis: (begin of the tile, slice of the tile, slice of the output)."""
     for begin in range(places.start // side * side, places.stop, side):
         first, last = max(begin, places.start), min(begin + side, places.stop)
         yield begin, slice(first - begin, last - begin), slice(first - places.start, last - places.start)
 
 
 def _scratch_file(size: int) -> BufferedRandom:
-    """An unnamed temporary file of `size` bytes, which the system removes with the process.
+    """An unnamed temporary file of `size` bytes, which the system removes when the process ends.
 
-    It is not under /tmp where that is memory: TMPDIR says where there is room.
+    If /tmp is in memory, set TMPDIR to a folder on disk.
     """
-    import tempfile  # few runs spill: it is slow to import
+    import tempfile  # slow to import, and rarely needed
 
     try:
         file = tempfile.TemporaryFile(prefix="oiiotex-")  # noqa: SIM115 - lives as long as its owner
     except OSError as error:
-        raise ImageError(f"no folder for intermediate results (set TMPDIR): {error}") from error
+        raise ImageError(f"cannot create a file for intermediate results: {error}; set TMPDIR") from error
     try:
         if size:
             os.posix_fallocate(file.fileno(), 0, size)
@@ -180,4 +180,4 @@ def _scratch_file(size: int) -> BufferedRandom:
 def _no_room(error: OSError) -> ImageError:
     import tempfile
 
-    return ImageError(f"no room for intermediate results in {tempfile.gettempdir()} (set TMPDIR): {error}")
+    return ImageError(f"no space for intermediate results in {tempfile.gettempdir()}: {error}; set TMPDIR")

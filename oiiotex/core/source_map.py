@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where pixels of a result come from: one type, one encoding, and what is made of it, copies and coordinates."""
+"""Source pixels of a result: their encoding, and the copies and coordinates made from them."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from .window import Window
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-COPIED = "pixels copied from the photo, all channels together, in its own color space and type"
-ST = Output("st", Kind.COORDINATES, "where every pixel comes from, as `warp` and `st_warp` read it", asked_by="stmap")
-STMAP = "1: source coordinates as part 'st' of the result; a file name: there"
-BITS = 16  # for x and for y, where one exemplar is spoken of: what kernels give and take (cl/offsets.h)
+COPIED = "Pixels copied from the photo, all channels together, in its color space and type."
+ST = Output("st", Kind.COORDINATES, "Source coordinates of every pixel, for `warp` and `st_warp`.", asked_by="stmap")
+STMAP = "Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that file."
+BITS = 16  # for x and for y of a single exemplar, as in kernels (cl/offsets.h)
 NONE = 0xFFFFFFFF  # no pixel
-_ROWS_AT_ONCE = 16 << 20  # bytes of an exemplar that is read by rows
-_AT_ONCE = 1 << 18  # pixels that a thread copies
+_ROWS_AT_ONCE = 16 << 20  # bytes of an exemplar that are read at once, if it is read by rows
+_AT_ONCE = 1 << 18  # pixels that a thread copies at once
 
 
 @dataclass(frozen=True, eq=False)
 class SourceMap:
-    """Pixels of exemplars, one for each pixel of a result, or for each of its patches their first one.
+    """The source pixel of each pixel of a result, or of the first pixel of each patch.
 
     Attributes
     ----------
-    packed : array of uint32, of any shape; uint64 where `bits` are more than 16; or what `of_rows` takes:
-        number << 2 * bits | y << bits | x: the exemplar's number where there are several, row and column.
+    packed : array of uint32, of any shape; uint64 if `bits` is more than 16; or an argument of `of_rows`
+        number << 2 * bits | y << bits | x: number of the exemplar (if there are several), row and column.
     bits : int
     """
 
@@ -43,18 +43,18 @@ class SourceMap:
 
     @classmethod
     def of(cls, y: ArrayLike, x: ArrayLike, bits: int = BITS) -> SourceMap:
-        """Of rows and columns, which may have any shapes that go together."""
+        """From rows and columns, with broadcasting."""
         kind: type[np.unsignedinteger] = np.uint32 if bits <= BITS else np.uint64
         return cls(np.asarray(y, kind) << kind(bits) | np.asarray(x, kind), bits)
 
     @classmethod
     def of_rows(cls, packed: SomeRows) -> SourceMap:
-        """Of rows that may lie in a file, as an `scratch.RowStore`: `packed` then has no more than `SomeRows`."""
+        """From rows that may be in a file, such as a `scratch.RowStore`; `packed` is then only a `SomeRows`."""
         return cls(cast("np.ndarray", packed))
 
     @classmethod
     def of_coordinates(cls, st: np.ndarray, spec: oiio.ImageSpec, name: str) -> SourceMap:
-        """The inverse of `coordinates`; an ImageError with the map's name where some are NaN, Inf or outside."""
+        """The inverse of `coordinates`; raises ImageError with the map's name if some are NaN, Inf or outside."""
         place = st[..., :2].astype(np.float64) * (spec.full_width, spec.full_height)
         broken = np.count_nonzero(~np.isfinite(place))
         if broken:
@@ -78,18 +78,18 @@ class SourceMap:
 
     @property
     def number(self) -> np.ndarray:
-        """The exemplar's, int64; 0 where there is one."""
+        """The number of the exemplar, int64; 0 for a single one."""
         return np.asarray(self.packed).astype(np.int64) >> 2 * self.bits
 
     def flat(self, width: int) -> np.ndarray:
-        """As indices into rows of that width, one behind the other; int64."""
+        """Flat indices for rows of that width, int64."""
         y, x = self.yx
         y *= width
         y += x
         return y
 
     def gather(self, pixels: SomeRows) -> np.ndarray:
-        """What an exemplar, (h, w) or (h, w, channels), has there."""
+        """The values of an exemplar, (h, w) or (h, w, channels), at these pixels."""
         if isinstance(pixels, np.ndarray):
             return np.take(pixels.reshape(-1, *pixels.shape[2:]), self.flat(pixels.shape[1]), 0)
         y, x = (each.ravel() for each in self.yx)
@@ -103,11 +103,10 @@ class SourceMap:
         return out.reshape(*self.packed.shape, *pixels.shape[2:])
 
     def coordinates(self, spec: oiio.ImageSpec, corner: tuple[int, int] = (0, 0), factor: float = 1.0) -> np.ndarray:
-        """(s, t) over the display window of an image with that spec: (..., 2) float32.
+        """(s, t) in the display window of an image with that spec: (..., 2) float32.
 
-        (0, 0) is the display window's top left corner and (1, 1) its bottom right, as --st_warp has it; pixel centers
-        lie half a pixel in. The exemplar may be cut out of the image's data window at a `corner` (x, y) after it was
-        enlarged by a `factor`.
+        (0, 0) is the top left corner of the display window and (1, 1) its bottom right, as in --st_warp, with pixel
+        centers at half pixels. The exemplar may be a crop at `corner` (x, y) of the image enlarged by `factor`.
         """
         y, x = self.yx
         s = ((x + corner[0] + 0.5) / factor + spec.x - spec.full_x) / spec.full_width
@@ -117,19 +116,19 @@ class SourceMap:
     def parts(
         self, name: str, exemplar: Part, tiling: str = "none", in_place: bool = False, by_rows: bool = False
     ) -> dict[str, Part]:
-        """As `Sources.parts`, of a result as a whole.
+        """As `Sources.parts`, for a complete result.
 
         Parameters
         ----------
         name : str
-            Of the op's image.
+            Name of the op's image.
         exemplar : Part
         tiling : str
-            Axes along which the result goes on in itself: x, y, xy or none.
+            Axes along which the result wraps: x, y, xy or none.
         in_place : bool
-            It is as large as the exemplar and keeps its windows; else it lies at the origin.
+            Whether the result has the windows of the exemplar; otherwise it is at the origin.
         by_rows : bool
-            The exemplar does not lie in memory: it is read by rows, again for every window of the result.
+            Whether the exemplar is read by rows for every window of the result, instead of held in memory.
         """
         spec = tile_spec(exemplar.spec, tiling, None if in_place else self.packed.shape[::-1])
         whole = Window.data(spec)
@@ -139,16 +138,16 @@ class SourceMap:
 
 @dataclass(frozen=True)
 class Sources:
-    """A source map that is read window by window, of a result with that spec; `spread` is as of `Session`."""
+    """A source map that is read by windows, of a result with that spec; `spread`: see `Resources`."""
 
     read: Callable[[Window], SourceMap]
     spec: oiio.ImageSpec
     spread: Callable[..., Iterable[np.ndarray]] = map
-    ready: bool = False  # reading costs nothing
-    by_rows: bool = False  # exemplars do not lie in memory
+    ready: bool = False  # whether reading is cheap
+    by_rows: bool = False  # whether exemplars are read by rows
 
     def parts(self, name: str, exemplar: Part) -> dict[str, Part]:
-        """An op's image of that name, copied from its exemplar, and 'st'."""
+        """The op's image of that name, copied from its exemplar, and the part 'st'."""
 
         def coordinates(window: Window) -> np.ndarray:
             return self.read(window).coordinates(exemplar.spec)
@@ -157,7 +156,7 @@ class Sources:
         return {name: self.copied(exemplar, self.spec), "st": st}
 
     def copied(self, part: Part, spec: oiio.ImageSpec) -> Part:
-        """The pixels of a part, which are held, where they come to lie; as a part with that spec."""
+        """A part with that spec, copied from the pixels of a part, which are held in memory."""
         if self.by_rows:
             rows = rows_of(part)
             return Part(part.name, spec, lambda window: self.read(window).gather(rows), part.stored, exact=part.exact)
@@ -173,13 +172,13 @@ class Sources:
 
 
 def require_addressable(shape: tuple[int, ...]) -> None:
-    """Raise an ImageError where an exemplar, (height, width, ...), has pixels that 32 bits do not name."""
+    """Raise ImageError if an exemplar, (height, width, ...), is too large for 32-bit source pixels."""
     if max(shape[:2]) > 1 << BITS:
-        raise ImageError(f"the exemplar of {shape[1]}x{shape[0]} px is larger than {1 << BITS} px on a side")
+        raise ImageError(f"the exemplar is {shape[1]}x{shape[0]} px: expected sides of at most {1 << BITS} px")
 
 
 def tile_spec(spec: oiio.ImageSpec, tiling: str, size: tuple[int, int] | None = None) -> oiio.ImageSpec:
-    """Of a result of (width, height), else in the windows of its exemplar, that goes on in itself along some axes."""
+    """The spec of a result that wraps along some axes; without `size`, in the windows of its exemplar."""
     new = derived_spec(spec, *(size or ()))
     new.attribute("wrapmodes", ",".join("periodic" if axis in tiling else "black" for axis in "xy"))
     return new

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where pixels are: rectangles of them, and planes that may close on themselves."""
+"""Windows of pixels, and planes that may wrap."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class Window(NamedTuple):
 
     @classmethod
     def data(cls, spec: oiio.ImageSpec) -> Window:
-        """The data window: where there are pixels."""
+        """The data window: the pixels that exist."""
         return cls(spec.x, spec.y, spec.x + spec.width, spec.y + spec.height)
 
     @classmethod
     def display(cls, spec: oiio.ImageSpec) -> Window:
-        """The display window: what is shown."""
+        """The display window: the pixels that are shown."""
         return cls(spec.full_x, spec.full_y, spec.full_x + spec.full_width, spec.full_y + spec.full_height)
 
     @classmethod
@@ -66,16 +66,16 @@ class Window(NamedTuple):
         return self.right <= self.left or self.bottom <= self.top
 
     def grown(self, x: int, y: int | None = None) -> Window:
-        """Wider by x pixels on the left and right, higher by y (or x) above and below."""
+        """The window padded by x pixels on the left and right, and by y (or x) above and below."""
         y = x if y is None else y
         return Window(self.left - x, self.top - y, self.right + x, self.bottom + y)
 
     def shifted(self, x: int, y: int) -> Window:
-        """Moved right by x and down by y."""
+        """The window moved right by x and down by y."""
         return Window(self.left + x, self.top + y, self.right + x, self.bottom + y)
 
     def __and__(self, other: Window) -> Window:
-        """What both share; of no height or width where that is nothing."""
+        """The intersection; of width or height 0 if empty."""
         left, top = max(self.left, other.left), max(self.top, other.top)
         return Window(left, top, max(left, min(self.right, other.right)), max(top, min(self.bottom, other.bottom)))
 
@@ -96,14 +96,14 @@ class Window(NamedTuple):
         )
 
     def cells(self, width: int, height: int, origin: tuple[int, int] | None = None) -> Iterator[Window]:
-        """Its pieces on a grid of that spacing through `origin` (its own corner when left out), row by row."""
+        """Its pieces on a grid of that spacing through `origin` (default: its own corner), row by row."""
         x0, y0 = origin or (self.left, self.top)
         for top in range(y0 + (self.top - y0) // height * height, self.bottom, height):
             for left in range(x0 + (self.left - x0) // width * width, self.right, width):
                 yield Window.sized(left, top, width, height) & self
 
     def roi(self, channels: int) -> oiio.ROI:
-        """As OpenImageIO takes it."""
+        """The window as a ROI of OpenImageIO."""
         return oiio.ROI(self.left, self.right, self.top, self.bottom, 0, 1, 0, channels)
 
     def in_range(self) -> Window:
@@ -112,10 +112,10 @@ class Window(NamedTuple):
         Raises
         ------
         ImageError
-            A coordinate or a side needs more than 32 bits.
+            A coordinate or a side exceeds 32 bits.
         """
         if min(self[:2]) < -_REACH or max(*self[2:], *self.size) >= _REACH:
-            raise ImageError(f"a window of {self} pixels: expected coordinates from {-_REACH} to {_REACH - 1}")
+            raise ImageError(f"window {self}: expected coordinates from {-_REACH} to {_REACH - 1}")
         return self
 
     def apply_to(self, spec: oiio.ImageSpec) -> oiio.ImageSpec:
@@ -134,26 +134,26 @@ class Window(NamedTuple):
 
 
 def warp_needs(matrix: np.ndarray, window: Window, width: float, data: Window) -> Window:
-    """What a warp looks at for a window.
+    """The source window that a warp reads for a window of its result.
 
     Parameters
     ----------
     matrix : array of shape (3, 3)
         From the result to the source, for row vectors (x, y, 1).
     window : Window
-        Of the result.
+        Window of the result.
     width : float
-        Of the filter, in pixels.
+        Width of the filter, in pixels.
     data : Window
-        What there is of the source: all of it is needed where the window crosses the horizon.
+        Data window of the source, returned as a whole if the window crosses the horizon.
     """
     xs, ys = (window.left + 0.5, window.right - 0.5), (window.top + 0.5, window.bottom - 0.5)
     corners = np.array([(x, y, 1.0) for x in xs for y in ys]) @ matrix
     w = corners[:, 2]
     if not (np.all(w > 0) or np.all(w < 0)):
         return data
-    # The derivative (a / w)' = (a' w - a w') / w^2: along x its numerator does not change with x, so that all
-    # extremes lie at corners.
+    # in the derivative (a / w)' = (a' w - a w') / w^2 along x, the numerator does not depend on x, so that all
+    # extremes are at corners
     at = corners[:, :2] / w[:, None]
     least = np.min(np.abs(w)) ** 2
     reach = [1.0, 1.0]
@@ -165,7 +165,7 @@ def warp_needs(matrix: np.ndarray, window: Window, width: float, data: Window) -
     edges = []
     for axis, (begin, end) in enumerate(((data.left, data.right), (data.top, data.bottom))):
         halo = 0.5 * width * reach[axis] * 1.001 + 3
-        # far outside it makes no difference how far; ints must not overflow
+        # clamped outside of the source, so that ints do not overflow
         edges.append(math.floor(min(max(low[axis] - halo, begin - 8), end + 7)))
         edges.append(math.ceil(max(min(high[axis] + halo, end + 8), begin - 7)))
     return Window(edges[0], edges[2], edges[1], edges[3])
@@ -173,14 +173,14 @@ def warp_needs(matrix: np.ndarray, window: Window, width: float, data: Window) -
 
 @dataclass(frozen=True)
 class Domain:
-    """A plane of pixels that closes on itself along the axes that wrap, and ends elsewhere.
+    """A plane of pixels that wraps along some axes.
 
     Attributes
     ----------
     width, height : int
         px.
     wrap_x, wrap_y : bool
-        It is a torus along that axis.
+        Whether it wraps along that axis.
     """
 
     width: int
@@ -190,15 +190,15 @@ class Domain:
 
     @classmethod
     def tiling(cls, width: int, height: int, axes: str, **more: Any) -> Self:
-        """That tiles along the axes x, y, xy or none."""
+        """A domain that tiles along the axes x, y, xy or none."""
         return cls(width, height, "x" in axes, "y" in axes, **more)
 
     @property
     def size(self) -> tuple[int, int]:
-        """Columns and rows."""
+        """(width, height)."""
         return self.width, self.height
 
     @property
     def wraps(self) -> tuple[bool, bool]:
-        """Along x, along y."""
+        """Whether it wraps along x, and along y."""
         return self.wrap_x, self.wrap_y

@@ -92,7 +92,7 @@ def dominant_texture(
 
     `patch` is odd; without `step` there are at most `most` texels; `seed` chooses landmarks.
     """
-    with threadpool_limits(1, "blas"), resources.beside(lambda: neighbor_correlation(pixels)) as correlated:
+    with threadpool_limits(1, "blas"), resources.in_background(lambda: neighbor_correlation(pixels)) as correlated:
         side = patch or patch_size(pixels.lab[..., 0], resources.spread)
         texels = texels_of(pixels, side, step or step_for(pixels.seen.shape, side, most), resources)
         nothing = np.full(texels.count, SCATTERED, np.int8), np.zeros(texels.count), np.zeros(texels.count)

@@ -132,7 +132,7 @@ def photo_mask(
 
         return None if rule == "paper" else pixel_colors(pixels)
 
-    with resources.beside(colored) as colors:
+    with resources.in_background(colored) as colors:
         texture = dominant_texture(
             pixels, resources, progress, patch=side, step=step, most=TEXELS, mode=mode, rule=rule
         )

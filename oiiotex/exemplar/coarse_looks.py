@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A synthesis looked at while it is made: what its coarse levels copy, from the photo reduced to their size."""
+"""Previews of a running synthesis: its coarse levels, copied from the photo reduced to their size."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..session.progress import Onlooker
 
 
 def coarse_looks(photo: Part, look: Onlooker | None) -> Callable[[SourceMap, tuple[int, int]], object] | None:
-    """What `patchmatch.optimization.synthesize` calls with its coarse levels; None where nobody looks."""
+    """A callback for `patchmatch.optimization.synthesize` that shows coarse levels; None without an onlooker."""
     if look is None:
         return None
     rows = rows_of(photo)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Images that prescribe what a synthesis does: where, how often parts are used, with which sigma."""
+"""Images that control a synthesis: pixels to inpaint, weights of source pixels, sigma for each pixel."""
 
 from __future__ import annotations
 
@@ -17,36 +17,39 @@ from ..patchmatch.optimization import Synthesis
 from ..patchmatch.recipe import Recipe
 from .exemplar_masks import laid_over, mask_pixels
 
-WITHIN = (
-    "make only these pixels anew, from patches outside of them, and leave the rest to the bit: above one half of the"
-    " first channel's range; of ids: all but 0"
+INPAINT = (
+    "Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero label id). They are"
+    " filled from patches outside of the marked area; all other pixels are kept unchanged."
 )
-WEIGHT = "how often pixels of the photo are used beside others, by the first channel: 0 never, 2 twice as often as 1"
-SIGMAMAP = "sigma for each pixel of the result, in px, by the first channel of floats"
+WEIGHT = (
+    "Image of relative weights, in its first channel: a pixel of weight 2 is used twice as often as one of weight 1,"
+    " and one of weight 0 never."
+)
+SIGMAMAP = "Image of sigma for each pixel of the result, in pixels, in the first channel of a float image."
 _LEAST_SIGMA = 0.5
 
 Run = Callable[[Recipe, Constraints], Synthesis]
 
 
-def marked_pixels(within: Image, exemplar: Image) -> np.ndarray:
-    """The pixels that are to be made anew, (height, width) bool; raises ImageError where these are all."""
-    marked = mask_pixels(laid_over(within.first, exemplar, "within"))
+def marked_pixels(inpaint: Image, exemplar: Image) -> np.ndarray:
+    """The pixels to resynthesize, (height, width) bool; raises ImageError if all are marked."""
+    marked = mask_pixels(laid_over(inpaint.first, exemplar, "inpaint"))
     if marked.all():
         raise ImageError(
-            f"within covers all of {exemplar.source}: nothing is left to take patches from; leave it out to make the"
-            " whole anew"
+            f"inpaint marks every pixel of {exemplar.source}: no source pixels remain; mark fewer, or omit inpaint to"
+            " resynthesize the whole photo"
         )
     return marked
 
 
 def weights_of(weight: Image, exemplar: Image) -> np.ndarray:
-    """How often pixels of the exemplar are to be used, (height, width) float32 >= 0, not 0 everywhere."""
+    """Relative weights of the exemplar's pixels, (height, width) float32 >= 0, not 0 everywhere."""
     values = _channel(laid_over(weight.first, exemplar, "weight"))
     wrong = np.count_nonzero(~(np.isfinite(values) & (values >= 0)))
     if wrong:
-        raise ImageError(f"weight has {wrong} values that are negative, NaN or Inf: expected numbers >= 0")
+        raise ImageError(f"weight has {wrong} negative, NaN or Inf values: expected numbers >= 0")
     if not values.any():
-        raise ImageError(f"weight is 0 everywhere: no pixel of {exemplar.source} may be used")
+        raise ImageError("weight is 0 everywhere: expected at least one positive value")
     return values
 
 
@@ -55,9 +58,9 @@ def sigmas_of(sigmamap: Image, width: int, height: int) -> np.ndarray:
     part = sigmamap.first
     if (part.spec.width, part.spec.height) != (width, height):
         size = f"{part.spec.width}x{part.spec.height}"
-        raise ImageError(f"sigmamap is {size}, the result {width}x{height}: they must be alike")
+        raise ImageError(f"sigmamap is {size}, but the result is {width}x{height}: sizes must match")
     if not np.issubdtype(dtype_of(part.spec), np.floating):
-        raise ImageError(f"sigmamap is of {part.spec.format}: sigmas are in pixels, in a file of floats")
+        raise ImageError(f"sigmamap is {part.spec.format}: expected a float image with sigma in pixels")
     values = _channel(part)
     broken = np.count_nonzero(~np.isfinite(values))
     if broken:
@@ -65,10 +68,10 @@ def sigmas_of(sigmamap: Image, width: int, height: int) -> np.ndarray:
     small = np.count_nonzero(values < _LEAST_SIGMA)
     if small:
         raise ImageError(
-            f"sigmamap has {small} values below {_LEAST_SIGMA:g} px, the least is {values.min():g}: sigmas are in"
-            " pixels, in a file of floats"
+            f"sigmamap has {small} values below {_LEAST_SIGMA:g} px (minimum {values.min():g}):"
+            " expected sigma in pixels"
         )
-    return np.minimum(values, np.float32(2 * max(width, height)))  # twice the tile is a flat window already
+    return np.minimum(values, np.float32(2 * max(width, height)))  # beyond twice the tile the window is flat
 
 
 def _channel(part: Part) -> np.ndarray:
@@ -78,10 +81,10 @@ def _channel(part: Part) -> np.ndarray:
 def remade_source(
     marked: np.ndarray, opaque: np.ndarray | None, recipe: Recipe, constraints: Constraints, run: Run
 ) -> SourceMap:
-    """Where every pixel of a photo comes from when only the marked ones are made anew, by `run`.
+    """The source of every pixel of a photo of which only the marked pixels are resynthesized, by `run`.
 
-    What is synthesized is the part of the photo around the marked pixels, as far as patches and local histograms look.
-    Recipe and constraints are for the whole photo; new pixels go with its color where it is opaque.
+    Only the surroundings of the marked pixels that patches and local histograms reach are synthesized. Recipe and
+    constraints are for the whole photo; new pixels match the photo's color where it is opaque.
     """
     height, width = marked.shape
     source = SourceMap.of(np.arange(height)[:, None], np.arange(width))
@@ -100,7 +103,7 @@ def remade_source(
 
 
 def _surroundings(marked: np.ndarray, recipe: Recipe) -> Window:
-    """The marked pixels and what decides on them; all of an axis that wraps."""
+    """The marked pixels and all that influence them; the full extent of an axis that wraps."""
     reach = 2 * recipe.patch + int(3 * (recipe.sigma or 0))
     ends = []
     for axis, wraps in ((0, recipe.wrap_x), (1, recipe.wrap_y)):

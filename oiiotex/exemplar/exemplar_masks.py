@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Masks and label maps of an exemplar, laid over it."""
+"""Masks and label maps of an exemplar, aligned with its pixels."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from ..errors import ImageError, ParameterError, texture_filter
 
 
 def masked_pixels(mask: Image, exemplar: Image) -> np.ndarray:
-    """Where a mask lets pixels be taken from: (height, width) bool, not nowhere."""
+    """The valid source pixels of a mask, (height, width) bool; raises ImageError if there are none."""
     allowed = mask_pixels(laid_over(mask.first, exemplar, "mask"))
     if not allowed.any():
-        raise ImageError(f"the mask leaves no pixel of {exemplar.source}")
+        raise ImageError(f"mask selects no pixel of {exemplar.source}: expected values above half its range")
     return allowed
 
 
 def label_levels(exemplar: Image, labels: Image | None = None) -> dict[int, LabelMap]:
-    """The label maps by level, 1 the finest: parts label.N of `labels` or of the exemplar, or the only part of ids."""
+    """Label maps by level, 1 the finest: parts label.N of `labels` or of the exemplar, or a single part of ids."""
     holder = labels or exemplar
     levels = label_maps(holder)
     whole_numbers = np.issubdtype(dtype_of(holder.first.spec), np.integer)
@@ -29,13 +29,15 @@ def label_levels(exemplar: Image, labels: Image | None = None) -> dict[int, Labe
         levels = {1: LabelMap(holder.first, 1)}
     if not levels:
         raise ImageError(
-            f"has no label parts: {texture_filter('label', keep=True)} makes them, labels= takes them from elsewhere",
+            "has no label parts",
             subject=holder.source,
+            hint=f"create them with {texture_filter('label', keep=True)}, or provide them with labels=",
         )
     for one in levels.values():
         size, wanted = ((p.spec.width, p.spec.height) for p in (one.part, exemplar.first))
         if size != wanted:
-            raise ImageError(f"labels is {size[0]}x{size[1]}, the exemplar {wanted[0]}x{wanted[1]}: they must be alike")
+            sizes = f"{size[0]}x{size[1]}, but the exemplar is {wanted[0]}x{wanted[1]}"
+            raise ImageError(f"labels is {sizes}: sizes must match")
     return levels
 
 
@@ -44,16 +46,15 @@ def label_map(exemplar: Image, labels: Image | None, level: int | None) -> Label
     levels = label_levels(exemplar, labels)
     level = max(levels) if level is None else level
     if level not in levels:
-        raise ParameterError(f"level={level}: there is {', '.join(map(str, levels))}")
+        raise ParameterError(parameter="level", value=level, expected=f"one of {', '.join(map(str, levels))}")
     return levels[level]
 
 
 def laid_over(part: Part, exemplar: Image, name: str) -> Part:
-    """The part where the exemplar's pixels are.
+    """The part, aligned with the exemplar's data window.
 
-    One of the exemplar's size that begins at the same place, or at 0 as formats without windows have it, lies over it
-    pixel for pixel. Another must be in the exemplar's display window, and is black beyond its own data window: so do
-    compositors crop mattes.
+    A part of the exemplar's size and origin (or at 0,0, for formats without windows) is used pixel for pixel. Any other
+    part must have the exemplar's display window and is black outside its data window, as in cropped mattes.
     """
     mine, whole = part.window, exemplar.first.window
     alike = (mine.width, mine.height) == (whole.width, whole.height)
@@ -62,7 +63,7 @@ def laid_over(part: Part, exemplar: Image, name: str) -> Part:
     if Window.display(part.spec) != Window.display(exemplar.first.spec):
         sizes = [str(w) if alike else f"{w.width}x{w.height}" for w in (mine, whole)]
         raise ImageError(
-            f"{name} is {sizes[0]}, the exemplar {sizes[1]}: they must be alike, or in the same display window"
+            f"{name} is {sizes[0]}, but the exemplar is {sizes[1]}: expected the same size, or the same display window"
         )
     return cropped(part, whole)
 
@@ -77,17 +78,17 @@ def mask_pixels(part: Part) -> np.ndarray:
 
 
 def labeled_pixels(labels: LabelMap, label: int) -> np.ndarray:
-    """Where a map has that label: (height, width) bool, not nowhere."""
+    """The pixels of a label, (height, width) bool; raises ParameterError if the map does not contain it."""
     inside, most = [], 0
     for window in bands(labels.part):
         ids = labels.part.read(window)[..., 0]
         most = max(most, int(ids.max()))
         inside.append(ids == label)
     if not any(one.any() for one in inside):
-        raise ParameterError(f"label={label}: {labels.part.name} has no such label; its ids go from 1 to {most}")
+        raise ParameterError(f"not in {labels.part.name}, whose ids are 1 to {most}", parameter="label", value=label)
     return np.concatenate(inside)
 
 
 def both(opaque: np.ndarray | None, allowed: np.ndarray | None) -> np.ndarray | None:
-    """Where both say yes; None: everywhere."""
+    """Intersection of two masks; None stands for all pixels."""
     return opaque if allowed is None else allowed if opaque is None else opaque & allowed

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exemplar of an op that synthesizes: declared once, read once, into values and the pixels that may be taken."""
+"""The exemplar of a synthesis op: declared once, then read into values and valid source pixels."""
 
 from __future__ import annotations
 
@@ -26,24 +26,26 @@ from .materials import KINDS_HELP, MATCH_HELP, kinds_of, read_material
 
 Found = TypeVar("Found")
 
-EXEMPLAR = "the photo; where labels are spoken of, with label maps as `label` with `keep` makes them"
-MASK = "where pixels may come from: above one half of the first channel's range; of ids: all but 0"
-LABELS = "label maps of the exemplar, where they are not parts of it"
-LABEL = "take only pixels of that label, by its id"
-LEVEL = "which label map: label.N of the exemplar or of labels; the coarsest when left out"
+EXEMPLAR = "Photo. Where labels are used, with the label maps that `label` with `keep` creates."
+MASK = "Image that marks the valid source pixels (first channel above half its range, or a nonzero label id)."
+LABELS = "Label maps of the exemplar, if they are not parts of it."
+LABEL = "Id of a label: only its pixels are used as a source."
+LEVEL = "Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest."
+COARSEST = "the coarsest"
+SEED = "Seed of the random numbers. The same seed gives the same pixels."
 
 
 @dataclass(frozen=True, eq=False)
 class ExemplarPixels:
-    """What is seen of an exemplar."""
+    """Pixel values of an exemplar, and which of them are valid sources."""
 
-    values: SomeRows  # (height, width, channels) float32: Lab, or data scaled to 0 .. 100; those of further maps follow
-    opaque: np.ndarray | None  # (height, width) bool: where it shows something; None: everywhere
-    usable: np.ndarray | None  # (height, width) bool: where pixels may be taken from; None: everywhere
-    why: str  # what the pixels are that may not be taken, for messages
+    values: SomeRows  # (height, width, channels) float32: Lab, or data scaled to 0 .. 100, then the other maps
+    opaque: np.ndarray | None  # (height, width) bool; None: opaque everywhere
+    usable: np.ndarray | None  # (height, width) bool: valid source pixels; None: all
+    why: str  # why the other pixels are not valid, for messages
 
     def remembered(self, resources: Resources, find: Callable[..., Found], flag: str, *more: object) -> Found:
-        """What `find(flag, lab, usable, *more)` finds in the photo, or found when these pixels were last looked at."""
+        """The result of `find(flag, lab, usable, *more)`, remembered for these pixels."""
         usable = None if self.usable is None else hash_of(self.usable)
         return resources.remembered(
             (find, id(self.values), usable),
@@ -54,22 +56,22 @@ class ExemplarPixels:
 
 @dataclass(frozen=True, kw_only=True)
 class LabeledExemplar(Op):
-    """What is copied together from one photo, of which label maps may be known."""
+    """An op that copies pixels of one photo, which may have label maps."""
 
     copies: ClassVar[bool] = True
     space: ClassVar[Space] = Space.LAB
 
     exemplar: Image = image(help=EXEMPLAR)
     mask: ClassVar[Image | None] = None  # as an `ExemplarOp` takes it
-    labels: Image | None = image(None, help=LABELS)
+    labels: Image | None = image(None, help=LABELS, advanced=True)
     label: ClassVar[int | None] = None
-    level: int | None = param(None, ge=1, help=LEVEL)
-    data: bool = param(False, help=DATA)
-    seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")
-    stmap: bool | Path = param(False, help=STMAP)
+    level: int | None = param(None, ge=1, unset=COARSEST, help=LEVEL, advanced=True)
+    data: bool = param(False, help=DATA, advanced=True)
+    seed: int = param(0, ge=0, le=2**32 - 1, help=SEED)
+    stmap: bool | Path = param(False, help=STMAP, example="st.exr", advanced=True)
 
     def read(self, resources: Resources, *also: np.ndarray | None) -> ExemplarPixels:
-        """Values, usable pixels, and why the others are not; `also` are further (height, width) bool of usable ones."""
+        """Values and usable pixels; each of `also` is a further mask of usable pixels, (height, width) bool."""
         with resources.stats.time("read and color"):
             values, opaque = self.seen(resources)
             allowed = functools.reduce(both, also, self._allowed())
@@ -78,87 +80,97 @@ class LabeledExemplar(Op):
         return ExemplarPixels(values, opaque, both(opaque, allowed), " and of ".join(why))
 
     def seen(self, resources: Resources) -> tuple[SomeRows, np.ndarray | None]:
-        """Values of the exemplar, and where it is opaque."""
+        """Values of the exemplar, and its opaque pixels."""
         return working_values(self.exemplar, resources, self.working_space, self.holds_photo(resources))
 
     def holds_photo(self, resources: Resources) -> bool:
-        """Whether the values of the photo lie in memory, and not in a file."""
+        """Whether the photo's values are held in memory instead of a file."""
         return True
 
     def holds(self, resources: Resources, size: int) -> bool:
-        """Whether so many bytes a pixel of the photo are a quarter of the budget at most."""
+        """Whether `size` bytes per pixel of the photo fit into a quarter of the budget."""
         spec = self.exemplar.first.spec
         return size * spec.width * spec.height <= resources.budget // 4
 
     def in_any_order(self, part: Part, held: bool) -> Part:
-        """The same pixels, of which any may be asked for: decoded to a file where they are not held."""
+        """The part with random access to its pixels: decoded to a file if they are not held in memory."""
         return part if held or part.ready else materialized(part, 0)
 
     def _allowed(self) -> np.ndarray | None:
-        """Where mask and label let pixels be taken from; None: everywhere."""
+        """Source pixels that mask and label allow; None: all."""
         allowed = None if self.mask is None else masked_pixels(self.mask, self.exemplar)
         if self.label is not None:
             labels = label_map(self.exemplar, self.labels, self.level)
             allowed = both(labeled_pixels(labels, self.label), allowed)
         if allowed is not None and not allowed.any():
-            raise ImageError(f"the mask leaves no pixel of {self.exemplar.source}")
+            raise ImageError(f"mask and label have no pixel of {self.exemplar.source} in common")
         return allowed
 
     def say_what_stays(self) -> None:
-        """Warn, in one line, of parts that do not come along; labels, masks and maps of ids are no loss."""
+        """Warn about parts of the exemplar that are dropped, other than labels, masks and maps of ids."""
         used = {id(part) for slot, image in self.given() if not slot.required for part in image.parts}
         used |= {id(one.part) for one in label_maps(self.exemplar).values()}
         lost = [part.name for part in self.exemplar.parts[1:] if not (part.exact or id(part) in used)]
         if lost:
-            self.warn("of %s only the first part is used, not %s", self.exemplar.source, ", ".join(lost))
+            self.warn("only the first part of %s is used; ignored: %s", self.exemplar.source, ", ".join(lost))
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExemplarOp(LabeledExemplar):
-    """What is copied together from one photo, or from one label in it."""
+    """An op that copies pixels of one photo, optionally of one label or of a mask."""
 
     mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
     label: int | None = param(None, ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
 
     def _allowed(self) -> np.ndarray | None:
         if self.label is None and (self.level is not None or self.labels is not None):
-            raise ParameterError("level and labels say where label is looked up: say label, too")
+            raise ParameterError("level and labels require label")
         return super()._allowed()
 
 
 @dataclass(frozen=True, kw_only=True)
 class MaterialOp(ExemplarOp):
-    """What is copied together from one photo, or from the n maps of one material."""
+    """An op that copies pixels of one photo, or of the n maps of one material."""
 
-    exemplar: Image = image(help="the photo; of n maps of a material, the first")
-    maps: tuple[Image, ...] = image((), help="the other maps of the material, made anew with it", count="n")
-    n: int = param(1, ge=1, le=16, help="how many maps of one material are made together, the last images of the stack")
-    kinds: Words | None = param(None, help=KINDS_HELP)
-    match: Numbers | None = param(None, ge=0, help=MATCH_HELP)
+    exemplar: Image = image(help="Photo; of the n maps of a material, the first.")
+    maps: tuple[Image, ...] = image((), help="Further maps, resynthesized from the same source pixels.", count="n")
+    n: int = param(
+        1,
+        ge=1,
+        le=16,
+        help="Number of maps of one material, resynthesized together: the last n images.",
+    )
+    kinds: Words | None = param(
+        None, unset="color (with data=1, data) for the first map, data for the others", help=KINDS_HELP,
+        example="color,normal,height", advanced=True,
+    )  # fmt: skip
+    match: Numbers | None = param(
+        None, ge=0, unset="1 for each map, 0.25 for a height", help=MATCH_HELP, example="1,0.5,0", advanced=True
+    )
 
     def seen(self, resources: Resources) -> tuple[SomeRows, np.ndarray | None]:
-        """All maps of the material together."""
+        """Values of all maps of the material together."""
         held = self.holds_photo(resources)
         return read_material(self.all_maps(), self.kinds, self.match, self.data, resources, held)
 
     def all_maps(self) -> tuple[Image, ...]:
-        """The exemplar and the others; raises ParameterError where they are not as many as n says."""
+        """The exemplar and the other maps; raises ParameterError unless there are n."""
         maps = (self.exemplar, *self.maps)
         if self.n != len(maps):
-            raise ParameterError(f"n={self.n}: there are {len(maps)} maps")
+            raise ParameterError(f"{len(maps)} maps are given", parameter="n", value=self.n)
         return maps
 
     def result_count(self) -> int:
-        """Each map of the material is an image of its own."""
+        """One image for each map of the material."""
         return 1 + len(self.maps)
 
     @property
     def map_kinds(self) -> list[str]:
-        """What each of the maps is; raises ParameterError where `kinds` does not fit them."""
+        """The kind of each map; raises ParameterError if `kinds` does not match them."""
         return kinds_of(self.kinds, 1 + len(self.maps), self.data)
 
     def of_all(self, maps: Sequence[Part], make: Callable[[Part, str], dict[str, Any]]) -> tuple[dict[str, Any], ...]:
-        """What `make(map, its kind)` gives of all maps; of others than the first the op's image alone."""
+        """Results of `make(map, its kind)` for all maps; after the first map, only the op's image."""
         name, results = self.main().name, list[dict[str, Any]]()
         for one, kind in zip(maps, self.map_kinds, strict=True):
             parts = make(one, kind)

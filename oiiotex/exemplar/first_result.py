@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The first result is checked against its photo: tried again with larger structures, or called what it is."""
+"""Check the first result against its photo: retry with larger structures, or warn."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from .exemplar_op import ExemplarPixels
 
 log = logging.getLogger("oiiotex")
 
-TILES = 1.15  # seam ratio up to which a photo tiles by itself
-_LEAST = 48  # px of a side of which that is asked
+TILES = 1.15  # seam ratio up to which a photo already tiles
+_LEAST = 48  # px; shorter sides are not tested for tiling
 
 
 def fidelity_of(seen: ExemplarPixels, source: SourceMap, recipe: Recipe) -> Fidelity | None:
-    """The fidelity of a result that is copied from those pixels; None where it is too small to say."""
+    """Fidelity of a result that is copied from those pixels; None if it is too small to measure."""
     photo = first_channels(seen.values, 3)
 
     def rows(first: int, last: int) -> np.ndarray:
@@ -48,13 +48,13 @@ def better_of(
     stages: Iterator[Progress],
     stats: Stats,
 ) -> tuple[Synthesis, Fidelity | None, Recipe]:
-    """A result, by the other recipe where the first one's is not good and the other's is better."""
+    """The result of the first recipe, or of the other one if the first is not good and the other is better."""
     first = run(recipe, constraints, next(stages))
     with stats.time("fidelity"):
         kept = fidelity_of(seen, first.source, recipe)
     if other is None or kept is None or kept.value >= GOOD:
         return first, kept, recipe
-    log.info("%s: %s with %s: trying %s", flag, kept, recipe.scales, other.scales)
+    log.info("%s: %s with %s; trying %s", flag, kept, recipe.scales, other.scales)
     second = run(other, constraints, next(stages))
     with stats.time("fidelity"):
         better = fidelity_of(seen, second.source, other)
@@ -64,23 +64,23 @@ def better_of(
 
 
 def say_fidelity(flag: str, kept: Fidelity | None, recipe: Recipe, warn: bool) -> None:
-    """Log the scales that were taken; with `warn`, also that the result is not good."""
+    """Log the chosen scales; with `warn`, warn if the result is not good."""
     if kept is None:
         return
     log.info("%s: scales chosen: %s", flag, recipe.scales)
     if warn and kept.value < GOOD:
-        advice = "The photo may hold too few elements to be a texture: crop it, or try preset=clean or --texcut"
+        advice = "The photo may have too few elements for a texture; crop it, or try preset=clean or --texcut"
         log.warning("%s: %s. %s", flag, kept, advice)
 
 
 def hint_that_it_tiles(flag: str, photo: Part) -> None:
-    """Warn where a photo needs no synthesis."""
+    """Warn if a photo already tiles."""
     if min(photo.window.size) < _LEAST:
         return
     gray = as_float(photo.pixels()[..., list(channels_of(photo.spec).color)]).mean(-1)
     ratios = [seam_ratio(gray, axis) for axis in (1, 0)]
     if max(ratios) <= TILES and all(map(math.isfinite, ratios)):
         log.warning(
-            "%s: the photo already tiles (seam ratio %.2f along x, %.2f along y): --texflatten:tile=xy keeps it whole",
+            "%s: the photo already tiles (seam ratio %.2f along x, %.2f along y); --texflatten:tile=xy keeps it whole",
             flag, *ratios,
         )  # fmt: skip

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Height maps that are copied in pieces: the steps between the pieces, and the constants that close them.
+"""Height maps that are copied in pieces: steps between the pieces, and constants that close them.
 
-A piece is what was copied in one: neighbors that were neighbors in the photo. Colors of two pieces that meet may be
-alike while their heights are not, since a photo's relief goes on beyond what a patch sees; displaced, that is a cliff.
+A piece is a connected area of pixels that are neighbors in the photo as well. Two pieces that meet may have similar
+colors and different heights, because relief extends beyond a patch; when displaced, such a seam becomes a cliff.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from ..session.resources import Resources
 log = logging.getLogger("oiiotex")
 
 RELEVEL = (
-    "1: every copied piece of a height map is raised or lowered as a whole, for its seams to close as far as constants"
-    " can: its pixels are then copies plus a constant; goes with kinds=...,height"
+    "Offset of each copied piece of a height map by a constant, to close the steps at its seams. Requires"
+    " kinds=...,height."
 )
 _LARGE = 0.1  # a step, as a share of the map's range
-_MUCH = 0.005  # of all neighbors, beyond twice what the photo has
-_ANCHOR = 1e-6  # of a pair at a seam: how strongly a pixel holds its piece where it was; what has no seam stays
-_STILL = 1e6  # the same of a pixel that must stay
+_MUCH = 0.005  # share of neighbors, in addition to twice the photo's, that causes a warning
+_ANCHOR = 1e-6  # weight that holds a pixel's piece in place, relative to a pair at a seam; keeps pieces without seams
+_STILL = 1e6  # the same for a pixel that must keep its height
 _TOLERANCE, _MOST_ITERATIONS = 1e-7, 5000
-_PIXEL_BYTES = 240  # of a tile, while its pieces are levelled
+_PIXEL_BYTES = 240  # for each pixel of a tile whose pieces are leveled
 
 
 def height_tile(
@@ -44,9 +44,9 @@ def height_tile(
     still: np.ndarray | None,
     resources: Resources,
 ) -> Part:
-    """A tile of a height map, levelled where that is asked for; its steps are said, and warned of where they are many.
+    """A tile of a height map, leveled if `relevel` is set; logs its steps, and warns if there are many.
 
-    It was copied from the image as `source` says; pixels that are `still`, (height, width) bool, keep their height.
+    It was copied from the image according to `source`. Pixels in `still`, (height, width) bool, keep their height.
     """
     color = list(channels_of(image.first.spec).color)
     heights = as_float(image.first.pixels()[..., color[0]])
@@ -55,29 +55,29 @@ def height_tile(
     raised = source.gather(heights)
     if relevel:
         height, width = source.packed.shape
-        resources.require(_PIXEL_BYTES * source.packed.size, f"levelling {width}x{height} heights")
+        resources.require(_PIXEL_BYTES * source.packed.size, f"leveling {width}x{height} heights")
         constants = levels(source, wrap, heights, still)
         raised = raised + constants
         tile = _raised(tile, constants, color)
         cut = np.count_nonzero((raised < 0) | (raised > 1)) if dtype_of(tile.spec)(0).dtype.kind == "u" else 0
         if cut:
-            beyond = f"{cut} levelled heights of {image.source} lie beyond {tile.spec.format}"
-            log.warning("%s: %s and are cut: a map of floats holds them", flag, beyond)
+            beyond = f"{cut} leveled heights of {image.source} exceed the range of {tile.spec.format}"
+            log.warning("%s: %s and are clipped; convert the map to float", flag, beyond)
     least = _LARGE * float(np.ptp(heights))
     own, shown = large_steps(heights, least), large_steps(raised, least, wrap)
     text = (
-        f"{100 * shown:.2f} % of the neighbors in {image.source} differ by more than a tenth of its range,"
+        f"{100 * shown:.2f} % of neighboring heights in {image.source} differ by more than a tenth of the range,"
         f" {100 * own:.2f} % in the photo"
     )
     log.info("%s: %s", flag, text)
     if shown > 2 * own + _MUCH:
-        advice = "more of match= makes them fewer" + ("" if relevel else ", relevel=1 closes seams")
-        log.warning("%s: cliffs at seams: %s: %s", flag, text, advice)
+        advice = "raise the height's weight in match" + ("" if relevel else ", or set relevel=1")
+        log.warning("%s: cliffs at seams: %s; %s", flag, text, advice)
     return tile
 
 
 def large_steps(heights: np.ndarray, least: float, wrap: tuple[bool, bool] = (False, False)) -> float:
-    """The share of neighbors, right of and below each other, whose heights differ by more than `least`."""
+    """The share of horizontal and vertical neighbors whose heights differ by more than `least`."""
     large = total = 0
     for axis, wraps in ((1, wrap[0]), (0, wrap[1])):
         step = np.diff(heights, axis=axis, append=np.take(heights, [0], axis)) if wraps else np.diff(heights, axis=axis)
@@ -91,15 +91,15 @@ def large_steps(heights: np.ndarray, least: float, wrap: tuple[bool, bool] = (Fa
 
 @dataclass(frozen=True)
 class Pairs:
-    """All neighbors in one direction: each pixel of a tile, and the next one right of it or below.
+    """All pairs of neighbors in one direction: each pixel of a tile, and the next one to the right or below.
 
-    The first's piece lies a step above the second's: the mean of what it lies above it at both pixels, where each piece
-    goes on over the seam as the photo does.
+    A step is the height of the first pixel's piece above the second's, the mean over both pixels, with each piece
+    continued across the seam as in the photo.
     """
 
     first: np.ndarray  # (n,) int64: flat indices of the pixels, as second
     second: np.ndarray
-    together: np.ndarray  # (n,) bool: they were neighbors in the photo, too
+    together: np.ndarray  # (n,) bool: whether they are neighbors in the photo as well
     step: np.ndarray  # (n,) float64
 
 
@@ -126,11 +126,11 @@ def neighbors(source: SourceMap, wrap: tuple[bool, bool], heights: np.ndarray) -
 def levels(
     source: SourceMap, wrap: tuple[bool, bool], heights: np.ndarray, still: np.ndarray | None = None
 ) -> np.ndarray:
-    """What each pixel's piece is to be raised by, (height, width) float32, for the steps at seams to be least.
+    """The constant to add to each pixel's piece, (height, width) float32, that minimizes the steps at seams.
 
-    The constants c minimize the sum over all neighbors in different pieces a and b of (c_a - c_b + step)^2: a Poisson
-    equation on the graph of pieces, whose right side is the sum of steps along each seam. The mean height stays, or
-    what is `still`, (height, width) bool.
+    The constants c minimize the sum of (c_a - c_b + step)^2 over all neighbors in different pieces a and b: a Poisson
+    equation on the graph of pieces, whose right side is the sum of steps along each seam. The mean height is kept, or
+    the heights of the pixels in `still`, (height, width) bool.
     """
     from scipy import sparse  # scipy is not loaded before it is needed
     from scipy.sparse.csgraph import connected_components
@@ -162,7 +162,7 @@ def levels(
 
 
 def _raised(tile: Part, constants: np.ndarray, color: list[int]) -> Part:
-    """The tile with its heights raised, in its own type."""
+    """The tile with constants added to its heights, in its own type."""
 
     def fetch(window: Window) -> np.ndarray:
         pixels = tile.read(window).copy()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The maps of a material, seen together: what patches of all of them are compared by."""
+"""The maps of a material as one array of values, by which patches are compared."""
 
 from __future__ import annotations
 
@@ -21,31 +21,29 @@ log = logging.getLogger("oiiotex")
 
 KINDS = ("color", "data", "normal", "height")
 KINDS_HELP = (
-    "what the maps are, in their order: color (or color), data, normal or height; when left out the first is as"
-    " without further maps, the others are data. What is no color is tagged as data"
+    "Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as data in the result."
 )
 MATCH_HELP = (
-    "how much the maps count when patches are compared, in their order; 0: not at all; when left out 1"
-    " for every map, 0.25 for a height"
+    "Weight of each map in the comparison of patches, in order. 0: the map is ignored there, but still resynthesized."
 )
-# of a height where match is left out: more makes the steps at its seams fewer, and takes its large shapes away; colors
-# fit as well as without it up to there (tests/test_heights.py)
+# the default weight of a height: a larger one reduces the steps at seams but removes large shapes and makes the colors
+# fit less well (tests/test_heights.py)
 _HEIGHT_WEIGHT = 0.25
-_SHORTEST = 0.05  # length of a normal: less is the rounding of none at all
-_NORMAL_BYTES = 80  # of a pixel of normals, while they are read
-_MOST_CHANNELS = 32  # values of a pixel that are compared
+_SHORTEST = 0.05  # length of a normal; shorter ones are rounding errors of zero
+_NORMAL_BYTES = 80  # for each pixel of normals, while they are read
+_MOST_CHANNELS = 32  # values compared for each pixel
 
 
 def read_material(
     maps: tuple[Image, ...], kinds: Words | None, match: Numbers | None, data: bool, resources: Resources,
     in_memory: bool = True,
 ) -> tuple[SomeRows, np.ndarray | None]:  # fmt: skip
-    """The maps in a synthesis' working space, (height, width, channels) float32, and where all can be a source.
+    """The maps in the working space of a synthesis, (height, width, channels) float32, and their usable pixels.
 
-    Color is seen in CIE Lab. Data, heights among them, are never color-managed: their range becomes 0 .. 100.
-    Normals are vectors: decoded from 0 .. 1 where none of their values is negative, and brought to length 1 to be
-    compared. They are never written: what a synthesis copies are the map's own pixels. Values are each times the root
-    of their map's weight (1; 0.25 of a height among several), an array or, not `in_memory`, rows that lie in a file.
+    Color is converted to CIE Lab. Data, including heights, are never color-managed; their range becomes 0 .. 100.
+    Normals are decoded from 0 .. 1 if none of their values is negative, and normalized. These values serve comparison
+    only: a synthesis copies the map's own pixels. Values are multiplied by the root of their map's weight (1; 0.25 for
+    a height among several). They are an array or, unless `in_memory`, rows of a file.
     """
     parts = tuple(image.first for image in maps)
     how = tuple(kinds_of(kinds, len(maps), data)), match
@@ -75,8 +73,8 @@ def _read(
     count = sum(layer.shape[2] for layer, _ in layers)
     if count > _MOST_CHANNELS:
         raise ParameterError(
-            f"the maps have {count} channels to compare, at most {_MOST_CHANNELS} are allowed:"
-            " match= with 0 leaves a map out"
+            f"the maps have {count} channels to compare: expected at most {_MOST_CHANNELS}; set match of a map to 0 to"
+            " ignore it"
         )
     if len(layers) == 1 and count >= 3 and layers[0][1] == 1:
         return layers[0][0], opaque
@@ -93,7 +91,7 @@ def _read(
 
 
 def kinds_of(kinds: Words | None, count: int, data: bool) -> list[str]:
-    """What each of the maps is; raises ParameterError where `kinds` does not fit them."""
+    """The kind of each map; raises ParameterError if `kinds` does not match them."""
     if kinds is None:
         return ["data" if data else "color", *["data"] * (count - 1)]
     if len(kinds) != count or any(word not in KINDS for word in kinds):
@@ -113,13 +111,13 @@ def _weights(match: Numbers | None, kinds: tuple[str, ...]) -> list[float]:
 
 
 def _require_alike(maps: tuple[Image, ...]) -> None:
-    """Refuse a set whose maps do not lie over each other, pixel for pixel."""
+    """Refuse a set whose maps are not aligned pixel for pixel."""
     texts = [_windows(image) for image in maps]
     for image, text in zip(maps[1:], texts[1:], strict=True):
         if text != texts[0]:
             raise ImageError(
-                f"the maps of a material must have the same size and windows: {maps[0].source} is {texts[0]},"
-                f" {image.source} is {text}"
+                f"maps of a material must have the same size and windows: {maps[0].source} is {texts[0]},"
+                f" but {image.source} is {text}"
             )
 
 
@@ -134,22 +132,22 @@ def _windows(image: Image) -> str:
 def _values(
     image: Image, color: bool, resources: Resources, in_memory: bool
 ) -> tuple[SomeRows, np.ndarray | None]:  # fmt: skip
-    """Lab or scaled data, without the copies that gray data come in."""
+    """Lab or scaled data, without the duplicate channels of gray data."""
     values, opaque = working_values(image, resources, Space.LAB if color else Space.DATA, in_memory)
     count = 3 if color else len(channels_of(image.first.spec).color)
     return first_channels(values, count), opaque
 
 
 def _normals(image: Image) -> tuple[np.ndarray, np.ndarray | None]:
-    """Unit vectors on the scale of data, -1 .. 1 as 0 .. 100, and where there are any."""
+    """Unit vectors, with -1 .. 1 scaled to 0 .. 100, and a mask of the pixels that have one."""
     part = image.first
     channels = channels_of(part.spec)
     if len(channels.color) not in (2, 3):
-        raise ImageError(f"{image.source} has {len(channels.color)} channels beside alpha: normals have two or three")
+        raise ImageError(f"{image.source} has {len(channels.color)} channels: normals must have two or three")
     vectors = as_float(part.pixels()[..., list(channels.color)])
     if not np.isfinite(vectors).all():
         raise ImageError(f"{image.source} has {np.count_nonzero(~np.isfinite(vectors))} NaN or Inf values")
-    if vectors.min() >= 0:  # encoded; black, as it lies around UV islands, is none
+    if vectors.min() >= 0:  # encoded; black, as around UV islands, is not a normal
         vectors = np.where(vectors.any(-1, keepdims=True), 2 * vectors - 1, np.float32(0))
     if vectors.shape[2] == 2:
         rest = np.sqrt(np.maximum(0, 1 - (vectors**2).sum(-1, keepdims=True)))
@@ -157,9 +155,9 @@ def _normals(image: Image) -> tuple[np.ndarray, np.ndarray | None]:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     known = length[..., 0] >= _SHORTEST
     if not known.any():
-        raise ImageError(f"{image.source} has no normal of any length: say data in kinds= where it holds none")
+        raise ImageError(f"{image.source} contains only normals of length 0: expected a normal map")
     if not known.all():
         count = np.count_nonzero(~known)
-        log.warning("%s: %d normals of length 0: these pixels are never a source", image.source, count)
+        log.warning("%s: %d normals have length 0; these pixels are not used as a source", image.source, count)
     unit = np.where(known[..., None], vectors / np.maximum(length, np.float32(_SHORTEST)), np.float32(0))
     return 50 * (unit + 1), None if known.all() else known

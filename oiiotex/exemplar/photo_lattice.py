@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What synthesis does about a photo's lattice: finds it, says so, and chooses a size on which it closes."""
+"""The photo's lattice in a synthesis: find it, log it, and choose a size on which it closes."""
 
 from __future__ import annotations
 
@@ -22,24 +22,23 @@ from ..session.resources import Resources
 log = logging.getLogger("oiiotex")
 
 STRUCTURE = (
-    "strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the"
-    " photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No"
-    " effect on a photo without regular repeats"
+    "Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size would stretch them"
+    " visibly, the default size is the nearest with complete repeats only. Ignored for photos without regular repeats."
 )
 
 
 def photo_lattice(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Lattice | None:
-    """The photo's lattice by its usable pixels, logged for op `flag`; None where it has none."""
+    """The lattice of the photo's usable pixels, logged for op `flag`; None if there is none."""
     lattice = find_lattice(lab, usable)
     if lattice is None:
-        log.info("%s: nothing repeats in the photo at equal distances", flag)
+        log.info("%s: the photo has no regular repeats", flag)
     else:
-        log.info("%s: the photo has %s (%.1f deviations above chance)", flag, lattice, lattice.order)
+        log.info("%s: the photo has %s (%.1f standard deviations above chance)", flag, lattice, lattice.order)
     return lattice
 
 
 def photo_courses(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Courses | None:
-    """The same of courses of unequal height, of a photo that has no lattice."""
+    """Courses of unequal height, in a photo without a lattice; None if there are none."""
     courses = find_courses(lab, usable)
     if courses is not None:
         log.info("%s: the photo has courses: %s", flag, courses)
@@ -47,28 +46,28 @@ def photo_courses(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Course
 
 
 def least_size(size: Size, wraps: tuple[bool, bool]) -> Size:
-    """The smallest that `fitting_size` may make of a photo's size, whatever its lattice."""
+    """The smallest size that `fitting_size` can return for a photo of this size."""
     return Size(*(math.ceil(n * (1 - RANGE)) if along else n for n, along in zip(size, wraps, strict=True)))
 
 
 def fitting_size(
     flag: str, lattice: Lattice | None, size: Size, given: bool, wraps: tuple[bool, bool], multiple: int = 1
 ) -> Size:
-    """The size of a tile on which the photo's lattice closes; where a size is given, that, with a warning.
+    """The size of a tile on which the photo's lattice closes; a given size is kept, with a warning.
 
-    The tile is a torus along x, along y as `wraps` says; sides are multiples of `multiple`.
+    `wraps` says whether the tile wraps along x and along y; sides are multiples of `multiple`.
     """
     if lattice is None:
         return size
     fits = Size(*lattice.fitting(Domain(*size, *wraps), multiple))
     if not given:
         if fits != size:
-            log.info("%s: the tile is %s px, on which the lattice closes; the photo is %s", flag, fits, size)
+            log.info("%s: size %s px, on which the lattice closes (photo: %s)", flag, fits, size)
         return fits
     strain, least = (lattice.strain(Domain(*s, *wraps)) for s in (size, fits))
     if strain > max(STRETCHED, 2 * least):
         log.warning(
-            "%s: %s px stretch %s by %.1f %% to close; the nearest that fit are %s px (%.1f %%)",
+            "%s: size %s px stretches %s by %.1f %%; the nearest size that fits is %s px (%.1f %%)",
             flag, size, lattice, 100 * strain, fits, 100 * least,
         )  # fmt: skip
     return size
@@ -76,12 +75,12 @@ def fitting_size(
 
 @dataclass(frozen=True, kw_only=True)
 class Structured(Op):
-    """What keeps the lattice of its photo."""
+    """An op that preserves the lattice of its photo."""
 
     structure: float = param(0.5, ge=0, le=1, help=STRUCTURE)
 
     def lattice_of(self, lab: SomeRows, usable: np.ndarray | None, resources: Resources) -> Lattice | None:
-        """The photo's lattice; None where it has none, or shall not be kept."""
+        """The photo's lattice; None if it has none, or with structure=0."""
         if self.structure == 0:
             return None
         self.require_lattice(lab.shape[0], lab.shape[1], resources)
@@ -89,15 +88,15 @@ class Structured(Op):
             return photo_lattice(self.flag(), first_channels(lab, 3), usable)
 
     def require_lattice(self, height: int, width: int, resources: Resources, held: int = 0) -> None:
-        """Refuse a photo whose lattice cannot be looked for within the budget; `held`: bytes that lie beside it."""
+        """Refuse a photo whose lattice cannot be found within the budget; `held`: bytes in use at the same time."""
         if self.structure > 0:
             need = lattice_bytes(height, width) + held
-            resources.require(need, f"finding the lattice of {width}x{height}", "say structure=0")
+            resources.require(need, f"finding the lattice of {width}x{height}", "set structure=0")
 
     def in_step(self, lattice: Lattice | None, domain: Domain, seed: int | None = None) -> InStep | None:
-        """What a result on that domain keeps of it; where cells begin follows from the seed, where there is one.
+        """How a result on that domain follows the lattice; a seed determines where its cells begin.
 
-        Else the photo itself, laid as it is, is in step, and where patches are compared the best of all results.
+        Without a seed, the photo in its own place is in step, and always the best match in comparisons of patches.
         """
         if lattice is None:
             return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""preset= of --texstationarize: three ways with structures, each a set of modifiers."""
+"""preset= of --texstationarize: three treatments of structures, each a set of modifiers."""
 
 from __future__ import annotations
 
@@ -17,23 +17,25 @@ if TYPE_CHECKING:
 
 _DOMINANT = "--texdominant"
 EVEN, CLEAN, KEEP = PRESETS = "even", "clean", "keep"
-CONTRAST = 0.7  # how strongly the histogram is held
+CONTRAST = 0.7  # strength of histogram matching
 LARGE_PATCH = 21  # px
 KEEP_SIGMA_SHARE, EVEN_SIGMA_SHARE = 4, 32  # of the longer side
 SMALL_PATCH = 11  # px
 PRESET_HELP = (
-    "Modifiers for those that are not given. keep (large structures stay whole): sigma = longer side /"
-    f" {KEEP_SIGMA_SHARE}, patch={LARGE_PATCH}; even (structures beyond sigma are evened out, too): sigma = longer"
-    f" side / {EVEN_SIGMA_SHARE}, patch={SMALL_PATCH}; clean (objects are removed): as even, with contrast=0 and the"
-    " mask of `dominant`. -v prints the line that makes the same pixels. Default: none of them."
+    f"Set of values for modifiers that are not given. keep preserves large structures (sigma = longer side /"
+    f" {KEEP_SIGMA_SHARE}, patch={LARGE_PATCH}). even also evens out structures beyond sigma (longer side /"
+    f" {EVEN_SIGMA_SHARE}, patch={SMALL_PATCH}). clean also removes objects (as even, with contrast=0 and the mask of"
+    " `dominant`)."
 )
 
 
 def filled(op: PatchSynthesis, preset: str, resources: Resources, progress: Progress, *, sigma: bool) -> PatchSynthesis:
-    """The op with what its preset chooses where it was left out (`sigma`: that, too), and without preset; -v says its
-    line."""
+    """The op with its preset replaced by values for modifiers that were not given (for sigma only if `sigma` is set).
+
+    -v logs the equivalent command line.
+    """
     chosen: dict[str, Any] = {}
-    if op.within is None:
+    if op.inpaint is None:
         chosen["contrast"] = 0.0 if preset == CLEAN else CONTRAST
     chosen["patch"], share = (LARGE_PATCH, KEEP_SIGMA_SHARE) if preset == KEEP else (SMALL_PATCH, EVEN_SIGMA_SHARE)
     if sigma:
@@ -42,28 +44,28 @@ def filled(op: PatchSynthesis, preset: str, resources: Resources, progress: Prog
     plain = replace(op, **missing | {"preset": None})
     before = ""
     if preset == CLEAN and op.mask is None:
-        plain.planned(resources, progress)  # what can be wrong is known before pixels are asked for
+        plain.planned(resources, progress)  # reports errors before any pixel is read
         part = op.exemplar.first
         mask = resources.remembered(("dominant", id(part), op.data), lambda: _dominant(op, resources, progress), part)
-        if mask.pixels().any():  # else it has warned
+        if mask.pixels().any():  # otherwise it has warned
             plain = replace(plain, mask=Image((mask,), mask.name))
             before = f"{_DOMINANT}{':data=1' * op.data}:keep=1 "
     others = "".join(f"{shlex.quote(image.source)} " for image in op.operands()[1:])
     line = _words(plain, "mask" if before else "")
-    op.inform("preset=%s: the same as %s%s%s", preset, before, others, line)
+    op.inform("preset=%s is equivalent to %s%s%s", preset, before, others, line)
     return plain
 
 
 def _dominant(op: PatchSynthesis, resources: Resources, progress: Progress) -> Part:
-    from ..dominant.photo_mask import photo_mask  # scipy is not loaded before it is needed
+    from ..dominant.photo_mask import photo_mask  # scipy loads slowly
 
     return photo_mask(_DOMINANT, op.exemplar, op.working_space, resources, progress).part
 
 
 def _words(op: Op, masked: str = "") -> str:
-    """An op and its modifiers, but for those that are as when they are left out.
+    """An op and its modifiers that differ from their defaults.
 
-    Images come from the stack, but for the one called `masked`: that is the part 'dominant' of the first.
+    Images come from the stack, except `masked`, which is part 'dominant' of the first image.
     """
     words = [op.flag()]
     optional = (slot.name for slot, _ in op.given() if slot in op.optional_images())

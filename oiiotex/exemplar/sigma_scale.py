@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much of a photo's drift is seen to be gone at a sigma: perceptually motivated control, MJH17 section 4.4.
+"""The visible effect of sigma on a photo: perceptually motivated control (MJH17 section 4.4).
 
-Sigmas are sampled, a small tile is made with each, and neighbors are compared by the earth mover's distance between
-their overall histograms, which does not mind where features have gone. Distances are summed up from the smallest sigma
-on; that sum, inverted, is a scale on which equal steps look equal.
+Sigmas are sampled, a small tile is synthesized with each, and neighboring sigmas are compared by the earth mover's
+distance between the overall histograms of their tiles, which ignores the positions of features. The cumulative
+distance from the smallest sigma on, inverted, is a scale on which equal steps look equal.
 
-A tile of another sigma is another random tile, so distances have noise. It is lowered in two ways: a histogram is that
-of tiles of several seeds, and sigmas are spread again by what was found, measured again, and the sums of all rounds
-are averaged (departures: the paper inverts what it has measured once). Of the rounds the most even one is taken, and
-the steps that were measured with its own sigmas are what a scale says of itself.
+Each sigma yields a different random tile, so distances are noisy. Two departures from the paper, which inverts a single
+measurement, reduce the noise: histograms combine tiles of several seeds, and sigmas are respaced by the measured scale
+and measured again, with the cumulative distances of all rounds averaged. A scale reports the steps of its most even
+round, measured at that round's own sigmas.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import require_memory, synthesize
 from ..patchmatch.recipe import Recipe
 
-DEFAULT_COUNT = 9  # sigmas of a scale where nobody says how many
+DEFAULT_COUNT = 9  # default number of sigmas of a scale
 SIDE = 160  # px; longer side of the small tiles
 SEEDS = 3  # tiles of a sigma
-ROUNDS = 2  # of spreading sigmas anew
-SMALLEST, LARGEST = 1 / 64, 1 / 2  # of the tile's longer side: what sigmas lie between
-_ITERATIONS = 15  # on the coarsest level: more change no histogram
-_GRID = 257  # places at which the sums of rounds are averaged
+ROUNDS = 2  # of respacing sigmas
+SMALLEST, LARGEST = 1 / 64, 1 / 2  # limits of sigma, as shares of the tile's longer side
+_ITERATIONS = 15  # on the coarsest level; more do not change the histogram
+_GRID = 257  # samples at which the rounds are averaged
 _VERSION = "sigmas 1"
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Sigmas and what is seen of them."""
+    """Sigmas and their visible differences."""
 
-    sigmas: np.ndarray  # (n,) float, rising, px of the tile: spread evenly over what is seen
-    steps: np.ndarray  # (n - 1,) float: earth mover's distance between the tiles of neighbors, Lab
-    first_sigmas: np.ndarray  # as they were before, and their steps: in equal ratios
+    sigmas: np.ndarray  # (n,) float, ascending, px of the tile, at equal visible steps
+    steps: np.ndarray  # (n - 1,) float: earth mover's distance between tiles of neighboring sigmas, Lab
+    first_sigmas: np.ndarray  # the first round's sigmas, in equal ratios, and their steps
     first_steps: np.ndarray
     curve: np.ndarray  # (257,) float: log sigma at equal steps of the amount, from 1 (the smallest sigma) to 0
 
     def sigma_at(self, amount: float) -> float:
-        """The sigma, px, at which this much is seen: 0 the least stationary tile of the scale, 1 the most."""
+        """The sigma, px, of an amount: 0 gives the least stationary tile of the scale, 1 the most."""
         return float(np.exp(np.interp(1.0 - amount, np.linspace(0, 1, len(self.curve)), self.curve)))
 
     def amounts(self, sigmas: np.ndarray) -> np.ndarray:
@@ -57,20 +57,20 @@ class Scale:
 
 
 def variation(steps: np.ndarray) -> float:
-    """Coefficient of variation: 0 where all steps look alike."""
+    """Coefficient of variation: 0 if all steps are equal."""
     return float(np.std(steps) / max(float(np.mean(steps)), 1e-12))
 
 
 def distance(a: np.ndarray, b: np.ndarray) -> float:
     """Earth mover's distance between two images, (n, channels), summed over channels.
 
-    Each channel is sorted: in one dimension the distance is that between equal ranks.
+    Each channel is sorted: in one dimension the distance is the mean difference of equal ranks.
     """
     return float(np.abs(a.astype(np.float64) - b).mean(0).sum())
 
 
 def _reduction(recipe: Recipe, photo: tuple[int, ...]) -> tuple[float, tuple[int, int, int, int]]:
-    """The factor of small tiles; width and height of a tile, and of the photo, (height, width, ...)."""
+    """The scale factor of small tiles, and the reduced sizes of a tile and of a photo, (height, width, ...)."""
     shorter = min(recipe.width, recipe.height, *photo[:2])
     factor = min(1.0, max(SIDE / max(recipe.width, recipe.height), 2 * recipe.patch / shorter))
     width, height, e_width, e_height = (
@@ -80,7 +80,7 @@ def _reduction(recipe: Recipe, photo: tuple[int, ...]) -> tuple[float, tuple[int
 
 
 def require_tiles(device: Device, recipe: Recipe, photo: tuple[int, int], budget: int) -> None:
-    """Refuse what sizes alone show `SigmaTiles` not to fit: of a photo, (height, width), that is not read."""
+    """Refuse a `SigmaTiles` of a photo, (height, width), that exceeds the memory budget by sizes alone."""
     width, height, e_width, e_height = _reduction(recipe, photo)[1]
     small = replace(recipe, width=width, height=height, sigma=None)
     require_memory(device, small, (e_height, e_width, 3), budget, ExemplarHeld())
@@ -98,7 +98,7 @@ class SigmaTiles:
         iterations = min(recipe.iterations, _ITERATIONS)
         self.recipe, self._full = replace(recipe, width=width, height=height, iterations=iterations), recipe
         self.usable = coarse_mask(usable, e_width, e_height)
-        if self.usable is not None and not self.usable.any():  # thin: too little is left of it
+        if self.usable is not None and not self.usable.any():  # a mask too thin for the reduced size
             self.usable, self._factor, self.recipe = usable, 1.0, recipe
             e_width, e_height = values.shape[1::-1]
         self.photo = coarse_image(values, usable, e_width, e_height)
@@ -109,7 +109,7 @@ class SigmaTiles:
         return max(0.5, side * SMALLEST), max(1.0, side * LARGEST)
 
     def tile(self, sigma: float, seed: int, advance: Callable[[int, int], None]) -> np.ndarray:
-        """(height, width, channels) float32."""
+        """A tile with that sigma, (height, width, channels) float32."""
         recipe = replace(self.recipe, sigma=sigma * self._factor, seed=(self.recipe.seed + seed) % 2**32)
         synthesis = synthesize(
             self._device, self.photo, self.usable, recipe, self._budget, advance, self._ruled_out
@@ -117,7 +117,7 @@ class SigmaTiles:
         return synthesis.source.gather(self.photo)
 
     def scale(self, count: int, advance: Callable[[int, int], None]) -> Scale:
-        """The scale of `count` sigmas; `advance` is called with (tiles made, tiles in all)."""
+        """The scale of `count` sigmas; `advance` is called with (tiles done, total)."""
         total, tiles = count * SEEDS * (1 + ROUNDS), 0
 
         def seen(sigma: float) -> np.ndarray:
@@ -141,7 +141,7 @@ class SigmaTiles:
             sigmas = np.exp(np.interp(np.linspace(0, 1, count), even, curve))
             steps = steps_of(sigmas)
             rounds.append((sigmas, steps, curve))
-            if not steps.sum() > 0:  # nothing is to be seen: a photo of one value
+            if not steps.sum() > 0:  # a photo of a single value
                 steps = np.ones(count - 1)
             sums += np.interp(grid, np.log(sigmas), np.concatenate([[0], steps.cumsum()]) / steps.sum())
             rising = sums / sums[-1] + 1e-9 * np.arange(_GRID)
@@ -151,7 +151,7 @@ class SigmaTiles:
 
 
 def perceived_scale(tiles: SigmaTiles, count: int, advance: Callable[[int, int], None], folder: Path) -> Scale:
-    """`SigmaTiles.scale`, out of the cache where the same photo was asked for with the same recipe before."""
+    """`SigmaTiles.scale`, cached for the same photo and recipe."""
     recipe = replace(tiles.recipe, sigma=None)
     settings = (tiles.limits(), count, SIDE, SEEDS, ROUNDS)
     name = hash_of(_VERSION, tiles.photo, tiles.usable, recipe, settings)

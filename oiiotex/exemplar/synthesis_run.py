@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One use of a `PatchSynthesis`, from what it reads to its tiles and their report."""
+"""One run of a `PatchSynthesis`: from reading the photo to the tiles and their report."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 class SynthesisRun:
-    """What an op's run works from: the photo read, its lattice found, the recipe that follows from both."""
+    """The inputs of a run (photo, lattice and the resulting recipe), and its results."""
 
     def __init__(self, op: PatchSynthesis, resources: Resources, progress: Progress):
         size, quality = op.planned(resources, progress)
@@ -49,12 +49,12 @@ class SynthesisRun:
         self._in_memory, self._budget = op.holds_photo(resources), op.budget_left(resources)
         with resources.stats.time("read and color"):
             self._maps = [self._in_any_order(image.first) for image in self._flat.all_maps()]
-            marked = None if op.within is None else marked_pixels(op.within, op.exemplar)
+            marked = None if op.inpaint is None else marked_pixels(op.inpaint, op.exemplar)
             weight = None if op.weight is None else weights_of(op.weight, op.exemplar)
         self._marked, self._unmarked = marked, None if marked is None else ~marked
         self._seen = self._flat.read(resources, self._unmarked, None if weight is None else weight > 0)
         if not self._in_memory:
-            resources.cache.forget()  # all of it has been read
+            resources.cache.forget()  # everything has been read
         self._lattice = None
         if op.kept_structure > 0:
             with resources.stats.time("lattice"):
@@ -68,16 +68,16 @@ class SynthesisRun:
         self._quality = self._quality_of(quality)
 
     def _in_any_order(self, part: Part) -> Part:
-        """The same pixels, decoded: in memory where the photo lies there."""
+        """The decoded pixels, in memory if the photo is held there."""
         if self._in_memory:
             return from_pixels(part.name, part.pixels(), part.spec, part.stored)
         return Part(part.name, part.spec, materialized(part, 0).fetch, part.stored, ready=True)
 
     def _recipe_of(self, size: Size) -> Recipe:
-        """What the op asks for at this size, of this photo."""
+        """The recipe of the op for this size and photo."""
         op, sigmas = self._op, self._constraints.sigmas
         recipe = op.controlled(op.recipe(*size), self._seen, self._resources, self._progress)
-        if sigmas is not None:  # of what has one sigma for all, the photo made stationary
+        if sigmas is not None:  # one sigma for the stationarized photo
             recipe = replace(recipe, sigma=float(np.exp(np.log(sigmas).mean())))
         if self._lattice is not None:
             return replace(recipe, in_step=InStep(self._lattice, self._lattice.on_torus(recipe), op.kept_structure))
@@ -88,7 +88,7 @@ class SynthesisRun:
         return recipe
 
     def _quality_of(self, quality: Quality) -> Quality:
-        """What is measured of results of the recipe."""
+        """The quality measures for results of the recipe."""
         recipe = self._recipe
         if self._lattice is not None:
             wanted = self._lattice.on_torus(recipe)
@@ -100,13 +100,13 @@ class SynthesisRun:
         )
 
     def results(self) -> dict[str, Any] | tuple[dict[str, Any], ...]:
-        """The tile with all that belongs to it; of several maps and variants one mapping each."""
+        """The tile with all its outputs, as one mapping for each map and variant."""
         first, *others = self._variants() if self._op.variants > 1 else self._one()
         first = _beside_drift(first, self._drift)
         return (first, *others) if others else first
 
     def _run(self, recipe: Recipe, constraints: Constraints, progress: Progress | None = None) -> Synthesis:
-        """One synthesis from the photo, which progress hears of."""
+        """One synthesis from the photo, with progress reports."""
         op, resources, seen = self._op, self._resources, self._seen
         synthesis = synthesize(
             resources.device, seen.values, seen.usable, recipe, self._budget, (progress or self._progress).advance,
@@ -118,12 +118,12 @@ class SynthesisRun:
         return synthesis
 
     def _lab(self) -> SomeRows:
-        """Of the photo as patches are taken from it."""
+        """Lab of the photo that provides the patches."""
         values = first_channels(self._seen.values, 3)
         return np.ascontiguousarray(values) if isinstance(values, np.ndarray) else values
 
     def _own_lab(self) -> SomeRows:
-        """Of the photo itself, drift and all."""
+        """Lab of the original photo, before flattening."""
         if self._flat is self._op:
             return self._lab()
         return working_values(self._op.exemplar, self._resources, self._op.working_space, self._in_memory)[0]
@@ -135,7 +135,7 @@ class SynthesisRun:
         quality = self._quality
         if self._marked is not None:
             if not self._marked.any():
-                op.warn("within marks no pixel: the photo stays as it is")
+                op.warn("inpaint marks no pixel; the photo is unchanged")
             source = remade_source(self._marked, self._seen.opaque, recipe, self._constraints, self._run)
         else:
             if op.tiling == "xy" and op.size is None and self._in_memory:
@@ -166,13 +166,13 @@ class SynthesisRun:
         return (quality.add_to(first, looked_at, **more), *others)
 
     def _tiles(self, source: SourceMap) -> tuple[dict[str, Part], ...]:
-        """All maps from the same pixels; the source coordinates follow the first."""
+        """All maps copied from the same source pixels; the first tile has the source coordinates."""
         op, in_place, by_rows = self._op, self._marked is not None, not self._in_memory
-        tiling = "none" if op.variants > 1 else op.tiling  # variants go on in each other
+        tiling = "none" if op.variants > 1 else op.tiling  # variants continue in each other
         return op.of_all(self._maps, lambda one, _: source.parts("tile", one, tiling, in_place, by_rows=by_rows))
 
     def _with_heights(self, tiles: tuple[dict[str, Part], ...], source: SourceMap) -> tuple[dict[str, Part], ...]:
-        """The tiles, the steps in heights among them measured, and closed where that was asked for."""
+        """The tiles, with the steps of heights logged, and leveled with relevel."""
         op, still, results = self._op, self._unmarked, []
         maps = (op.exemplar, *op.maps)
         for tile, one, kind in zip(tiles, maps, op.map_kinds, strict=True):
@@ -182,7 +182,7 @@ class SynthesisRun:
             results.append(tile)
         return tuple(results)
 
-    # --- several that go beside each other ---
+    # --- interchangeable tiles ---
 
     def _variants(self) -> tuple[dict[str, Any], ...]:
         """Tiles with matching edges, each followed by the other maps of its material."""
@@ -198,7 +198,7 @@ class SynthesisRun:
 
             progress = replace(self._progress, tell=tell)
             source = self._run(own, replace(self._constraints, fixed=fixed), progress).source
-            return SourceMap(np.asarray(source.packed))  # tiles are cut out of others
+            return SourceMap(np.asarray(source.packed))  # tiles are cut from others
 
         sources = wang_tiles(make, op.variants, recipe.width, recipe.height, recipe.patch)
         self._resources.device.collect(self._resources.stats)
@@ -206,7 +206,7 @@ class SynthesisRun:
         tiles = []
         for number, (source, edges) in enumerate(zip(sources, edges_of(op.variants), strict=True)):
             material = self._tiles(source)
-            if number == 0:  # as the others are
+            if number == 0:  # stands for all variants
                 self._with_heights(material, source)
             for tile in material:
                 tiles.append(tile | {"tile": edged(tile["tile"], f"wang{number:02d}_{edges}", str(edges))})
@@ -220,7 +220,7 @@ class SynthesisRun:
 
 
 def _beside_drift(tile: dict[str, Any], drift: dict[str, Part]) -> dict[str, Any]:
-    """A tile and the photo's drift, with the tile's display window: parts of one file have the same."""
+    """A tile and the part drift with the tile's display window, which parts of one file share."""
     display = Window.display(tile["tile"].spec)
     names = ("full_x", "full_y", "full_width", "full_height")
 

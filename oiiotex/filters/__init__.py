@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The filters: one thin file per op. `OURS` lists them; each is also a function, as `docs/reference/python.md` shows.
+"""The filters: one file per op. `OURS` lists them; each is also a function (see `docs/reference/python.md`).
 
-The file of a filter is called as its option is (`texquilt.py`), and is imported when its filter is asked for, by a line
-that names it or from Python. No other module imports it: `op_named` gives its class.
+The file of a filter has the name of its option (`texquilt.py`), and is imported when the filter is first used, by a
+command line or from Python. No other module imports it: use `op_named` to get its class.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ __all__ = ["FILTERS", "OURS"]
 
 
 def op_named(name: str) -> type[Op]:
-    """The class that declares the filter of that name, ours or of another package; KeyError where there is none."""
+    """The class of a filter, ours or of another package; KeyError if there is none of that name."""
     for shelf in SHELVES:
         if shelf.names == (f"--tex{name}",):
             return shelf.declarations[0]
@@ -67,7 +67,7 @@ def _lists(name: str) -> tuple[type[Op], ...]:
 def _function(op: type[Op]) -> Callable[..., Any]:
     from ..python_api import function_of
 
-    _lists("OURS")  # what its text says of other filters' modifiers is said in words of Python, too
+    _lists("OURS")  # its docstring shows modifiers of other filters in Python notation
     return function_of(op)
 
 
@@ -75,7 +75,7 @@ def __getattr__(name: str) -> Any:
     """`OURS`, `FILTERS`, and the filters' functions."""
     if name in __all__:
         return _lists(name)
-    if not name.startswith(("_", "tex")):  # files are asked for by import, before there are any
+    if not name.startswith(("_", "tex")):  # modules are looked up by import
         try:
             return _function(op_named(name))
         except KeyError:
@@ -84,5 +84,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """The functions alone."""
+    """The names of the functions."""
     return sorted(op.name for op in _lists("FILTERS"))

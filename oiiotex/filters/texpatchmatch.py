@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texpatchmatch: the baseline of --texstationarize, MJH17."""
+"""--texpatchmatch: the baseline of --texstationarize (MJH17)."""
 
 from __future__ import annotations
 
@@ -13,18 +13,23 @@ from ..patchmatch.recipe import Recipe
 
 @dataclass(frozen=True, kw_only=True)
 class PatchMatch(PatchSynthesis):
-    """The photo synthesized anew by PatchMatch alone: the paper's baselines (MJH17 section 5.2).
+    """Resynthesize a photo by PatchMatch alone, for comparison: the baseline of MJH17 (section 5.2).
 
-    The same as `stationarize` without its projection. `tile=xy` is toroidal PatchMatch, `tile=none` the plain one.
+    This is `stationarize` without flattening and without the stationarity projection. `tile=xy` is the paper's toroidal
+    PatchMatch, `tile=none` its plain PatchMatch.
     """
 
     example: ClassVar[str] = '>>> tile = filters.patchmatch("photo.png", seed=7)'
     name: ClassVar[str] = "patchmatch"
 
     contrast: float = param(
-        1.0, ge=0, le=1, help="how strongly the histogram is held to the photo's at first; it fades out"
+        1.0,
+        ge=0,
+        le=1,
+        advanced=True,
+        help="Initial strength of histogram matching to the photo. It fades out over the coarsest level.",
     )
 
     def recipe(self, width: int, height: int) -> Recipe:
-        """MJH17 without stationarity."""
+        """MJH17 without the stationarity projection."""
         return self._recipe(width, height, None, self.contrast, False)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texpreview: what a tile looks like when it is used."""
+"""--texpreview: a tile, repeated side by side and on a plane in perspective."""
 
 from __future__ import annotations
 
@@ -26,27 +26,32 @@ _GAP = 8  # px between panels
 
 @dataclass(frozen=True, kw_only=True)
 class Preview(Gather):
-    """Lay a tile out as it will be seen: 2 x 2, 3 x 3, and on a plane in perspective to the horizon.
+    """Preview a tile as it will be used: repeated 2 x 2 and 3 x 3, and on a plane in perspective.
 
-    The plane is the stress test of MJH17 (section 5.2): all repetition shows there. With `exemplar` the photo stands
-    beside it, and what a paint program's 'make seamless' makes of it, 2 x 2: the photo blended with itself shifted by
-    half. Every pixel is the mean of all it covers. Values are averaged as they are stored: of a picture that is not
-    linear convert a copy first (OpenImageIO's `colorconvert`), where the light at the horizon must be right.
+    The plane extends to the horizon, where any repetition becomes visible (the stress test of MJH17, section 5.2). With
+    `exemplar`, the preview also shows the photo, and the photo made seamless by blending it with itself shifted by
+    half, as paint programs do.
+
+    Every pixel is the mean of the area that it covers. Stored values are averaged without conversion: for correct
+    brightness near the horizon, convert the tile to a linear color space first (OpenImageIO's `colorconvert`).
     """
 
     example: ClassVar[str] = '>>> sheet = filters.preview(filters.stationarize("photo.png"), panels=["3x3"])'
     name: ClassVar[str] = "preview"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("preview", Kind.PIXELS, "the panels side by side, in the tile's color space and type"),
+        Output("preview", Kind.PIXELS, "Panels side by side, in the tile's color space and type."),
     )
 
-    tile: Image = image(help="the tile")
-    exemplar: Image | None = image(None, help="the photo that it was made from")
+    tile: Image = image(help="Tile to preview.")
+    exemplar: Image | None = image(None, help="Photo from which the tile was made.")
     panels: Words | None = param(
-        None, help=f"which, in their order: {', '.join(PANELS)}; when left out all there can be"
+        None,
+        unset="all; without exemplar, 2x2,3x3,plane",
+        example="2x2,plane",
+        help=f"Panels to show, in order: {', '.join(PANELS)}.",
     )
-    height: int = param(512, ge=16, le=16384, unit="px", help="of each panel")
+    height: int = param(512, ge=16, le=16384, unit="px", help="Height of each panel.")
 
     def compute(self, session: Session) -> dict[str, Part]:
         """One image of all panels."""
@@ -55,13 +60,13 @@ class Preview(Gather):
         photo = None if self.exemplar is None else self.exemplar.first
         channels = tile.spec.nchannels
         if photo is not None and photo.spec.nchannels != channels:
-            raise ImageError(f"exemplar has {photo.spec.nchannels} channels, the tile {channels}: they must be alike")
+            raise ImageError(f"exemplar has {photo.spec.nchannels} channels, but the tile has {channels}: must match")
         widest = max(part.spec.width for part in (tile, photo or tile))
         task = f"a preview of rows of {widest} px, {self.height} px high,"
         shown = {name: ((photo if name in _OF_EXEMPLAR else tile) or tile).spec for name in names}
         sheet = sum(self.height * max(1.5, spec.width / spec.height) + _GAP for spec in shown.values())
-        values = channels * max(widest, round(sheet))  # of a row of an image, and of the sheet
-        resources.require(bytes_needed(values), task, "take a smaller height")
+        values = channels * max(widest, round(sheet))  # in a row of an image and of the sheet
+        resources.require(bytes_needed(values), task, "reduce height")
         if photo is not None and not photo.ready:
             photo = materialized(photo, resources.budget)
         panels = self._panels(names, tile, photo, resources.budget)
@@ -73,9 +78,9 @@ class Preview(Gather):
         return {"preview": self._sheet(tile, [panels[name] for name in names])}
 
     def _panels(self, names: list[str], tile: Part, photo: Part | None, budget: int) -> dict[str, PreviewPanel]:
-        """Those that are asked for, to be filled in."""
+        """The requested panels, still empty."""
         across, channels = self.height * 3 // 2, tile.spec.nchannels
-        kept = 8 * channels * (self.height + 1)  # bytes of a column's sums
+        kept = 8 * channels * (self.height + 1)  # bytes for the sums of a column
         need = sum(kept * ((photo if name in _OF_EXEMPLAR else tile) or tile).spec.width for name in names)
         here = need <= budget // 4
         makers: dict[str, Callable[[], PreviewPanel]] = {
@@ -109,5 +114,5 @@ class Preview(Gather):
             raise ParameterError(parameter="panels", value=self.panels, expected=", ".join(PANELS))
         missing = [name for name in names if name in _OF_EXEMPLAR]
         if self.exemplar is None and missing:
-            raise ParameterError(f"panels={self.panels}: {missing[0]} needs exemplar=")
+            raise ParameterError(f"{missing[0]} requires exemplar", parameter="panels", value=self.panels)
         return names

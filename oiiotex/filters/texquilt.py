@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texquilt: a texture of any size from patches of an exemplar, chosen by what they contain."""
+"""--texquilt: image quilting, optionally guided by labels."""
 
 from __future__ import annotations
 
@@ -24,14 +24,17 @@ from ..session import Session
 
 @dataclass(frozen=True, kw_only=True)
 class Quilting(Reported, Quilted, Structured):
-    """Sew a texture of any size together from patches of a photo, as a stream.
+    """Synthesize a texture of any size from patches of a photo, joined along minimum-error cuts.
 
-    Image quilting (Efros & Freeman, SIGGRAPH 2001): square patches on a regular grid, each the one that fits what is
-    there best, cut along the line where both look most alike. With label maps (of `label`) a guide says what is
-    to be where: patches are looked up by their content, the two most frequent labels in them (LSA16: Lockerman,
-    Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
-    2016, section 6.1). Every pixel of the result is a copy of one pixel of the photo, and the result does not depend
-    on memory or threads. A plan of offsets and cuts is all that is kept, so memory does not grow with the pixels.
+    Image quilting (Efros & Freeman, SIGGRAPH 2001) places square patches on a regular grid. Each patch is the best
+    match for its neighbors, and is cut along the path of least difference.
+
+    With label maps (of `label`), a guide controls the layout: patches are selected by their content, the two most
+    frequent labels in them (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map
+    Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.1).
+
+    Every pixel of the result is a copy of one pixel of the photo. Only a plan of offsets and cuts is held, so memory
+    does not grow with the number of pixels.
     """
 
     example: ClassVar[str] = '>>> texture = filters.quilt("photo.png", size=(1024, 512), seed=7)'
@@ -40,33 +43,47 @@ class Quilting(Reported, Quilted, Structured):
         Output("quilt", Kind.PIXELS, COPIED),
         ST,
         CARRIED,
-        Output("plan", Kind.ARRAYS, "offsets and cuts", asked_by="plan"),
+        Output("plan", Kind.ARRAYS, "Plan of the quilt: offsets and cuts.", asked_by="plan"),
         REPORT,
     )
 
     mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
     label: int | None = param(None, ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
     guide: Image | None = image(
-        None, help="what is to be where: ids of labels, or ids or colors that table gives a meaning; of any size"
+        None, help="Image of any size that controls the layout: label ids, or ids or colors mapped by table."
     )
     table: Path | None = param(
-        None, help='JSON: {"255,0,0": 3, "0,0,255": [1, 2]}: which label or key ids or 8-bit colors of the guide mean'
+        None,
+        example="table.json",
+        advanced=True,
+        help="JSON file that maps ids or 8-bit colors of the guide to labels or keys:"
+        ' {"255,0,0": 3, "0,0,255": [1, 2]}.',
     )
-    soft: float = param(0.2, ge=0, le=1, help=SOFT)
+    soft: float = param(0.2, ge=0, le=1, help=SOFT, advanced=True)
     overlap: int | None = param(
-        None, ge=4, le=MOST_PATCH // 3, unit="px", help="of neighbors, at most patch / 3; patch / 4 when left out"
+        None,
+        ge=4,
+        le=MOST_PATCH // 3,
+        unit="px",
+        unset="patch / 4",
+        advanced=True,
+        help="Overlap of neighboring patches, at most patch / 3.",
     )
-    plan: Path | None = param(None, help="the plan goes to this file (.npz): offsets and cuts")
+    plan: Path | None = param(
+        None, example="plan.npz", advanced=True, help="File (.npz) for the plan: offsets and cuts."
+    )
     render: bool = param(
-        False, help="make the result from the plan in that file, of the photo or of any map of its size"
+        False,
+        advanced=True,
+        help="Rendering from the file of plan, instead of writing it, with any map of the photo's size.",
     )
 
     def files(self) -> dict[str, Path]:
-        """With render=1 the plan is read."""
+        """Output files; with render=1 the plan is an input."""
         return {name: path for name, path in super().files().items() if name != "plan" or not self.render}
 
     def compute(self, session: Session) -> dict[str, Any]:
-        """The quilt, and what else can be asked for."""
+        """The quilt and its further outputs."""
         resources, progress = session.resources, session.progress
         size = self.size or (self.guide or self.exemplar).first.window.size
         quality = Quality.of_copies(self, resources, progress, size)
@@ -78,9 +95,9 @@ class Quilting(Reported, Quilted, Structured):
 
     def _sewing(self) -> Sewing:
         if self.guide is not None and self.label is not None:
-            raise ParameterError("guide and label both say what patches contain: give one of them")
+            raise ParameterError("guide conflicts with label; set only one of them")
         if self.table is not None and self.guide is None:
-            raise ParameterError("table says what a guide means: say guide, too")
+            raise ParameterError("table requires guide")
         table = None if self.table is None else read_table(self.table, self.soft)
         return Sewing(
             op=self, guide=self.guide, level=self.level, size=self.size, patch=self.patch, overlap=self.overlap,
@@ -88,19 +105,19 @@ class Quilting(Reported, Quilted, Structured):
         )  # fmt: skip
 
     def _rendered(self, session: Session) -> dict[str, Part]:
-        """From a plan."""
+        """The quilt, rendered from a plan."""
         resources = session.resources
         if self.plan is None:
             raise ParameterError(f"{modifier(render=True)} requires plan=FILE")
         planned = self.size, self.mask, self.labels, self.guide, self.label, self.patch, self.overlap
         if any(value is not None for value in planned):
             given = "size, patch, overlap, mask, label, labels and guide"
-            raise ParameterError(f"{modifier(render=True)} conflicts with {given}: the plan has them")
+            raise ParameterError(f"{modifier(render=True)} conflicts with {given}: the plan contains them")
         plan, size = Plan.load(self.plan, resources.budget)
         spec = self.exemplar.first.spec
         if size != (spec.width, spec.height):
             raise ImageError(
-                f"{self.plan} is of an exemplar of {size[0]}x{size[1]}, {self.exemplar.source} is"
+                f"{self.plan} requires an exemplar of {size[0]}x{size[1]}, but {self.exemplar.source} is"
                 f" {spec.width}x{spec.height}"
             )
         renderer = Renderer.of(resources.device, plan, resources.budget)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texrectify: a flat surface that was photographed at a slant, seen from the front."""
+"""--texrectify: perspective correction of a photographed flat surface."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from ..session import Session
 
 log = logging.getLogger("oiiotex")
 
-FILTERS = {"lanczos3": 6, "mitchell": 4, "triangle": 2}  # and their widths, px
+FILTERS = {"lanczos3": 6, "mitchell": 4, "triangle": 2}  # and their widths in px
 _INCH = 0.0254  # m
-_CELL = 512  # px, side of what is made at once
-_LATTICE_BYTES = 120  # of a pixel of the photo, while its lattice is looked for
-_LARGEST = 65536  # px; what follows from corners alone is no larger
+_CELL = 512  # px; side of a piece that is computed at once
+_LATTICE_BYTES = 120  # for each pixel of the photo, while its lattice is searched
+_LARGEST = 65536  # px; limit of a size derived from corners
 
 
 def _lines(facts: dict[str, Any]) -> Iterator[str]:
-    """What was taken for the rectangle, in words that can be said for the next map."""
+    """The rectangle as modifiers, to be reused for other maps of the photo."""
     corners = ",".join(f"{value:.10g}" for value in facts["corners"])
     yield f"corners={corners}:size={facts['width']}x{facts['height']}"
     if facts["cells"]:
@@ -45,14 +45,17 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Rectify(Gather):
-    """Show a flat surface from the front that was photographed at a slant.
+    """Correct the perspective of a flat surface that was photographed obliquely.
 
-    Four corners of what is a rectangle in the world become those of the result; width over height follows from the
-    perspective itself (Zhang and He 2007: square pixels, the photo not cropped), or from physical=. Without corners a
-    photo of what repeats at equal distances in two directions (tiles, bricks, a weave) is straightened by its lattice,
-    and the result has as many whole cells of it as fit into the photo, so that it closes on itself along both axes.
-    With physical= the size of a pixel goes into the metadata (XResolution, YResolution, ResolutionUnit), which
-    all filters hand on. Values are filtered as they are stored; normals and displacements keep their directions.
+    Four corners of a rectangle in the world become the corners of the result. The aspect ratio is derived from the
+    perspective (Zhang and He 2007: square pixels, uncropped photo) or from `physical`.
+
+    Without `corners`, the lattice of a surface that repeats regularly in two directions (tiles, bricks, a weave) is
+    detected and straightened. The result contains as many complete cells of the lattice as the photo, so it tiles along
+    both axes.
+
+    With `physical`, the size of a pixel is stored in the metadata (XResolution, YResolution, ResolutionUnit), which all
+    filters preserve. Stored values are filtered without conversion, and vectors in normal maps are not rotated.
     """
 
     example: ClassVar[str] = '>>> front = filters.rectify("photo.png", corners=(3, 2, 66, 5, 70, 60, 1, 62))'
@@ -60,41 +63,45 @@ class Rectify(Gather):
     rescales: ClassVar[bool] = True
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("rectified", Kind.PIXELS, "the surface from the front, in the photo's own color space and type"),
+        Output("rectified", Kind.PIXELS, "Surface seen from the front, in the photo's color space and type."),
         Output(
-            "st", Kind.COORDINATES, "where every pixel comes from, between pixels, as `st_warp` reads it",
+            "st", Kind.COORDINATES, "Source coordinates of every pixel, with subpixel precision, for `st_warp`.",
             asked_by="stmap",
         ),
-        Output("geometry", Kind.TABLE, "corners, size, cells, meters, matrix", asked_by="json", lines=_lines),
+        Output("geometry", Kind.TABLE, "Corners, size, cells, meters and matrix.", asked_by="json", lines=_lines),
     )  # fmt: skip
 
-    source: Image = image(help="the photo")
+    source: Image = image(help="Photo to rectify.")
     corners: Numbers | None = param(
-        None, unit="px", help="x,y of top left, top right, bottom right, bottom left, from the display window's corner;"
-        " by the photo's lattice when left out",
+        None, unit="px", unset="detected from the photo's lattice", example="9,4,120,16,110,90,2,80",
+        help="Corners as x,y of top left, top right, bottom right, bottom left, relative to the display window.",
     )  # fmt: skip
     size: Size | None = param(
         None,
         ge=1,
         le=_LARGEST,
-        help="width x height of the result; as large as the longer sides are seen when left out",
+        unset="lengths of the longer sides in the photo",
+        help="Size of the result.",
     )
     physical: Numbers | None = param(
         None,
         unit="m",
         ge=1e-9,
         le=1e9,
-        help="width,height in meters of what the corners span; of the lattice, of a cell",
+        example="1.2,0.8",
+        help="Width and height of the area between the corners, or of a cell of the lattice without corners.",
     )
-    filter: str = param("lanczos3", choices=tuple(FILTERS), help="what pixels are resampled by")
-    stmap: bool | Path = param(False, help=STMAP)
-    json: Path | None = param(None, help="corners, size, cells, meters and the matrix go to this file")
+    filter: str = param("lanczos3", choices=tuple(FILTERS), help="Resampling filter.", advanced=True)
+    stmap: bool | Path = param(False, help=STMAP, example="st.exr", advanced=True)
+    json: Path | None = param(
+        None, example="rectangle.json", advanced=True, help="JSON file for corners, size, cells, meters and the matrix."
+    )
 
     def compute(self, session: Session) -> dict[str, Any]:
-        """The first part seen from the front; the photo is looked at before only for its lattice."""
+        """The rectified first part; the photo is read ahead only to find its lattice."""
         part = self.source.first
         if part.exact:
-            raise ImageError(f"{self.source.source} holds ids or source coordinates: they cannot be resampled")
+            raise ImageError(f"{self.source.source} contains ids or source coordinates, which cannot be resampled")
         corners, cells = self._corners(session)
         meters = self._meters(cells)
         width, height = self._size(corners, meters)
@@ -105,7 +112,7 @@ class Rectify(Gather):
         if meters is not None:
             spec.attribute("XResolution", width * _INCH / meters[0])
             spec.attribute("YResolution", height * _INCH / meters[1])
-            spec.attribute("ResolutionUnit", "in")  # EXR knows no other
+            spec.attribute("ResolutionUnit", "in")  # the only unit of EXR
         geometry = {
             "corners": corners.ravel().tolist(), "width": width, "height": height, "cells": cells, "meters": meters,
             "matrix": matrix.tolist(),
@@ -114,7 +121,7 @@ class Rectify(Gather):
         return {"rectified": rectified, "st": _coordinates(matrix, part, spec), "geometry": geometry}
 
     def _corners(self, session: Session) -> tuple[np.ndarray, tuple[int, int] | None]:
-        """Four points of the photo, and how many cells of its lattice lie between them where they follow from it."""
+        """Four points of the photo, and the lattice cells between them if these were detected."""
         if self.corners is not None:
             if len(self.corners) != 8:
                 expected = "eight numbers: x,y of four points"
@@ -122,21 +129,24 @@ class Rectify(Gather):
             corners = np.array(self.corners, float).reshape(4, 2)
             require_quadrangle(corners)
             return corners, None
-        from ..capture.slanted_lattice import largest_rectangle, slanted_lattice  # not where corners are said
+        from ..capture.slanted_lattice import largest_rectangle, slanted_lattice  # only without corners
 
         spec = self.source.first.spec
-        session.resources.require(_LATTICE_BYTES * spec.width * spec.height, "the lattice of the photo", "say corners=")
+        session.resources.require(
+            _LATTICE_BYTES * spec.width * spec.height, "finding the lattice of the photo", "set corners"
+        )
         values, opaque = working_values(self.source, session.resources)
         with session.resources.stats.time("lattice"):
             lattice = slanted_lattice(values, opaque)
         if lattice is None:
             raise ImageError(
-                f"{self.source.source}: nothing is found that repeats at equal distances in two directions:"
-                " say corners=x,y,x,y,x,y,x,y of a rectangle"
+                "has no regular repeats in two directions",
+                subject=self.source.source,
+                hint="set corners=x,y,x,y,x,y,x,y of a rectangle",
             )
         corners, cells = largest_rectangle(lattice, (spec.width, spec.height))
         corners = corners + np.array([spec.x - spec.full_x, spec.y - spec.full_y])
-        return np.round(corners, 2), cells  # as they are said for the next map
+        return np.round(corners, 2), cells  # as logged for other maps
 
     def _meters(self, cells: tuple[int, int] | None) -> tuple[float, float] | None:
         """Width and height of the result in the world."""
@@ -149,7 +159,7 @@ class Rectify(Gather):
         return self.physical[0] * across, self.physical[1] * down
 
     def _size(self, corners: np.ndarray, meters: tuple[float, float] | None) -> tuple[int, int]:
-        """Of the result, px."""
+        """Size of the result, px."""
         if self.size is not None:
             return self.size.width, self.size.height
         display = self.source.first.spec
@@ -158,14 +168,16 @@ class Rectify(Gather):
         width = max(across, down * aspect)
         found = max(1, round(width)), max(1, round(width / aspect))
         if max(found) > _LARGEST:
-            raise ParameterError(f"the result would be {found[0]}x{found[1]} px: say size=")
+            raise ParameterError(
+                f"the result would be {found[0]}x{found[1]} px: expected at most {_LARGEST} px a side", hint="set size"
+            )
         return found
 
     def _seen(
         self, part: Part, matrix: np.ndarray, spec: oiio.ImageSpec, session: Session
     ) -> Callable[[Window], np.ndarray]:
-        """What makes a window of the result."""
-        # from the display window's corner, so that where it lies does not show in the last bits
+        """A function that computes a window of the result."""
+        # relative to the display window, so that its position does not affect rounding
         x, y = part.spec.full_x, part.spec.full_y
         photo = part.window.shifted(-x, -y)
         inverse = np.linalg.inv(matrix)
@@ -194,7 +206,7 @@ class Rectify(Gather):
 
 
 def _floats(window: Window, like: oiio.ImageSpec) -> oiio.ImageSpec:
-    """Of floats in that window, with the channels of another spec."""
+    """A float spec for that window, with the channels of another spec."""
     spec = oiio.ImageSpec(window.width, window.height, like.nchannels, oiio.FLOAT)
     spec.x, spec.y = window.left, window.top
     spec.channelnames, spec.alpha_channel = like.channelnames, like.alpha_channel
@@ -202,7 +214,7 @@ def _floats(window: Window, like: oiio.ImageSpec) -> oiio.ImageSpec:
 
 
 def _coordinates(matrix: np.ndarray, part: Part, spec: oiio.ImageSpec) -> Part:
-    """Part 'st': shares of the photo's display window, (0, 0) its top left corner; pixel centers at halves."""
+    """Part 'st': coordinates in the display window, 0 to 1 from its top left; pixel centers at halves."""
     inverse, full = np.linalg.inv(matrix), (part.spec.full_width, part.spec.full_height)
 
     def fetch(window: Window) -> np.ndarray:

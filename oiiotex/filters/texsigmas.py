@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texsigmas: what each sigma of --texstationarize looks like, and how much of it is seen (MJH17 section 4.4)."""
+"""--texsigmas: contact sheet and perceptual scale of the sigmas of --texstationarize (MJH17 section 4.4)."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from ..core.image import Image
 from ..core.op import Kind, Output
 from ..core.parameters import Size, image, param
 from ..deferred import np
-from ..exemplar.exemplar_op import ExemplarPixels
+from ..exemplar.exemplar_op import SEED, ExemplarPixels
 from ..exemplar.sigma_scale import Scale, SigmaTiles, perceived_scale, require_tiles, variation
 from ..session import Session
 from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 from . import op_named
 
-_BYTES = 30  # of a pixel of the photo, while it is reduced
+_BYTES = 30  # for each pixel of the photo, while it is reduced
 
 log = logging.getLogger("oiiotex")
 
 
 def _lines(facts: dict[str, Any]) -> Iterator[str]:
-    """The table for people."""
+    """The table as printed lines."""
     for name in ("before", "after"):
-        yield f"{name}: sigma px, amount, step to the next in Lab"
+        yield f"{name}: sigma (px), amount, step to the next sigma (Lab)"
         for row in facts[name]["table"]:
             step = "" if row["step"] is None else f"{row['step']:9.3f}"
             yield f"{row['sigma']:10.2f}{row['amount']:8.3f}{step}"
@@ -39,33 +39,34 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Sigmas(InLab, Whole):
-    """Show what each sigma of `stationarize` makes of a photo, and find sigmas whose steps look even.
+    """Compare the effect of sigma in `stationarize` on a photo, as a contact sheet with equal visible steps.
 
-    A contact sheet of n small tiles, from the largest sigma (amount 0) to the smallest (amount 1), laid out 2 x 2. How
-    much a tile changes with sigma hangs on the photo: neighbors are compared by the earth mover's distance between
-    their histograms, and sigmas are spread anew so that the steps are even (MJH17: Moritz, James, Haines, Ritschel,
-    Weyrich, Texture Stationarization, Eurographics 2017, section 4.4). Its `amount` finds its sigma on the
-    same scale, which is kept in the user's cache. The table is printed; json keeps it. The result is an 8-bit sRGB
-    image for screens: do not measure it.
+    The sheet shows n small tiles, each repeated 2 x 2, from the largest sigma (amount 0) to the smallest (amount 1).
+    The visible effect of sigma depends on the photo: it is measured as the earth mover's distance between the
+    histograms of neighboring tiles, and sigmas are spaced to make these steps equal (MJH17: Moritz, James, Haines,
+    Ritschel, Weyrich, Texture Stationarization, Eurographics 2017, section 4.4).
+
+    The modifier amount of `stationarize` uses the same scale, which is stored in the user's cache. The table of sigmas
+    is printed, and written with `json`. The result is an 8-bit sRGB image for display, not for measurements.
     """
 
     example: ClassVar[str] = '>>> sheet = filters.sigmas("photo.png", n=4)'
     name: ClassVar[str] = "sigmas"
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("view", Kind.PICTURE, "the sheet"),
-        Output("table", Kind.TABLE, "sigmas and amounts", asked_by="json", lines=_lines),
+        Output("view", Kind.PICTURE, "Contact sheet."),
+        Output("table", Kind.TABLE, "Table of sigmas and amounts.", asked_by="json", lines=_lines),
     )
 
-    exemplar: Image = image(help="the photo")
-    n: int = param(9, ge=3, le=32, help="how many sigmas")
+    exemplar: Image = image(help="Photo.")
+    n: int = param(9, ge=3, le=32, help="Number of sigmas.")
     size: Size | None = param(
-        None, ge=5, le=65536, unit="px", help="of the tile they are for; the photo's own when left out"
+        None, ge=5, le=65536, unit="px", unset="size of the photo", help="Size of the tile for which sigma is chosen."
     )
-    measure: str = param("histogram", choices=MEASURES, help=MEASURE)
-    order: int | None = param(None, ge=2, le=4, help=ORDER)
-    seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")
-    columns: int = param(3, ge=1, le=32, help="tiles in a row")
-    json: Path | None = param(None, help="the table goes to this file")
+    measure: str = param("histogram", choices=MEASURES, help=MEASURE, advanced=True)
+    order: int | None = param(None, ge=2, le=4, unset="2", help=ORDER, advanced=True)
+    seed: int = param(0, ge=0, le=2**32 - 1, help=SEED)
+    columns: int = param(3, ge=1, le=32, help="Number of tiles in a row.")
+    json: Path | None = param(None, example="sigmas.json", help="JSON file for the table.")
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The sheet, and the table of sigmas."""
@@ -75,7 +76,7 @@ class Sigmas(InLab, Whole):
         order_of(self.measure, self.order)
         same = {name: getattr(self, name) for name in ("exemplar", "measure", "order", "seed")}
         how: Any = op_named("stationarize")(**same)
-        resources.require(_BYTES * spec.width * spec.height, f"looking at {spec.width}x{spec.height}")
+        resources.require(_BYTES * spec.width * spec.height, f"reading {spec.width}x{spec.height}")
         require_tiles(resources.device, how.recipe(width, height), (spec.height, spec.width), resources.budget)
         with resources.stats.time("read and color"):
             lab, opaque = working_values(self.exemplar, resources, self.working_space)
@@ -94,7 +95,7 @@ class Sigmas(InLab, Whole):
 
 
 def _table(scale: Scale) -> dict[str, Any]:
-    """The scale before and after its sigmas were spread, for `json`; sigmas fall, amounts rise."""
+    """The scale before and after respacing, for `json`; sigmas descend, amounts ascend."""
 
     def rows(sigmas: np.ndarray, steps: np.ndarray) -> dict[str, Any]:
         amounts = scale.amounts(sigmas)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texstationarity: where a photo is not the same everywhere, and by how much."""
+"""--texstationarity: map of deviations from stationarity (MJH17 eq. 1)."""
 
 from __future__ import annotations
 
@@ -21,13 +21,15 @@ COST = "oiiotex:stationarity"  # the attribute that holds the cost of the whole 
 
 @dataclass(frozen=True, kw_only=True)
 class Stationarity(InLab, ScanThenMap):
-    """Map how far an image is from looking the same everywhere.
+    """Map the stationarity of an image: how much each place differs statistically from the rest.
 
-    The value of a pixel is the mean difference between what is seen there through a Gaussian of sigma and what is seen
-    elsewhere: 0 where the image is as it is everywhere, high in stains, shadows and odd patches. The difference is the
-    earth mover's distance between Lab histograms, or that between histograms of the responses of steerable filters,
-    or the squared difference of local moments. Its mean is the stationarity cost of MJH17 (eq. 1), which is logged
-    with -v and stored in the attribute oiiotex:stationarity of the result.
+    The value of a pixel is the mean difference between local statistics there, in a Gaussian window of scale sigma, and
+    those elsewhere: near 0 in typical areas, high in stains, shadows and unusual patches. Depending on `measure`, the
+    difference is the earth mover's distance between Lab histograms or between histograms of steerable filter responses,
+    or the squared difference of local moments.
+
+    The mean is the stationarity cost of MJH17 (eq. 1). It is logged with -v and stored in the attribute
+    oiiotex:stationarity of the result.
     """
 
     example: ClassVar[str] = """\
@@ -36,18 +38,18 @@ class Stationarity(InLab, ScanThenMap):
 """
     name: ClassVar[str] = "stationarity"
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("deviation", Kind.MEASURE, "one channel in Lab units (moments: squared), of the image's windows"),
+        Output("deviation", Kind.MEASURE, "One channel in Lab units (for moments, squared), in the image's windows."),
     )
 
-    source: Image = image(help="the image")
+    source: Image = image(help="Image to measure.")
     sigma: float | None = param(
-        None, ge=1, le=1e6, unit="px", help="scale at which the image is looked at; longer side / 32 when left out"
+        None, ge=1, le=1e6, unit="px", unset="longer side / 32", help="Scale of the local statistics."
     )
     measure: str = param("histogram", choices=MEASURES, help=MEASURE)
-    order: int | None = param(None, ge=2, le=4, help=ORDER)
+    order: int | None = param(None, ge=2, le=4, unset="2", help=ORDER, advanced=True)
 
     def compute(self, session: Session) -> dict[str, Part]:
-        """The map."""
+        """The deviation map."""
         part = self.source.first
         lens = lens_of(self.source, session.resources, self.working_space)
         sigma = self.sigma or max(1.0, max(part.spec.width, part.spec.height) / 32)

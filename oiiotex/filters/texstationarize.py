@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texstationarize: MJH17."""
+"""--texstationarize: texture stationarization (MJH17)."""
 
 from __future__ import annotations
 
@@ -27,20 +27,21 @@ from ..session.progress import Progress
 from ..session.resources import Resources
 from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 
-SIGMA_SHARE = 8  # of the longer side is sigma: structures up to there are kept
+SIGMA_SHARE = 8  # default sigma: longer side / 8
 PAPER_SIGMA_SHARE, PAPER_PATCH = 32, 11
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stationarize(PatchSynthesis):
-    """Turn a photo into a texture that tiles without visible repetition.
+    """Create a seamlessly tiling texture from a photo, without visible repetition.
 
-    Gradients of light and stains repeat visibly when a photo is tiled. They are removed first (`flatten`), as by
-    `flatten`. Then the photo is resynthesized from its own patches, while local histograms, or another measure, are
-    kept uniform above a scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization,
-    Eurographics 2017). Every pixel of the result is a copy of one pixel of the photo, all its channels together; where
-    drift is removed, the copy is corrected by a gain and an offset in Lab that vary slowly, but for the rims of stains.
-    With `relevel`, heights are copies plus a constant for each copied piece.
+    Gradients of light and stains repeat visibly when a photo is tiled, so `flatten` removes them first. The photo is
+    then resynthesized from its own patches while local statistics (by default histograms) are kept uniform above a
+    scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017).
+
+    Every pixel of the result is a copy of one pixel of the photo, with all its channels. Where low-frequency variation
+    was removed, a gain and an offset in Lab are applied to the copy. With `relevel`, a constant is added to each copied
+    piece of a height map.
     """
 
     example: ClassVar[str] = """\
@@ -56,47 +57,55 @@ True
         None,
         ge=0,
         le=1,
-        help="Share of the photo's gradients and stains that is removed before synthesis, as by `flatten`. 0: every"
-        " pixel is a verbatim copy. Default: 1; 0 with within and for data.",
+        unset="1; with inpaint or for data, 0",
+        help="Share of the photo's gradients and stains that is removed before synthesis. 0: every pixel is a verbatim"
+        " copy.",
     )
-    drift: bool | Path = param(False, help=DRIFT_HELP)
+    drift: bool | Path = param(False, help=DRIFT_HELP, advanced=True)
     sigma: float | None = param(
         None,
         ge=0.5,
         le=1e6,
         unit="px",
-        help=f"Scale in pixels above which the result is statistically uniform; structures below it are kept. Default:"
-        f" longer side / {SIGMA_SHARE}, with within / {PAPER_SIGMA_SHARE}, at least patch / 4.",
+        unset=f"longer side / {SIGMA_SHARE}; with inpaint, longer side / {PAPER_SIGMA_SHARE}; at least patch / 4",
+        help="Scale, in pixels, above which the result is statistically uniform. Smaller structures are kept. Reduce it"
+        " if features still repeat visibly.",
     )
     amount: float | None = param(
         None,
         ge=0,
         le=1,
-        help="instead of sigma: how stationary it shall look, in even steps that hang on the photo (see `sigmas`)",
+        advanced=True,
+        help="Perceived stationarity, used instead of sigma: 0 the least, 1 the most. Equal steps look equal;"
+        " `sigmas` shows them for a photo.",
     )
     contrast: float | None = param(
         None,
         ge=0,
         le=1,
-        help="How strongly the overall histogram is held to that of target. 0: colors of rare objects, such as windows"
-        f" in a wall, may vanish. Default: {CONTRAST}; 0 with within.",
+        unset=f"{CONTRAST}; with inpaint, 0",
+        advanced=True,
+        help="Strength with which the overall histogram is matched to that of target. At 0, the colors of rare objects,"
+        " such as windows in a wall, may vanish.",
     )
     target: str = param(
         "flat",
         choices=("flat", "exemplar"),
-        help="the histogram that contrast holds to: that of the photo made stationary, or (as in the paper, fading out"
-        " over the coarsest level) of the photo",
+        advanced=True,
+        help="Histogram that contrast matches. flat: that of the stationarized photo. exemplar: that of the photo"
+        " itself, fading out over the coarsest level as in the paper.",
     )
 
-    measure: str = param("histogram", choices=MEASURES, help=MEASURE)
-    order: int | None = param(None, ge=2, le=4, help=ORDER)
+    measure: str = param("histogram", choices=MEASURES, help=MEASURE, advanced=True)
+    order: int | None = param(None, ge=2, le=4, unset="2", help=ORDER, advanced=True)
     structure: float = param(0.5, ge=0, le=1, help=STRUCTURE)
     preset: str | None = param(None, choices=(*PRESETS, None), help=PRESET_HELP)
     paper: bool = param(
         False,
-        help="MJH17 by the letter: flatten=0:target=exemplar:contrast=1:structure=0, sigma longer side / 32, patch=11,"
-        " a pyramid that starts at a quarter of the tile, 3 iterations on each finer level, no reuse penalties, no"
-        " overshoot. Where the paper gives no number (alpha, uniformity) it is ours. Default: 0.",
+        advanced=True,
+        help="Paper's settings (MJH17): flatten=0:target=exemplar:contrast=1:structure=0, sigma = longer side / 32,"
+        " patch=11, a pyramid that starts at a quarter of the tile, 3 iterations on each finer level, no reuse"
+        " penalties and no overshoot. Constants that the paper does not state (alpha, uniformity) keep our values.",
     )
     PAPER: ClassVar[dict[str, Any]] = {
         "flatten": 0.0, "target": "exemplar", "contrast": 1.0, "structure": 0.0, "preset": None,
@@ -104,11 +113,11 @@ True
 
     @property
     def side(self) -> int:
-        """Of a patch, px."""
+        """Side of a patch, px."""
         return self.patch or (PAPER_PATCH if self.paper else PATCH)
 
     def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
-        """As all of its kind; a preset first becomes what it stands for."""
+        """Expand the preset, if any, then synthesize."""
         if self.preset is None:
             return super().compute(session)
         stages = session.stages()
@@ -118,16 +127,16 @@ True
         return op.compute(next(stages))
 
     def _strength(self, resources: Resources) -> float:
-        """Share of the drift that is removed."""
+        """Share of the low-frequency variation to remove."""
         if self.flatten is not None:
             return self.flatten
         color = self.map_kinds[0] == "color"
-        if not color or self.within is not None:
+        if not color or self.inpaint is not None:
             return 0.0
         return 0.0 if lens_of(self.exemplar, resources, self.working_space).space is None else 1.0
 
     def flattened(self, resources: Resources, progress: Progress) -> tuple[Stationarize, dict[str, Part]]:
-        """The same with a photo whose drift is removed, and the correction."""
+        """The op on the flattened photo, and the correction."""
         part, strength = self.exemplar.first, self._strength(resources)
         if strength == 0:
             return self, {"drift": correction_part(None, part)}
@@ -143,62 +152,61 @@ True
 
     @property
     def kept_structure(self) -> float:
-        """As the user says."""
+        """Value of `structure`."""
         return self.structure
 
     @property
     def sized(self) -> bool:
-        """With within or sigmamap."""
-        return self.within is not None or self.sigmamap is not None
+        """True with inpaint or sigmamap."""
+        return self.inpaint is not None or self.sigmamap is not None
 
     def recipe(self, width: int, height: int) -> Recipe:
-        """MJH17 by the measure that was asked for."""
+        """MJH17 with the selected measure."""
         order = order_of(self.measure, self.order)
-        # far below the size of a patch a projection takes from small tiles what no patch can give back
-        # what is resynthesized within a photo must go with its surroundings, drift and all
-        share = PAPER_SIGMA_SHARE if self.paper or self.within is not None else SIGMA_SHARE
+        # patches cannot restore what a projection removes from small tiles at scales far below a patch
+        # inpainted pixels must match their surroundings, low-frequency variation included
+        share = PAPER_SIGMA_SHARE if self.paper or self.inpaint is not None else SIGMA_SHARE
         sigma = self.sigma or max(max(width, height) / share, self.side / 4)
-        contrast = self.contrast if self.contrast is not None else CONTRAST if self.within is None else 0.0
+        contrast = self.contrast if self.contrast is not None else CONTRAST if self.inpaint is None else 0.0
         plain = self._recipe(width, height, sigma, contrast, self.target == "flat")
-        # what is made anew within a photo goes with its surroundings, be they flat
-        complete = self.within is None and not self.paper
+        complete = self.inpaint is None and not self.paper
         return replace(plain, measure=self.measure, order=order, complete=complete, literal=self.paper)
 
     @property
     def finds_losses(self) -> bool:
-        """Of one whole tile."""
-        return self.within is None and self.variants == 1 and not self.paper
+        """True for a single tile that is synthesized as a whole."""
+        return self.inpaint is None and self.variants == 1 and not self.paper
 
     def controlled(self, recipe: Recipe, seen: ExemplarPixels, resources: Resources, progress: Progress) -> Recipe:
-        """With the sigma of `amount` (MJH17 section 4.4)."""
+        """The recipe with the sigma that `amount` stands for (MJH17 section 4.4)."""
         if self.amount is None:
             return recipe
         if self.sigma is not None:
-            raise ParameterError(f"amount={self.amount:g}: sigma={self.sigma:g} says it already")
+            raise ParameterError(f"conflicts with sigma={self.sigma:g}", parameter="amount", value=self.amount)
         tiles = SigmaTiles(resources.device, seen.values, seen.usable, recipe, resources.budget, seen.why)
         scale = perceived_scale(tiles, DEFAULT_COUNT, progress.advance, scale_folder())
         sigma = scale.sigma_at(self.amount)
-        self.inform("amount %g is sigma %.2f px", self.amount, sigma)
+        self.inform("amount=%g corresponds to sigma=%.2f px", self.amount, sigma)
         return replace(recipe, sigma=sigma)
 
     @property
     def judges_itself(self) -> bool:
-        """Where neither sigma nor patch is given, by whatever modifier."""
+        """True where no modifier sets sigma or patch."""
         given = self.sigma, self.amount, self.sigmamap, self.patch
         return not self.paper and all(one is None for one in given)
 
     def second_choice(self, recipe: Recipe) -> Recipe | None:
-        """Larger structures are kept whole, as by preset=keep."""
+        """The recipe of preset=keep, which preserves larger structures."""
         if not self.judges_itself:
             return None
         sigma = max(recipe.size) / KEEP_SIGMA_SHARE
         return replace(recipe, sigma=sigma, patch=LARGE_PATCH)
 
     def sigmas(self, width: int, height: int) -> np.ndarray | None:
-        """From sigmamap."""
+        """Values of sigmamap."""
         if self.sigmamap is None:
             return None
         for name, value in (("sigma", self.sigma), ("amount", self.amount)):
             if value is not None:
-                raise ParameterError(f"{name}={value:g}: sigmamap says it already")
+                raise ParameterError("conflicts with sigmamap", parameter=name, value=value)
         return sigmas_of(self.sigmamap, width, height)

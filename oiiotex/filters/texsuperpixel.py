@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texsuperpixel: an image of any size as superpixels, at any scale."""
+"""--texsuperpixel: superpixels at any scale, of an image of any size."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ from ..superpixels.superpixels import COMPACTNESS, ITERATIONS, LEAST_SIGMA, Supe
 
 @dataclass(frozen=True, kw_only=True)
 class Superpixel(InLab, ScanThenMap):
-    """Cut an image into superpixels: small connected regions of one look.
+    """Segment an image into superpixels: small connected regions of similar color.
 
-    Fine superpixels are found by SLIC in Lab and merged into coarser ones, guided by a Gaussian stack, so that coarse
-    borders are a choice of fine ones (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
-    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 3). The result is a label map: ids from 1 on,
-    numbered by their first pixel in reading order, 0 where alpha is 0, and the same for any tile size or memory
-    budget.
+    Fine superpixels are computed by SLIC in Lab. A Gaussian stack guides their merging into coarser ones, whose borders
+    are a subset of the fine borders (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
+    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 3).
+
+    The result is a label map. Ids start at 1, in the order of their first pixels; transparent pixels have id 0. The
+    result does not depend on the memory budget.
     """
 
     example: ClassVar[str] = """\
@@ -37,41 +38,58 @@ class Superpixel(InLab, ScanThenMap):
     name: ClassVar[str] = "superpixel"
     carries: ClassVar[bool] = True
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("photo", Kind.PIXELS, "the photo, before all others", asked_by="keep", of="source"),
-        Output("superpixels", Kind.IDS, "one channel, of the image's windows: write it to EXR or TIFF"),
+        Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="keep", of="source"),
+        Output("superpixels", Kind.IDS, "One channel of ids, in the image's windows. Write it to EXR or TIFF."),
     )
 
-    source: Image = image(help="the image")
+    source: Image = image(help="Image to segment.")
     sigma: float | None = param(
-        None, ge=1, le=1e6, unit="px", help="scale of the superpixels: the nearest level; the finest when left out"
+        None,
+        ge=1,
+        le=1e6,
+        unit="px",
+        unset="the finest level",
+        help="Scale, rounded to the nearest level.",
     )
-    count: int | None = param(None, ge=1, help="how many superpixels, instead of a scale")
+    count: int | None = param(None, ge=1, help="Number of superpixels, used instead of sigma.")
     finest: float | None = param(
         None,
         ge=2,
         le=1e5,
         unit="px",
-        help=f"scale of the finest level; shorter side / 50, at least {LEAST_SIGMA:g}, when left out",
+        unset=f"shorter side / 50, at least {LEAST_SIGMA:g}",
+        help="Scale of the finest level.",
     )
     compactness: float = param(
-        COMPACTNESS, ge=0.1, le=100, help="m of SLIC: how many Lab units count as much as one sigma of distance"
+        COMPACTNESS,
+        ge=0.1,
+        le=100,
+        help="Compactness m of SLIC: the Lab distance equal to one sigma in space.",
     )
-    iterations: int = param(ITERATIONS, ge=1, le=100000, help="of SLIC, at most: it stops when no seed moves")
-    runs: int = param(1, ge=1, le=1000, help="of SLIC: the best of so many by eq. 3 is taken; the paper takes 10")
+    iterations: int = param(
+        ITERATIONS, ge=1, le=100000, help="Maximum iterations of SLIC, which stops when no center moves.", advanced=True
+    )
+    runs: int = param(
+        1, ge=1, le=1000, help="Runs of SLIC, of which the best by eq. 3 is used. The paper uses 10.", advanced=True
+    )
     minsize: int | None = param(
         None,
         ge=1,
         unit="px",
-        help="smaller pieces join a neighbor; a quarter of finest^2 when left out, 25 in the paper",
+        unset="finest^2 / 4",
+        advanced=True,
+        help="Minimum area of a superpixel. Smaller pieces are merged into a neighbor. The paper uses 25.",
     )
-    seed: int = param(0, ge=0, le=2**32 - 1, help="of the runs after the first, whose seeds start elsewhere")
-    keep: bool = param(False, help="the image stays as first part, the label map follows it")
+    seed: int = param(
+        0, ge=0, le=2**32 - 1, help="Seed of the runs after the first, which start from other centers.", advanced=True
+    )
+    keep: bool = param(False, help="Keep the image as the first part, followed by the label map.")
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The label map."""
         resources, progress = session.resources, session.progress
         if self.sigma is not None and self.count is not None:
-            raise ParameterError("sigma and count both choose a level: give one of them")
+            raise ParameterError("sigma conflicts with count; set only one of them")
         lens = lens_of(self.source, resources, self.working_space)
         finest = superpixels(
             self.source, lens, resources, sigma=self.finest, compactness=self.compactness, iterations=self.iterations,
@@ -88,17 +106,17 @@ class Superpixel(InLab, ScanThenMap):
             spec.attribute(SIGMA, float(sigma))
             spec.attribute(SUPERPIXELS, count)
 
-        # without the photo it takes its place, and name
+        # without the photo it takes the photo's name
         name = part.name if self.keep else self.source.first.name
         return {"superpixels": replace(part.respecced(mark), name=name)}
 
     def _level(self, finest: Superpixels, levels: Hierarchy) -> tuple[float, np.ndarray]:
-        """Scale and partition that were asked for, or the nearest there are."""
+        """The scale and partition nearest to the requested ones."""
         if self.count is None:
             level = levels.level_of(present(self.sigma))
             return float(levels.sigmas[level]), levels.partition(level)
         count = min(max(self.count, int(levels.counts[-1])), finest.count)
         if count != self.count:
-            text = "count=%d is not to be had: levels go from %d down to %d"
-            self.warn(text, self.count, finest.count, levels.counts[-1])
+            text = "count=%d is out of range; using %d (levels have %d to %d superpixels)"
+            self.warn(text, self.count, count, levels.counts[-1], finest.count)
         return float(np.sqrt(finest.sizes.sum() / count)), levels.partition_of(count)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texsynth: any window, at any zoom, of a texture without end (HRRG08; Lefebvre & Hoppe 2005)."""
+"""--texsynth: any window, at any zoom, of an unbounded texture (HRRG08; Lefebvre & Hoppe 2005)."""
 
 from __future__ import annotations
 
@@ -32,64 +32,76 @@ _SHARE = re.compile(r"([1-9]\d{0,9})/([1-9]\d{0,9})", re.ASCII)
 
 @dataclass(frozen=True, kw_only=True)
 class Synth(Multiscale, Structured):
-    """Synthesize a texture without end from one exemplar, or from a graph of exemplars at different scales.
+    """Synthesize an unbounded texture from one exemplar, or from a graph of exemplars at different scales.
 
-    Without `graph` the top image is the one exemplar: a texture of any size grows from it (Lefebvre & Hoppe, Parallel
-    controllable texture synthesis, 2005). A graph says of a few small exemplars how their scales relate, and any window
-    of any level of detail can be had, alone and the same to the bit as in the whole (HRRG08: Han, Risser, Ramamoorthi,
-    Grinspun, Multiscale Texture Synthesis, 2008). Exemplars are cut to squares of a power of two around their centers;
-    one that does not tile is mirrored at its borders. Every pixel is a copy of one of an exemplar, but for the color
-    offset by which exemplars that do not agree are brought together.
+    Without `graph`, a texture of any size is synthesized from the top image (Lefebvre & Hoppe, Parallel controllable
+    texture synthesis, 2005). A graph relates the scales of a few small exemplars. Any window at any level of detail can
+    be computed alone, with the same pixels as in the whole (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
+    Texture Synthesis, 2008).
+
+    Exemplars are cropped to centered squares with a power-of-two side. One that does not tile is mirrored at its
+    borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a graph differ.
     """
 
     example: ClassVar[str] = '>>> texture = filters.synth("photo.png", size=(1024, 512), seed=7)'
     name: ClassVar[str] = "synth"
-    copies: ClassVar[bool] = True  # of its source, the one exemplar; with a graph it has no source
+    copies: ClassVar[bool] = True  # of the single exemplar; a graph has no single source
     outputs: ClassVar[tuple[Output, ...]] = (
         Output(
             "texture",
             Kind.PIXELS,
-            "pixels copied from the exemplars, all channels, in the root's color space and type",
+            "Pixels copied from the exemplars, all channels, in the root's color space and type.",
         ),
-        replace(ST, help="where every pixel comes from, as `warp` reads it; with graph also the exemplar's number"),
+        replace(ST, help="Source coordinates of every pixel, for `warp`; with graph, also the exemplar's number."),
         Output(
             "transfer",
             Kind.COORDINATES,
-            "with graph: the offset that was added to each copied pixel, L, a and b of CIE Lab as R, G and B",
+            "Color offset added to each copied pixel: L, a and b of CIE Lab in R, G and B. Only with graph.",
             asked_by="stmap",
         ),
         REPORT,
     )
 
     size: Size | None = param(
-        None, ge=1, le=1 << 30, unit="px", help="of the result; the window's, or the exemplar's own, when left out"
+        None, ge=1, le=1 << 30, unit="px", unset="size of window, otherwise of the exemplar", help="Size of the result."
     )
-    window: str | None = param(None, help="WxH+X+Y: only these pixels of the plane")
+    window: str | None = param(None, example="1920x1080+0-400", help="Window of the plane to compute, as WxH+X+Y.")
     tiles: str | None = param(
-        None, help="I/N: the share I, from 1 to N, of these pixels, some rows of them, for a farm"
+        None, example="1/4", advanced=True, help="Chunk I of N of the rows of the result, as I/N, for a render farm."
     )
     level: int | None = param(
-        None, ge=0, le=MOST_LEVEL, help="octaves below a pixel as large as the root; the finest that exemplars hold"
+        None,
+        ge=0,
+        le=MOST_LEVEL,
+        unset="finest level of the exemplars",
+        help="Level of detail: octaves below level 0, where one pixel covers the whole root exemplar.",
     )
-    toroidal: bool = param(False, help="the result of that size tiles; sides are multiples of 2^level px")
+    toroidal: bool = param(False, help="Tiling result. Requires size, with sides that are multiples of 2^level pixels.")
     resume: bool = param(
-        False, help="keep finished pieces in OUT.parts until OUT is whole: a run that was killed goes on from there"
+        False,
+        advanced=True,
+        help="Checkpoint after each finished piece, in OUT.parts, from which an interrupted run resumes.",
     )
-    stmap: bool | Path = param(False, help="1: source coordinates as parts of the result; a file name: there")
+    stmap: bool | Path = param(
+        False,
+        example="st.exr",
+        advanced=True,
+        help="Source coordinates: 1 appends them as parts to the result, a file name writes them to that file.",
+    )
 
     def single(self, name: str) -> Graph:
-        """One exemplar without scale edges."""
+        """A graph of one exemplar without edges."""
         return Graph.single(name)
 
     def files(self) -> dict[str, Path]:
-        """One exemplar agrees with itself: there is no transfer."""
+        """Output files; without graph there is no transfer."""
         return {name: path for name, path in super().files().items() if self.graph or name != "transfer"}
 
     def compute(self, session: Session) -> dict[str, Any]:
-        """The texture, and its source coordinates."""
+        """The texture and its source coordinates."""
         resources, progress = session.resources, session.progress
         asked, wrap = self._asked_window(), (self.toroidal, self.toroidal)
-        # limits are looked at now
+        # checks the limits before the work
         quality = Quality(op=self, resources=resources, progress=progress, wrap=wrap, copies=self.graph is None)
         plane = self.opened(resources, progress)
         first = plane.root.first
@@ -113,11 +125,11 @@ class Synth(Multiscale, Structured):
         def source(window: Window) -> SourceMap:
             return SourceMap.of(*plane.source(states.read(window)).yx)
 
-        copies = self.graph is None and level >= plane.finest  # of the one exemplar, as it is
+        copies = self.graph is None and level >= plane.finest  # of the single exemplar, unchanged
         return with_report(quality, plane, results, source if copies else None)
 
     def _asked_window(self) -> Window | None:
-        """What `window` says, inside of what `size` says; None where it says nothing."""
+        """The value of `window`, which must lie inside `size`; None if not given."""
         if self.tiles and not _SHARE.fullmatch(self.tiles):
             raise ParameterError(parameter="tiles", value=self.tiles, expected="I/N, I from 1 to N")
         if not self.window:
@@ -128,7 +140,7 @@ class Synth(Multiscale, Structured):
             raise ParameterError(parameter="window", value=self.window, expected=expected)
         width, height, left, top = map(int, match.groups())
         if max(width, height) > 1 << 30 or max(abs(left), abs(top)) > FARTHEST:
-            expected = "sides up to 2^30 px, places up to 2^60 px away"
+            expected = "sides up to 2^30 px, offsets up to 2^60 px"
             raise ParameterError(parameter="window", value=self.window, expected=expected)
         window = Window.sized(left, top, width, height)
         if self.size is not None and window & Window(0, 0, *self.size) != window:
@@ -136,9 +148,9 @@ class Synth(Multiscale, Structured):
         return window
 
     def _windows(self, spec: oiio.ImageSpec, asked: Window | None) -> tuple[Window | None, Window]:
-        """(what `size` says, the pixels that are made), both on the plane of the level.
+        """(display window by `size`, pixels to compute), both on the plane of the level.
 
-        The share that `tiles` asks for is rows, so that shares are put together by pasting.
+        `tiles` selects whole rows, so the chunks are assembled by pasting.
         """
         display = None if self.size is None else Window(0, 0, *self.size)
         window = asked or display or Window(0, 0, spec.width, spec.height)
@@ -152,25 +164,25 @@ class Synth(Multiscale, Structured):
         return display or window, Window(window.left, next(rows), window.right, next(rows))
 
     def _around(self, level: int, display: Window | None) -> tuple[int, int] | None:
-        """After how many pixels of the level the plane repeats."""
+        """Period of the plane, in pixels of the level."""
         if not self.toroidal:
             return None
         if self.size is None or display is None:
-            raise ParameterError(f"{modifier(toroidal=True)} requires size, after which the texture repeats")
+            raise ParameterError(f"{modifier(toroidal=True)} requires size, the period of the texture")
         if any(n % (1 << level) for n in self.size):
             expected = f"multiples of {1 << level} px, for {modifier(toroidal=True)} on level {level}"
             raise ParameterError(parameter="size", value=self.size, expected=expected)
         return display.width, display.height
 
     def _in_step(self, plane: Plane, level: int, around: tuple[int, int] | None, session: Session) -> InStep | None:
-        """What is kept of the lattice of the one exemplar, in px of its square; with lock or paper nothing."""
+        """The lattice of the single exemplar, in px of its square; None with lock or paper."""
         if self.graph is not None or self.lock or self.paper:
             return None
         root = plane.exemplars[0]
         lattice = self.lattice_of(root.values, root.opaque, session.resources)
         if lattice is None or around is None:
             return self.in_step(lattice, Domain(root.side, root.side))
-        zoom = 2.0 ** (level - plane.finest)  # pixels of the level in one of the square
+        zoom = 2.0 ** (level - plane.finest)  # pixels of the level for each pixel of the square
         fitting_size(self.flag(), lattice.scaled(zoom, zoom), Size(*around), True, (True, True), 1 << level)
         width, height = (max(1, round(n / zoom)) for n in around)
         return self.in_step(lattice, Domain(width, height, True, True))
@@ -203,7 +215,7 @@ class Synth(Multiscale, Structured):
 
 
 def _spec_of_map(texture: oiio.ImageSpec, channels: tuple[str, ...]) -> oiio.ImageSpec:
-    """Of floats where the texture lies."""
+    """A float spec with the windows of the texture."""
     spec = spec_beside(texture, channels)
     spec.attribute(WINDOW, texture.get_string_attribute(WINDOW))
     return spec

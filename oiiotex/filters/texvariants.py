@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texvariants: what a synthesis makes of a photo, over seeds and values of one modifier, as a captioned sheet."""
+"""--texvariants: contact sheet of a synthesis over seeds and values of one modifier."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ _FIXED = (
 
 @dataclass(frozen=True, kw_only=True)
 class Variants(InLab, Whole):
-    """Lay out what a synthesis makes of a photo: a column for every seed, a row for every value of one modifier.
+    """Compare results of a synthesis filter in a contact sheet, with a column for each seed.
 
-    So a seed is chosen by eye, or it is seen what a modifier does: `vary=sigma:over=8,16,32` makes three rows of
-    `stationarize`. Everything else is as the filter has it when nothing is said. The caption says what to say for
-    the one that is liked. The result is an 8-bit sRGB image for screens: do not measure it.
+    Use it to choose a seed, or to see the effect of a modifier: `vary=sigma:over=8,16,32` makes three rows of
+    `stationarize`. All other modifiers have their defaults. Captions show the modifiers of each result. The result is
+    an 8-bit sRGB image for display, not for measurements.
     """
 
     example: ClassVar[str] = '>>> sheet = filters.variants("photo.png", filter="quilt", seeds=3)'
     name: ClassVar[str] = "variants"
-    outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "the sheet"),)
+    outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "Contact sheet."),)
 
-    exemplar: Image = image(help="the photo; for composite with label maps")
+    exemplar: Image = image(help="Photo; for filter=composite, with label maps.")
     filter: str = param(
         "stationarize",
         choices=("stationarize", "patchmatch", "quilt", "cut", "synth", "composite"),
-        help="the filter, by the name of its function",
+        help="Name of the synthesis filter.",
     )
-    seeds: int = param(4, ge=1, le=16, help="how many seeds, from seed on")
-    seed: int = param(0, ge=0, le=2**32 - 17, help="the first seed")
-    vary: str | None = param(None, help="the modifier that differs from row to row")
-    over: Words | None = param(None, help="its values, as they are said for the filter")
-    thumb: int = param(256, ge=32, le=2048, unit="px", help="longer side of a result in the sheet, at most")
+    seeds: int = param(4, ge=1, le=16, help="Number of seeds, which is the number of columns.")
+    seed: int = param(0, ge=0, le=2**32 - 17, help="First seed.")
+    vary: str | None = param(None, example="sigma", help="Modifier that varies from row to row. Requires over.")
+    over: Words | None = param(None, example="8,16,32", help="Values of that modifier.")
+    thumb: int = param(256, ge=32, le=2048, unit="px", help="Maximum longer side of a result in the sheet.")
 
     def compute(self, session: Session) -> dict[str, Any]:
-        """The sheet."""
+        """The contact sheet."""
         uses = self._uses()
         panels = []
         for (caption, use), stage in zip(uses, session.stages(), strict=False):
@@ -60,7 +60,7 @@ class Variants(InLab, Whole):
         return {"view": sheet.image()}
 
     def _uses(self) -> list[tuple[str, Op]]:
-        """All uses of the filter with their captions, checked before the first is made."""
+        """All uses of the filter with their captions, checked before the first is run."""
         op = op_named(self.filter)
         uses = []
         for name, value, text in self._values(op):
@@ -73,20 +73,20 @@ class Variants(InLab, Whole):
     def _values(self, op: type[Op]) -> list[tuple[str, Any, str]]:
         """(parameter, value, caption) of every row."""
         if (self.vary is None) != (self.over is None):
-            raise ParameterError("vary says which modifier differs, over its values: say both or neither")
+            raise ParameterError("vary and over require each other")
         if self.vary is None or self.over is None:
             return [("", None, "")]
         known = {p.name: p for p in op.parameters() if p.name not in _FIXED}
         if self.vary not in known:
             names = ", ".join(known)
-            of = f"of {texture_filter(op.name)} {names} can differ{nearest(self.vary, known)}"
-            raise ParameterError(of, parameter="vary", value=self.vary)
+            expected = f"a modifier of {texture_filter(op.name)} ({names}){nearest(self.vary, known)}"
+            raise ParameterError(parameter="vary", value=self.vary, expected=expected)
         parameter = known[self.vary]
         return [(parameter.attribute, parameter.parse(text), f"{self.vary}={text}") for text in self.over]
 
 
 def _on_paper(picture: np.ndarray, height: int, width: int) -> np.ndarray:
-    """The picture in the corner of one that is as large as the largest."""
+    """The picture padded to the size of the largest one."""
     out = np.full((height, width, 3), PAPER)
     out[: picture.shape[0], : picture.shape[1]] = picture
     return out

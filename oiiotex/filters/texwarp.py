@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texwarp: any map of a material re-made from the source coordinates of another."""
+"""--texwarp: an image resampled by a map of source coordinates, without interpolation."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from ..session import Session
 
 @dataclass(frozen=True, kw_only=True)
 class Warp(Gather):
-    """Re-make an image from a map of source coordinates, pixel for pixel, to the bit.
+    """Rearrange the pixels of an image by a map of source coordinates, without interpolation.
 
-    Of a photo's normals and the `stmap` of a tile, it makes the normals that belong to that tile. The result has the
-    map's size; nothing is interpolated, so normals stay normals. The image must have the display window of the photo
-    from which the map was made.
+    Use it to apply a synthesis to further maps of a photo: the photo's normals and the `stmap` of a tile give the
+    normals of that tile. The result has the size of the map. Pixels are copied unchanged, so normals remain valid. The
+    image must have the display window of the photo from which the map was made.
     """
 
     example: ClassVar[str] = """\
@@ -34,18 +34,20 @@ class Warp(Gather):
     name: ClassVar[str] = "warp"
     copies: ClassVar[bool] = True
     space: ClassVar[Space] = Space.ANY
-    outputs: ClassVar[tuple[Output, ...]] = (Output("warped", Kind.PIXELS, "the image's pixels at the map's places"),)
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("warped", Kind.PIXELS, "Pixels of the image, copied as the map says."),
+    )
 
-    source: Image = image(help="the image to take pixels from")
-    st: Image = image(help="source coordinates: part 'st', else the first part")
+    source: Image = image(help="Image that provides the pixels.")
+    st: Image = image(help="Source coordinates: part 'st', or the first part if there is none of that name.")
 
     def compute(self, session: Session) -> dict[str, Part]:
-        """The re-made first part; the map is read band by band, once to check it; the image is held."""
+        """The rearranged first part. The map is read in bands, once to check it; the image is held in memory."""
         part, st = self.source.first, self.st.part("st") or self.st.first
         if st.spec.nchannels != 2 or dtype_of(st.spec) not in (np.float32, np.float64):
             raise ImageError(
-                f"{self.st.source}: source coordinates are two channels of floats, here are {st.spec.nchannels} of"
-                f" {st.spec.format}"
+                f"has {st.spec.nchannels} channels of {st.spec.format}: expected two float channels (s, t)",
+                subject=self.st.source,
             )
 
         def read(window: Window) -> SourceMap:
@@ -55,6 +57,6 @@ class Warp(Gather):
         spec = derived_spec(part.spec, st.spec.width, st.spec.height)
         with session.resources.stats.time("read"):
             warped = Sources(read, spec, session.resources.spread).copied(part, spec)
-            for window in bands(warped):  # what is wrong with the map is said here, not while the result is written
+            for window in bands(warped):  # reports errors of the map before the result is written
                 read(window)
         return {"warped": warped}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texzoom: one frame of a zoom into a texture without end (HRRG08 figure 3)."""
+"""--texzoom: one frame of a zoom into an unbounded texture (HRRG08 figure 3)."""
 
 from __future__ import annotations
 
@@ -28,48 +28,66 @@ from ..session import Session
 
 @dataclass(frozen=True, kw_only=True)
 class Zoom(Multiscale):
-    """Make one frame of a zoom into a texture without end.
+    """Render one frame of a zoom into an unbounded texture.
 
-    A frame follows from its number alone, whichever others are rendered, and only what it shows is synthesized (HRRG08:
-    Han, Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, figure 3). `--frames` says the number; on
-    whole octaves a frame is a window of `synth` of that level, between them the two levels around it are resampled
-    and blended. Without `graph` the top image is zoomed into for ever: one exemplar with an edge of r=1 to itself.
+    A frame depends only on its number, which `--frames` sets, and only its visible part is synthesized (HRRG08: Han,
+    Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, figure 3). At integer octaves, a frame is a
+    window of `synth` at that level; in between, the two nearest levels are resampled and blended.
+
+    Without `graph`, the zoom into the top image is endless: a graph of one exemplar with an edge of r=1 to itself.
     """
 
     example: ClassVar[str] = '>>> frames = [filters.zoom("photo.png", frame=n, size=(640, 360)) for n in (1, 2)]'
     name: ClassVar[str] = "zoom"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output(
-            "frame", Kind.PIXELS, "all channels, in the root's color space and type; its display window begins at 0"
+            "frame",
+            Kind.PIXELS,
+            "All channels, in the root's color space and type, with the display window at 0,0.",
         ),
-        Output("movie", Kind.MOVIE, "the zoom from this frame on, in sRGB", asked_by="movie"),
+        Output("movie", Kind.MOVIE, "Zoom from this frame on, in sRGB.", asked_by="movie"),
         REPORT,
     )
 
-    frame: int | None = param(None, frame=True, help="the frame's number; that of --frames, or first, when left out")
-    first: int = param(1, help="the number of the frame where the zoom begins")
-    speed: float = param(0.05, ge=-8, le=8, help="octaves a frame: 1 doubles the size of things, below 0 zooms out")
+    frame: int | None = param(None, frame=True, unset="that of --frames, otherwise first", help="Number of the frame.")
+    first: int = param(1, help="Number of the frame at which the zoom begins.")
+    speed: float = param(
+        0.05,
+        ge=-8,
+        le=8,
+        help="Octaves per frame. 1 doubles the scale each frame; negative values zoom out.",
+    )
     level: float | None = param(
-        None, ge=0, le=MOST_LEVEL, help="the zoom of the first frame, as of `synth`; the root's own resolution"
+        None,
+        ge=0,
+        le=MOST_LEVEL,
+        unset="resolution of the root",
+        help="Level of detail of the first frame, as in `synth`.",
     )
-    at: Numbers | None = param(None, unit="px", help="X,Y: what is zoomed into, in pixels of the root; its middle")
-    size: Size | None = param(None, ge=1, le=1 << 16, unit="px", help="of the frame; the root's own when left out")
+    at: Numbers | None = param(
+        None,
+        unit="px",
+        unset="center of the root",
+        example="64,48",
+        help="Point X,Y to zoom into, in pixels of the root.",
+    )
+    size: Size | None = param(None, ge=1, le=1 << 16, unit="px", unset="size of the root", help="Size of the frame.")
     movie: Path | None = param(
-        None, help="a movie to look at goes to this file: .gif by Pillow, .mp4 by ffmpeg where it is in $PATH"
+        None, example="zoom.mp4", help="File for a preview movie: .gif (Pillow), or .mp4 (requires ffmpeg in $PATH)."
     )
-    count: int = param(48, ge=2, le=1 << 16, help="frames of the movie, from this one on")
-    rate: float = param(24.0, ge=0.1, le=240, help="frames of the movie in a second")
+    count: int = param(48, ge=2, le=1 << 16, help="Number of frames of the movie, from this frame on.")
+    rate: float = param(24.0, ge=0.1, le=240, help="Frames per second of the movie.")
 
     def single(self, name: str) -> Graph:
-        """One exemplar with an edge to itself."""
+        """A graph of one exemplar with an edge to itself."""
         return Graph.loop(name, LOOP_R)
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The frame."""
         resources, progress = session.resources, session.progress
         if self.at is not None and len(self.at) != 2:
-            raise ParameterError(f"at={self.at}: expected two numbers, X,Y")
-        # what is wrong with its limits is said now
+            raise ParameterError(parameter="at", value=self.at, expected="two numbers, X,Y")
+        # checks the limits before the work
         quality = Quality(op=self, resources=resources, progress=progress, copies=False)
         plane = self.opened(resources, progress)
         first = plane.root.first
@@ -81,9 +99,10 @@ class Zoom(Multiscale):
         last = self._zoom(plane, number + self.count - 1) if self.movie else zoom
         farthest = max(zoom, last)
         if max(abs(x), abs(y)) * 2 ** math.ceil(farthest) > FARTHEST:
-            raise ParameterError(f"at={self.at}: at {farthest:.6g} octaves it is more than 2^60 px away from 0,0")
+            problem = f"more than 2^60 px away from 0,0 at {farthest:.6g} octaves"
+            raise ParameterError(problem, parameter="at", value=self.at)
         if self.movie and self.movie.suffix.lower() == ".gif":
-            resources.require(2 * self.count * width * height, f"a GIF of {self.count} frames", "take fewer: count=")
+            resources.require(2 * self.count * width * height, f"a GIF of {self.count} frames", "reduce count")
         maker = self.maker(plane, plane.settings(seed=self.seed, lock=self.lock), resources)
         whole = Window(0, 0, width, height)
 
@@ -103,20 +122,20 @@ class Zoom(Multiscale):
         return with_report(quality, plane, results)
 
     def _zoom(self, plane: Plane, number: int) -> float:
-        """How many octaves a pixel of the frame of that number is below one as large as the root."""
+        """The zoom of a frame: octaves below level 0, where one pixel covers the root."""
         begin = plane.finest if self.level is None else self.level
         zoom = begin + self.speed * (number - self.first)
         if not 0 <= zoom <= MOST_LEVEL:
             raise ParameterError(
-                f"frame {number} would be at {zoom:.6g} octaves: expected 0 to {MOST_LEVEL};"
-                f" it begins at {begin:.6g} with frame {self.first}, speed={self.speed:.6g}"
+                f"frame {number} is at {zoom:.6g} octaves: expected 0 to {MOST_LEVEL}; the zoom begins at {begin:.6g}"
+                f" with frame {self.first} and speed={self.speed:.6g}"
             )
         deepest = plane.finest + plane.graph.depth()
         asked = self.first if self.frame is None else self.frame
         if number == asked and zoom > deepest and not any(map(plane.graph.in_loop, range(len(plane.graph.names)))):
             self.warn(
-                "frame %d is at %.6g octaves, the finest exemplar ends at %d: its pixels repeat (a graph with an"
-                " edge from an exemplar to itself goes on)",
+                "frame %d is at %.6g octaves, but the finest exemplar ends at %d: its pixels repeat; for an endless"
+                " zoom, add an edge from an exemplar to itself",
                 number,
                 zoom,
                 deepest,

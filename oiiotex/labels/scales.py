@@ -149,7 +149,7 @@ def label_maps(
     def advance(done: int, _: int) -> None:
         progress.advance(done, total)
 
-    with resources.beside(_import_scipy), resources.stats.time("superpixels"):
+    with resources.in_background(_import_scipy), resources.stats.time("superpixels"):
         finest = superpixels(image, lens, resources, runs=runs, minsize=minsize, seed=settings.seed, advance=advance,
                              literal=settings.literal, powers=features == "moments")  # fmt: skip
         if not finest.count:
@@ -159,13 +159,13 @@ def label_maps(
     # One BLAS thread: products are thin, waiting threads would spin, and sums must not depend on the number of threads.
     with threadpool_limits(1, "blas"):
         with (
-            resources.beside(functools.partial(hierarchy, finest, resources)) as tree,
+            resources.in_background(functools.partial(hierarchy, finest, resources)) as tree,
             resources.stats.time("describe superpixels"),
         ):
             described = features_of(features, finest, small, resources)
         progress.advance(total - 1, total)
         top = (lambda: None) if coarsest is None else functools.partial(coarsest, finest, small, resources)
-        with resources.beside(top) as coarse, resources.stats.time("label superpixels"):
+        with resources.in_background(top) as coarse, resources.stats.time("label superpixels"):
             levels = label_levels(tree(), described, settings, finest.edges, resources, coarse)
     progress.advance(total, total)
     return LabelMaps(finest, levels)

@@ -44,7 +44,7 @@ class _TileRoom(TypedDict):
     width: _Side | None
     height: _Side | None
     mask: Annotated[int, Allowed(1, 1 << 20)] | Literal["", "dominant", "brush"]  # the id of a label
-    within: Literal["", "brush"]
+    inpaint: Literal["", "brush"]
 
 
 class _ViewRoom(TypedDict):
@@ -101,7 +101,7 @@ def default_state(display: str, view: str, side: int) -> Values:
     `side`: size in pixels of the photo's square or of the graph's root; a zoom starts at its center.
     """
     tile: Values = dict.fromkeys(types_of(_TileRoom))
-    tile |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "within": ""}
+    tile |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "inpaint": ""}
     middle = str((side // 2) << PLACE_BITS)
     return {
         "tile": tile,

@@ -18,8 +18,8 @@ MOST_SHOWN = 2048  # px; longest side of an image sent to a page
 THUMBNAIL = 128  # px
 MOST_THUMBNAILS = 12
 _FLAG = "--texstationarize"
-_BRUSHES = {"mask": "mask.png", "within": "within.png"}
-_TITLES = {"mask": "Source", "within": "Replace"}  # on the page
+_BRUSHES = {"mask": "mask.png", "inpaint": "inpaint.png"}
+_TITLES = {"mask": "Source", "inpaint": "Replace"}  # on the page
 
 
 class TileRoom:
@@ -172,8 +172,8 @@ class TileRoom:
             optional["mask"] = await self._brush("mask")
         elif tile["mask"]:
             number = (await self._hub.made("label"))["number"]
-        if tile["within"]:
-            optional["within"] = await self._brush("within")
+        if tile["inpaint"]:
+            optional["inpaint"] = await self._brush("inpaint")
         return number, optional
 
     async def _brush(self, name: str) -> int:
@@ -198,8 +198,8 @@ class TileRoom:
             images["mask"] = str(self._hub.document.beside(_BRUSHES["mask"]))
         elif tile["mask"]:
             words.append("--texlabel:keep=1")
-        if tile["within"]:
-            images["within"] = str(self._hub.document.beside(_BRUSHES["within"]))
+        if tile["inpaint"]:
+            images["inpaint"] = str(self._hub.document.beside(_BRUSHES["inpaint"]))
         return line([*words, word_of(_FLAG, images | self._values()), "-o", self._name()])
 
     def _name(self) -> str:

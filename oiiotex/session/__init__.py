@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One run: its settings, what it opens once and shares, its progress."""
+"""One run: settings, shared resources, progress."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from .settings import Changes, Settings
 
 
 class Session:
-    """What an op is run with. Ops take from it what the functions below them need, which never see it whole.
+    """The context of a run. Ops pass on its parts; the functions that they call never get the session itself.
 
     Parameters
     ----------
     progress, look, say, measure
-        As `Progress` has them; `progress` is its `tell`.
+        As in `Progress`; `progress` is its `tell`.
     settings
-        As `Settings` has them: device_name, threads, budget, colorconfig ...
+        As in `Settings`: device_name, threads, budget, colorconfig ...
 
     Attributes
     ----------
     resources : Resources
-        What is opened once, also where an op works in stages.
+        Resources that are opened once, and shared by all stages of an op.
     progress : Progress
     """
 
@@ -43,24 +43,24 @@ class Session:
 
     @classmethod
     def of(cls, resources: Resources, progress: Progress) -> Session:
-        """One of what is there already."""
+        """A session from existing resources and progress."""
         session = cls.__new__(cls)
         session.resources, session.progress = resources, progress
         return session
 
     @property
     def settings(self) -> Settings:
-        """Those by which resources are opened."""
+        """The settings of the resources."""
         return self.resources.settings
 
     def change(self, **settings: Unpack[Changes]) -> None:
-        """Keep to other settings from here on; what has been opened stays open."""
+        """Change settings from now on; open resources stay open."""
         self.resources.settings = replace(self.settings, **settings)
 
     def telling(self, progress: Progress) -> Session:
-        """A session with the same resources, whose progress others hear."""
+        """A session with the same resources and another progress."""
         return Session.of(self.resources, progress)
 
     def stages(self) -> Iterator[Session]:
-        """This session again and again, as `Progress.stages`."""
+        """A session for each stage, as `Progress.stages`."""
         return map(self.telling, self.progress.stages())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run tells while it works: how far it is, what a result will look like, lines of text."""
+"""Progress of a run: amount of work done, previews of the result, lines of text."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ Say = Callable[[str], object]
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is, and who wants to know.
+    """Callbacks for the progress of a run.
 
     Attributes
     ----------
     tell : callable or None
-        Called with (done, total) as work goes on; returning False stops the run.
+        Called with (done, total) during the work; returning False stops the run.
     look : callable or None
-        Called with (pixels, whole) as a result comes nearer: (height, width, channels) of the image's own type,
-        first coarse ones of a smaller size; `whole` where they are the result's own.
+        Called with (pixels, whole) for previews: (height, width, channels) of the image's own type, first at a reduced
+        size; `whole` is True for the final result.
     say : callable or None
-        Called with each line of text that a filter was asked for.
+        Called with each line of text that a filter prints.
     measure : bool
-        Report how stationary, faithful and seamless a result is (takes time).
+        Whether to measure stationarity, fidelity and seams of a result (takes time).
     """
 
     tell: Tell | None = None
@@ -51,7 +51,7 @@ class Progress:
             raise Interrupted("stopped by the progress callback")
 
     def stages(self) -> Iterator[Progress]:
-        """That of one stage after the other, for ops that work in stages: each goes on where the last one ended."""
+        """Progress for consecutive stages of an op: each continues where the last one ended."""
         begun = ended = 0
 
         def tell(done: int, total: int) -> bool | None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run opens once and shares: device, color config, cache, threads, checkpoints; and what it may hold."""
+"""Resources of a run: device, color config, cache, threads, checkpoints, and the memory budget."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("oiiotex")
 
-MOST_SIDE = 1 << 22  # px of an image that is written, or looked at as a whole
+MOST_SIDE = 1 << 22  # px of a side of an image that is written or scanned
 
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
 
 class Resources:
-    """What a run opens once, when it is first needed.
+    """Resources that a run opens once, at first use.
 
     Parameters
     ----------
@@ -49,11 +49,11 @@ class Resources:
     Attributes
     ----------
     stats : Stats
-        Where the time went.
+        Seconds by stage.
     keeper : Checkpoint or None
-        Of the file that is being written, or will be: where ops with resume=1 keep what is finished.
+        Checkpoint of the output file, where ops with resume=1 store finished pieces.
     memory : int
-        Bytes of arrays that `remembered` keeps; 0, as in a program that ends after its line: nothing is kept.
+        Size of the cache of `remembered`, in bytes; 0 (the default, for a single command line): no cache.
     """
 
     def __init__(self, settings: Settings):
@@ -67,20 +67,20 @@ class Resources:
 
     @property
     def budget(self) -> int:
-        """Bytes of memory that one op may hold."""
+        """Memory budget of an op, in bytes."""
         return self.settings.budget
 
     @property
     def thread_count(self) -> int:
-        """CPU threads that compute."""
+        """Number of CPU threads for computation."""
         return self.settings.threads or usable_threads()
 
     def checkpoint(self, path: Path) -> Checkpoint:
-        """That of a file, one for who computes its image and who writes it."""
+        """The checkpoint of a file, shared by the op and the writer."""
         return self._checkpoints.setdefault(path, Checkpoint(path))
 
     def forget_checkpoint(self, path: Path) -> None:
-        """The file has been written, or could not be: the next one of that name has its own."""
+        """Drop the checkpoint of a file after it was written, or failed."""
         self._checkpoints.pop(path, None)
 
     @functools.cached_property
@@ -95,11 +95,11 @@ class Resources:
 
     @property
     def has_device(self) -> bool:
-        """Whether it is open."""
+        """Whether the device is open."""
         return "device" in self.__dict__
 
     def forget_device(self) -> None:
-        """Let the next one be opened instead; what was made with this one is made anew."""
+        """Close the device, and drop cached results that were computed with it."""
         self.__dict__.pop("device", None)
         self._last = "", None
         self._memory.clear()
@@ -113,38 +113,38 @@ class Resources:
 
     @functools.cached_property
     def cache(self) -> PieceCache:
-        """Decoded pieces of files and of results that are asked for again."""
+        """Cache of decoded pieces of files and of results."""
         return PieceCache(max(32 << 20, min(self.settings.budget // 4, 1 << 28)))
 
     @functools.cached_property
     def workers(self) -> ThreadPoolExecutor:
-        """Threads that compute."""
+        """Thread pool for computation."""
         return ThreadPoolExecutor(self.thread_count, "oiiotex-work")
 
     def inherit(self, other: Resources) -> None:
-        """Take over what is dear to open from the resources of a session with the same settings that has ended."""
+        """Take over the device and the color config of a finished session with the same settings."""
         for name in ("device", "color"):
             if name in other.__dict__:
                 self.__dict__[name] = other.__dict__[name]
         self._last = other._last
 
     def once(self, key: str, make: Callable[[], Result]) -> Result:
-        """What `make` gives, or gave when it was last asked under that key: for frames that share their preparation."""
+        """The result of `make`, cached for the last key: for frames with the same preparation."""
         if self._last[0] != key:
-            self._last = "", None  # not two of them in memory
+            self._last = "", None  # frees the memory of the last value first
             self._last = key, make()
         value: Result = self._last[1]
         return value
 
     def remembered(self, key: Hashable, make: Callable[[], Result], *held: object) -> Result:
-        """What `make` gives, or gave under that key: analyzes that a resident process keeps from job to job.
+        """The result of `make`, cached by key, for example results that jobs of a resident process reuse.
 
         Parameters
         ----------
         key : hashable
         make : callable
         held : objects
-            Whose id is part of the key: they live as long as what is remembered of them.
+            Objects whose id is part of the key; they are kept alive with the cached value.
         """
         if key in self._memory:
             self._memory.move_to_end(key)
@@ -158,28 +158,28 @@ class Resources:
         return value
 
     def spread(self, work: Callable[[Piece], Result], pieces: Iterable[Piece]) -> Iterator[Result]:
-        """What `work` makes of each piece, in order, on all threads of the run.
+        """The results of `work` for each piece, in order, on all threads of the run.
 
-        Work must be computing alone: what reads an image may itself be waiting for these threads.
+        `work` must only compute: reading an image may wait for these threads and cause a deadlock.
         """
         return self.workers.map(work, pieces)
 
     @contextlib.contextmanager
-    def beside(self, work: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
-        """Begin `work` on a thread of its own, while the block does something else; gives what waits for its result.
+    def in_background(self, work: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
+        """Run `work` on a separate thread during the block; yields a function that waits for its result.
 
-        A run of one thread does it when its result is asked for.
+        With a single thread, `work` runs when its result is requested.
         """
         if self.thread_count == 1:
             yield work
             return
-        with ThreadPoolExecutor(1, "oiiotex-beside") as thread:
+        with ThreadPoolExecutor(1, "oiiotex-background") as thread:
             yield thread.submit(work).result
 
     def on_a_device(self, work: Callable[[], Result]) -> Result:
-        """What `work` gives. Where the device's compiler refuses a program, the next device does it all: once, loudly.
+        """The result of `work`; if the device's compiler rejects a program, warn and repeat it on the next device.
 
-        A device that was named is not replaced.
+        A device that was selected by name is not replaced.
         """
         try:
             return work()
@@ -187,12 +187,12 @@ class Resources:
             instead = self._instead(error)
             if instead is None:
                 raise
-            log.warning("%s; all is done again on %s", error, instead)
+            log.warning("%s; repeating all work on %s", error, instead)
         self.forget_device()
         return work()
 
     def _instead(self, error: BaseException | None) -> str | None:
-        """The device that takes over; None where that would not help, or is not wanted."""
+        """The device to use instead; None if the error has another cause, or the device was selected by name."""
         from ..opencl import device
 
         while error is not None and not isinstance(error, BuildError):
@@ -205,17 +205,17 @@ class Resources:
 
     @contextlib.contextmanager
     def keeping(self, path: str | os.PathLike[str]) -> Iterator[Checkpoint]:
-        """While this lasts, ops with resume=1 keep finished pieces beside `path`, which is written later."""
+        """Within this block, ops with resume=1 store finished pieces next to `path`."""
         before, keeper = self.keeper, self.checkpoint(Path(path))
         self.keeper = keeper
         try:
             yield keeper
         except Exception:
             raise
-        except BaseException:  # someone wants it to end, and should know
+        except BaseException:  # the run was interrupted
             if keeper.count:
                 log.warning(
-                    "%d finished pieces are kept in %s: the same run goes on there", keeper.count, keeper.folder
+                    "%d finished pieces are stored in %s; repeat the run to resume", keeper.count, keeper.folder
                 )
             raise
         finally:
@@ -223,7 +223,7 @@ class Resources:
 
     @contextlib.contextmanager
     def checkpoints(self, path: str | os.PathLike[str]) -> Iterator[None]:
-        """As `keeping`, for who writes the file: pieces are removed when this ends well."""
+        """As `keeping`, for the writer of the file: the pieces are removed on success."""
         try:
             with self.keeping(path) as keeper:
                 yield
@@ -231,30 +231,30 @@ class Resources:
         finally:
             self.forget_checkpoint(Path(path))
 
-    def require(self, need: int, task: str, advice: str = "make the image smaller") -> None:
-        """Refuse what does not fit the budget.
+    def require(self, need: int, task: str, advice: str = "reduce the size of the image") -> None:
+        """Check a task, in bytes, against the memory budget.
 
         Raises
         ------
         MemoryBudgetError
-            With the figure.
+            The task exceeds the budget.
         """
         if need > self.budget:
             raise MemoryBudgetError(task, need, self.budget, advice)
 
     def require_streamable(self, *parts: Part) -> None:
-        """Refuse images that cannot be computed from top to bottom, or that nobody could read.
+        """Check that images can be processed by rows, and written and read as files.
 
         Parameters
         ----------
         parts : Parts
-            Whose pixels are about to be asked for, all of them.
+            Parts whose pixels will all be read.
 
         Raises
         ------
         ImageError
-            A side is longer than 2^22 pixels (files and readers keep a figure for each row), the image larger than
-            OpenImageIO reads, or 16 rows, which are held at once, do not fit the budget.
+            A side exceeds 2^22 pixels (files have an offset for each row), the image exceeds the limit of OpenImageIO,
+            or 16 rows, which are held at once, exceed the budget.
         """
         most = oiio.get_int_attribute("limits:imagesize_MB")
         for part in parts:
@@ -265,38 +265,38 @@ class Resources:
             size = width * height * part.pixel_bytes >> 20
             if most and size > most:
                 raise ImageError(
-                    f"{image} takes {size} MB: expected at most {most} MB, which is what OpenImageIO reads here;"
-                    " raise its attribute limits:imagesize_MB"
+                    f"{image} requires {size} MB: expected at most {most} MB, the limit of OpenImageIO; raise its"
+                    " attribute limits:imagesize_MB"
                 )
             self.require(16 * width * max(part.pixel_bytes, 4 * part.spec.nchannels), f"{image}")
 
     def scratch(
-        self, layout: Mapping[str, tuple[tuple[int, ...], DTypeLike]], task: str, advice: str, beside: int = 0
+        self, layout: Mapping[str, tuple[tuple[int, ...], DTypeLike]], task: str, advice: str, extra: int = 0
     ) -> dict[str, np.ndarray]:
-        """Arrays of zeros declared as a whole: summed, checked against the budget, then allocated, as `Buffers` are.
+        """Arrays of zeros, allocated after their total is checked against the budget.
 
         Parameters
         ----------
         layout : mapping of name to (shape, dtype)
         task, advice : str
-            For the error's text.
-        beside : int
-            Bytes that calculations hold beside them for a while.
+            Text of the error.
+        extra : int
+            Further bytes that calculations need at the same time.
 
         Raises
         ------
-        ImageError
-            They do not fit.
+        MemoryBudgetError
+            They exceed the budget.
         """
-        import numpy as np  # the program asks for a session before it needs numpy
+        import numpy as np  # a session is created before numpy is needed
 
         need = sum(np.dtype(kind).itemsize * math.prod(shape) for shape, kind in layout.values())
-        self.require(need + beside, task, advice)
+        self.require(need + extra, task, advice)
         return {name: np.zeros(shape, kind) for name, (shape, kind) in layout.items()}
 
 
 def _bytes_of(value: Any) -> int:
-    """Of arrays, and of what says its bytes as they do: in tuples, lists and fields of dataclasses, too."""
+    """Bytes of arrays, also in tuples, lists and fields of dataclasses."""
     if hasattr(value, "nbytes"):
         return int(value.nbytes)
     if isinstance(value, (tuple, list)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run is asked to keep to. Nothing here is opened, and nothing changes: a change makes other settings."""
+"""Immutable settings of a run."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ class Settings:
     Attributes
     ----------
     device_name : str or None
-        As `device.choose` takes it.
+        As in `device.choose`.
     threads : int
         CPU threads; 0: as many as the process may use.
     budget : int
-        Bytes of memory that one op may hold; a quarter of what the machine gives the process by default.
+        Memory budget of an op, in bytes. Default: a quarter of the memory that the process may use.
     colorconfig : str or None
-        An OCIO config; None: $OCIO or a built-in one.
+        An OCIO config; None: $OCIO, or the built-in one.
     interchange : (str, str) or None
-        A space of a config that does not say how it meets others, and that of ours which is the same.
+        A color space of a config without interchange roles, and its equivalent of ours.
     autocc : bool
-        Let the config's file rules name the space of an untagged file.
+        Whether the config's file rules determine the color space of untagged files.
     all_parts : bool
-        Ops of the host work on all parts of an image, not on the first alone.
+        Whether ops of the host process all parts of an image instead of the first.
     profile : bool
-        Time every kernel.
+        Whether to time every kernel.
     words : tuple of str
-        The command line, for what files say of the program that wrote them.
+        The command line, for the metadata of written files.
     """
 
     device_name: str | None = None

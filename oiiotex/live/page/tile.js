@@ -17,7 +17,7 @@ export class TileRoom {
     this.size = [0, 0]; // of the full-size tile, px; previews are smaller
     this.mode = "2x2";
     this.brush = { name: "", tool: "brush", diameter: 48 };
-    this.planes = { mask: null, within: null }; // Uint8, at the photo's preview size
+    this.planes = { mask: null, inpaint: null }; // Uint8, at the photo's preview size
     this.shownOver = "";
     this.overlay = null;
     this.seeds = new Map();
@@ -67,7 +67,7 @@ export class TileRoom {
     const set = (values) => this.set(values);
     const longer = () => Math.max(...(this.size[0] ? this.size : this.shell.facts?.photo ?? [512, 512]));
     this.controls = {
-      flatten: slider("Flatten", { title: "Fraction of the photo's gradients and stains to remove before synthesis. 0 copies the photo's pixels unchanged", low: 0, high: 1, step: 0.05, reset: null, automatic: () => (this.shell.state?.tile.within ? 0 : 1), change: (flatten) => set({ flatten }) }),
+      flatten: slider("Flatten", { title: "Fraction of the photo's gradients and stains to remove before synthesis. 0 copies the photo's pixels unchanged", low: 0, high: 1, step: 0.05, reset: null, automatic: () => (this.shell.state?.tile.inpaint ? 0 : 1), change: (flatten) => set({ flatten }) }),
       sigma: slider("Sigma", { title: "Scale, in pixels, above which the result is statistically uniform (MJH17)", low: 1, high: 512, log: true, reset: null, automatic: () => longer() / ({ keep: 4, even: 32, clean: 32 }[this.shell.state?.tile.preset] ?? 8), change: (sigma) => set({ sigma, amount: null }) }),
       amount: slider("Amount", { title: "Perceived uniformity, an alternative to sigma: the matching sigma is measured on this photo (MJH17 section 4.4)", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.5, change: (amount) => set({ amount, sigma: null }) }),
       contrast: slider("Contrast", { title: "Weight of matching the photo's overall histogram", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.7, change: (contrast) => set({ contrast }) }),
@@ -79,9 +79,9 @@ export class TileRoom {
       width: whole("Width", { title: "Width of the tile, in pixels. Empty: the photo's width", low: 16, high: 16384, change: (width) => this.setSize("width", width) }),
       height: whole("Height", { title: "Height of the tile, in pixels. Empty: the photo's height", low: 16, high: 16384, change: (height) => this.setSize("height", height) }),
       mask: choice("Source", { title: "Valid source pixels: the part of the photo that patches are copied from", options: [["", "Whole photo"], ["dominant", "Dominant texture"], ["brush", "Painted mask"]], change: (mask) => this.setMask(mask) }),
-      within: choice("Replace", { title: "Part of the photo that is resynthesized", options: [["", "Everything"], ["brush", "Painted area"]], change: (within) => set({ within }) }),
+      inpaint: choice("Replace", { title: "Part of the photo that is resynthesized", options: [["", "Everything"], ["brush", "Painted area"]], change: (inpaint) => set({ inpaint }) }),
     };
-    this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Source", "Paint the valid source pixels (B)"], ["within", "Replace", "Paint the area to resynthesize"]], (name) => this.setBrush(name));
+    this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Source", "Paint the valid source pixels (B)"], ["inpaint", "Replace", "Paint the area to resynthesize"]], (name) => this.setBrush(name));
     this.erase = button("Erase", "The brush erases (E)", () => this.setTool(this.brush.tool === "erase" ? "brush" : "erase"));
     this.diameter = slider("Size", { title: "Brush diameter, in pixels of the photo ([ and ])", low: 2, high: 400, log: true, reset: 48, digits: 0, change: (diameter) => { this.brush.diameter = diameter; } });
     this.diameter.set(48);
@@ -92,7 +92,7 @@ export class TileRoom {
       section("Result", this.controls.seed, this.controls.width, this.controls.height,
         make("div", { className: "buttons" }, button("Keep variant", "Add these parameters to the variants below (V)", () => this.keep()), button("Save", "Write the tile to the document's folder, in the background", () => this.shell.ask("tile", { do: "save" })), button("Show seeds", "Preview eight more seeds at low resolution", () => this.askSeeds()))),
       section("Measures", this.measures),
-      section("Regions", this.controls.mask, this.controls.within, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
+      section("Regions", this.controls.mask, this.controls.inpaint, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
         make("div", { className: "buttons" }, this.erase, button("Clear", "Erase everything painted", () => this.fill(0)), button("Invert", "Invert the painted mask", () => this.fill(null)))));
   }
 
@@ -162,7 +162,7 @@ export class TileRoom {
   frame(facts, bytes) {
     if (facts.kind === "photo") {
       this.photo = canvasOf(facts, bytes);
-      for (const name of ["mask", "within"]) {
+      for (const name of ["mask", "inpaint"]) {
         if (this.planes[name]?.length !== facts.width * facts.height) this.planes[name] = null;
       }
       if (this.photoView.fitted) this.photoView.fit();
@@ -231,7 +231,7 @@ export class TileRoom {
     context.drawImage(this.photo, 0, 0);
     const { width, height } = this.photo;
     if (this.overlay && this.shownOver) context.drawImage(this.overlay.canvas, 0, 0, width, height);
-    const name = this.brush.name || (this.shell.state.tile.mask === "brush" ? "mask" : this.shell.state.tile.within ? "within" : "");
+    const name = this.brush.name || (this.shell.state.tile.mask === "brush" ? "mask" : this.shell.state.tile.inpaint ? "inpaint" : "");
     const plane = this.planes[name];
     if (plane && !this.shownOver) {
       if (this.tintOf !== plane || this.tintStale) {
@@ -318,7 +318,7 @@ export class TileRoom {
   }
 
   strokeFrom(x, y, event) {
-    this.history ??= { mask: { past: [], future: [] }, within: { past: [], future: [] } };
+    this.history ??= { mask: { past: [], future: [] }, inpaint: { past: [], future: [] } };
     const { past } = this.history[this.brush.name];
     past.push(this.plane().slice());
     if (past.length > 50) past.shift();
@@ -357,7 +357,7 @@ export class TileRoom {
   }
 
   strokeHistory() {
-    this.history ??= { mask: { past: [], future: [] }, within: { past: [], future: [] } };
+    this.history ??= { mask: { past: [], future: [] }, inpaint: { past: [], future: [] } };
     this.history[this.brush.name].past.push(this.plane().slice());
   }
 
