@@ -242,7 +242,7 @@ def quilts() -> None:
 def quilts_beside_peers(size: tuple[int, int] = (400, 300)) -> None:
     """Crops of photos, what the peers that are installed synthesize, --texquilt and its patch=96; at half the size."""
     tools = [tool for tool in SYNTHESIZERS if tool.available()]
-    print("beside quilts:", ", ".join(tool.name for tool in tools) or "no peer, the picture stays as it is")
+    print("compared with quilts:", ", ".join(tool.name for tool in tools) or "no peer, the picture stays as it is")
     rows = []
     for name, (x, y) in CROPS.items():
         photo = test_photo(f"{name}.jpg")

@@ -43,7 +43,7 @@ def stained_gravel() -> oiio.ImageBuf:
 
 
 def stains_removed() -> None:
-    """A photo, the mask, and the photo made anew within it: gravel and a wall."""
+    """A photo, the mask, and the photo resynthesized inside it: gravel and a wall."""
     rows = []
     wall = test_photo("stained_plaster_wall.jpg")
     cases = [(stained_gravel(), (0.66, 0.36, 0.2, 0.17))]
@@ -68,7 +68,7 @@ def gradient_of_sigmas(side: tuple[int, int] = (768, 256)) -> None:
 
 
 def material_set(side: int = 384) -> None:
-    """Albedo, normals, roughness and height of a rock, and the four made anew together."""
+    """Albedo, normals, roughness and height of a rock, and their tiles, made together."""
     folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "pbr" / "mossy_rock"
     names = ("albedo", "normal", "roughness", "height")
     if not folder.is_dir():
