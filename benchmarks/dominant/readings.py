@@ -47,7 +47,9 @@ READINGS: dict[str, Decide] = {
 def main() -> None:
     """Print the table."""
     session = Session()
-    print("| reading of step 6 | IoU, seed 0 | precision | IoU, seed 1 | precision |", "|---|---|---|---|---|", sep="\n")
+    print(
+        "| reading of step 6 | IoU, seed 0 | precision | IoU, seed 1 | precision |", "|---|---|---|---|---|", sep="\n"
+    )
     for name, decide in READINGS.items():
         cells = []
         for seed in (0, 1):
@@ -58,7 +60,9 @@ def main() -> None:
                 with mock.patch.object(diffusion, "_literal", decide):
                     found = dominant_texture(pixels, session.resources, session.progress, rule="paper", step=1)
                 mask = dominant_mask(found, pixels.seen)
-                rows.append(((mask & truth).sum() / max((mask | truth).sum(), 1), (mask & truth).sum() / max(mask.sum(), 1)))
+                rows.append(
+                    ((mask & truth).sum() / max((mask | truth).sum(), 1), (mask & truth).sum() / max(mask.sum(), 1))
+                )
             cells += [f"{value:.3f}" for value in np.mean(rows, 0)]
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
     truths = [[composite(n, seed)[2].mean() for n in range(len(TWELVE))] for seed in (0, 1)]
