@@ -234,7 +234,7 @@ def checkmaterial(
         16.
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
-        data in the result.
+        data in the result. Default: color for the first map, data for the others.
     convention : Literal['opengl', 'directx'], default 'opengl'
         Expected green channel of normals. opengl: up; directx: down.
     fail : Literal['errors', 'warnings', 'none'], default 'errors'
