@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Three readings of LDR09 step 6, whose text allows them all, on the composites: `python -m benchmarks.dominant.readings`.
+"""Three readings that the text of LDR09 step 6 allows, on composites: `python -m benchmarks.dominant.readings`.
 
 "The first valley beyond the 0.4-quantile point" of heat can be counted from the coldest texel or from the hottest, and
 "if no such valley is found, we simply consider all remaining texels as ... (Type 0)" can leave the threshold of density
