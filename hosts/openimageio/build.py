@@ -70,9 +70,7 @@ def main() -> None:
     words = argparse.ArgumentParser(description=__doc__)
     words.add_argument("--into", type=Path, default=Path(sys.prefix), help="install prefix (default: this environment)")
     words.add_argument("--source", type=Path, help="unpacked source of OpenImageIO (default: downloaded)")
-    words.add_argument(
-        "--work", type=Path, default=HERE / "build", help="build folder (default: build in this folder)"
-    )
+    words.add_argument("--work", type=Path, default=HERE / "build", help="build folder (default: build in this folder)")
     asked = words.parse_args()
     if not shutil.which("cmake"):
         sys.exit(f"cmake not found; on Debian: apt install {SYSTEM}")
