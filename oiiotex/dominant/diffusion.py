@@ -234,12 +234,12 @@ def _dense_above(density: np.ndarray) -> float:
 def _repaired(density: np.ndarray, heat: np.ndarray, count: int) -> tuple[float, float | None, bool]:
     """As `_literal`, with detection of small groups and a limit on the last threshold.
 
-    The paper's group contains at least 40 %, so if the densest texel is in a small group, such as a pipe on a wall, the
-    pipe is kept with a part of the wall. Here the seed's group is small if the deepest valley of heat leaves less than
-    40 % above it, or if fewer texels than that are warm at all. Otherwise the first valley that keeps 40 % is the threshold, but
-    at most the hottest `_MOST_KEPT` are kept: texels that overlap an outlier cool down without a valley, and texels
-    lost unnecessarily are covered again when the mask is dilated by a patch. Density is thresholded by decades, where
-    outliers are rare, and among hot texels only; its valley must also leave 40 %.
+    The paper's group contains at least 40 %, so if the densest texel is in a small group, such as a pipe on a wall,
+    the pipe is kept with a part of the wall. Here the seed's group is small if the deepest valley of heat leaves
+    less than 40 % above it, or if fewer texels than that are warm at all. Otherwise the first valley that keeps 40
+    % is the threshold, but at most the hottest `_MOST_KEPT` are kept: texels that overlap an outlier cool down
+    without a valley, and texels lost unnecessarily are covered again when the mask is dilated by a patch. Density
+    is thresholded by decades, where outliers are rare, and among hot texels only; its valley must also leave 40 %.
     """
     shown = _shown(heat)
     counts, edges = _histogram(shown)
