@@ -158,7 +158,7 @@ def test_errors_speak_python(tmp_path):
             lambda: filters.stationarize(broken, colorspace=SRGB),
             "repair them with OpenImageIO.ImageBufAlgo.fixNonFinite",
         ),
-        (lambda: filters.quilt(PHOTO, colorspace=SRGB, label=1), "filters.label(keep=True) makes them"),
+        (lambda: filters.quilt(PHOTO, colorspace=SRGB, label=1), "create them with filters.label(keep=True)"),
         (
             lambda: filters.stationarize(PHOTO, colorspace=SRGB, session=Session(budget=1 << 10)),
             "the session's budget",
