@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run a topic's benchmarks and renew its page: `python -m benchmarks [TOPIC [WORD ...]]`.
 
-Without words it prints the topics and their commands. A page benchmarks/results/TOPIC.md is text by hand, and lines
+Without words it prints the topics and their commands. A page benchmarks/results/TOPIC.md is hand-written, with lines
 
     `python -m benchmarks.TOPIC.NAME ARGUMENTS` (MACHINE, DATE)
 
-What follows such a line, up to the next one or the next heading, is what the command printed: the command is run
-again, and machine, date and output are replaced. A WORD selects the commands that contain it. OUT in a command is an
-empty folder: OUT/table.md is taken instead of what is printed, and PNG files there are copied beside the page.
+The text after such a line, up to the next one or the next heading, is the command's output. The command is run again,
+and machine, date and output are replaced. A WORD selects the commands that contain it. OUT in a command is an empty
+folder: OUT/table.md is used instead of the printed output, and PNG files there are copied next to the page.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def commands(page: Path) -> list[str]:
 
 
 def output(command: str, page: Path) -> str:
-    """What a command gives, as Markdown.
+    """The output of a command, as Markdown.
 
     Raises
     ------

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,11 @@ from .session import Session
 from .session.resources import Resources
 
 _TAG = "oiio:ColorSpace"
+
+if "IPython" in sys.modules and (_shell := sys.modules["IPython"].get_ipython()):
+    from .notebook import register
+
+    register(_shell)
 
 
 def function_of(op: type[Op]) -> Callable[..., Any]:

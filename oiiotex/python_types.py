@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import os
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -35,20 +36,10 @@ _NAMES = {
     Numbers: "float | Sequence[float]", Words: "Sequence[str]", SizeRule: "Literal['pow2']",
 }  # fmt: skip
 _COMMON: tuple[tuple[str, str, int | None, str], ...] = (  # name, type, default, help
-    (
-        "colorspace",
-        "str | None",
-        None,
-        "Color space of the positional images. Default: the color space in their metadata.",
-    ),
-    ("roi", "ROI | None", None, "Region of the result to compute."),
-    ("nthreads", "int", 0, "Number of CPU threads, without a session. 0: all that are available."),
-    (
-        "session",
-        "Session | None",
-        None,
-        "Device, memory budget, color config and progress callback. Default: a new session.",
-    ),
+    ("colorspace", "str | None", None, "Color space of the required images. Default: the one in their metadata."),
+    ("roi", "ROI | None", None, "Region of the result to compute. Default: all of it."),
+    ("nthreads", "int", 0, "Number of CPU threads if no session is given. 0: all that the process may use."),
+    ("session", "Session | None", None, "Device, memory budget, color config and progress, shared by several calls."),
 )
 SINGLE, PARTS = "ImageBuf", "dict[str, ImageBuf]"
 
@@ -164,29 +155,50 @@ def _keywords(op: type[Op]) -> tuple[Parameter, ...]:
 
 
 def docstring(op: type[Op]) -> str:
-    """The op's docstring, with parameters and results."""
-    lines = [inspect.getdoc(op) or "", "", "Parameters", "----------"]
+    """The op's docstring in numpydoc format, with parameters, results and an example."""
     shown = signature(op).parameters
+    lines = [inspect.getdoc(op) or "", *_section("Parameters")]
     for i in op.images():
         star = "*" if i.many else ""
-        lines += [f"{star}{i.name} : {shown[i.name].annotation}", f"    {spelled(i.help, PYTHON)}"]
+        lines += _entry(f"{star}{i.name} : {shown[i.name].annotation}", spelled(i.help, PYTHON))
+    few = [p for p in _keywords(op) if p.advanced]
     for p in _keywords(op):
-        default = "" if p.required else f", default {p.default!r}"
-        bounds = f" Expected: {spelled(p.expected, PYTHON)}." if p.ge is not None or p.le is not None or p.unit else ""
-        named = " A string is the name of a part of the first image, or a file name." if p.kind is None else ""
-        unset = f" Default: {spelled(p.unset, PYTHON)}." if p.unset else ""
-        lines += [f"{p.attribute} : {annotation(p)}{default}", f"    {spelled(p.help, PYTHON)}{named}{bounds}{unset}"]
+        lines += [] if p in few else _described(p)
     for name, text, value, meaning in _COMMON:
-        lines += [f"{name} : {text}, default {value!r}", f"    {meaning}"]
-    lines += ["", "Returns", "-------", f"{forms(op)[-1].returns}"]
-    lines += ["    A dict if more than one part is requested."] if len(forms(op)) > 1 else []
-    lines += ["    A list of these if there are several images."] if _several(op) else []
-    lines += [f"    {o.name}: {spelled(o.text, PYTHON)}" for o in op.outputs]
+        lines += _entry(f"{name} : {text}, default {value!r}", meaning)
+    lines += [*_section("Returns"), forms(op)[-1].returns]
+    lines += ["    A dict of parts by name if more than one part is requested."] if len(forms(op)) > 1 else []
+    lines += ["    A list of these if several images are made."] if _several(op) else []
+    for o in op.outputs:
+        lines += _entry("", f"- {o.name}: {spelled(o.text, PYTHON)}", "      ")
+    lines += _section("Other Parameters") if few else []
+    lines += [line for p in few for line in _described(p)]
     lines += [
-        "",
-        "Raises",
-        "------",
+        *_section("Raises"),
         "oiiotex.Error",
-        "    With a one-line message that names the problem and the expected value.",
+        "    With the problem, the expected value and a hint, in one line.",
     ]
+    example = op.example or (f'>>> made = filters.{op.name}("photo.png")' if len(op.images()) == 1 else "")
+    if example:
+        lines += [*_section("Examples"), ">>> from oiiotex import filters", *example.rstrip().splitlines()]
     return "\n".join(lines)
+
+
+def _section(title: str) -> list[str]:
+    return ["", title, "-" * len(title)]
+
+
+def _entry(head: str, text: str, indent: str = "    ") -> list[str]:
+    """A line of numpydoc, followed by its wrapped description."""
+    return [head] * bool(head) + textwrap.wrap(
+        text, 100, initial_indent="    ", subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+
+
+def _described(p: Parameter) -> list[str]:
+    default = "" if p.required else f", default {p.default!r}"
+    text = spelled(p.help, PYTHON)
+    text += " A string is the name of a part of the first image, or a file name." if p.kind is None else ""
+    text += f" Expected: {spelled(p.expected, PYTHON)}." if p.ge is not None or p.le is not None or p.unit else ""
+    text += f" Default: {spelled(p.unset, PYTHON)}." if p.unset else ""
+    return _entry(f"{p.attribute} : {annotation(p)}{default}", text)

@@ -4,7 +4,7 @@
 import OpenImageIO
 import PyOpenColorIO
 
-from oiiotex.cli.printing import caches, devices, report, shells
+from oiiotex.cli.printing import caches, devices, help, report, shells
 from oiiotex.cli.running import frame_runs, parallel
 from oiiotex.cli.vocabulary import LANGUAGE
 
@@ -14,6 +14,7 @@ __all__ = [
     "caches",
     "devices",
     "frame_runs",
+    "help",
     "parallel",
     "report",
     "shells",

@@ -176,9 +176,9 @@ def test_a_tile_is_the_programs(folder):
     assert any(one.startswith("photo.png on Cube") for one in said)
     for text in (
         "Warning: --texstationarize: 40x40 px stretch a lattice",
-        "missing has no pixels that can be read: its file may be missing",
+        "missing has no readable pixels; its file may be missing",
         "/bin/false cannot start oiiotex",
-        "has no UV map: Smart UV Project makes one",
+        "has no UV map; add one, for example with Smart UV Project",
         "photo.png: color space Linear Rec.2020: expected sRGB, Linear Rec.709, Non-Color",
     ):
         assert any(text in one for one in said), done.stdout

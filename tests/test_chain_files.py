@@ -106,7 +106,7 @@ def test_the_same_chain_writes_the_same_file(folder, line):
         ("--oiioattrib limits:channels 2 a.png -o o.exr", 'exceeds "limits:channels" = 2'),
         ("--oiioattrib limits:chanels 2 a.png -o o.exr", "expected an attribute of OpenImageIO of type int"),
         ("small.tga --addc 0.1 --thumbnail-get -o o.exr", "expected an image with a thumbnail"),
-        ("a.png --thumbnail-set -o o.exr", "takes 2 image(s), there are 1"),
+        ("a.png --thumbnail-set -o o.exr", "expected 2 image(s) on the stack, found 1"),
     ],
 )
 def test_refused(folder, line, says):

@@ -210,9 +210,9 @@ def test_ops_without_number_do_not_nest_without_end(folder, tmp_path):
 
 
 def test_a_while_that_does_not_end_is_refused(tmp_path):
-    with pytest.raises(Error, match="still holds after 10 rounds: --maxloop allows more"):
+    with pytest.raises(Error, match="is still true after 10 rounds; raise --maxloop"):
         run(shlex.split("--maxloop 10 --while 1 --set i 1 --endwhile"), tmp_path)
-    with pytest.raises(Error, match="expected at most 100000 rounds; --maxloop allows more"):
+    with pytest.raises(Error, match="expected at most 100000 rounds; raise --maxloop"):
         run(shlex.split("--for i 1e12 --endfor"), tmp_path)
     assert run(shlex.split("--set i 0 --maxloop 10 --while '{i < 10}' --set i '{i+1}' --endwhile"), tmp_path) == 0
 
@@ -269,14 +269,14 @@ def test_no_error_exit_goes_on(folder, tmp_path, caplog):
     ("line", "says"),
     [
         ("a.png --endif", "--endif without --if"),
-        ("a.png --if 1 --flip", "--if has no end"),
-        ("a.png --for i 1,2,0 --endfor", "is no range"),
-        ("a.png --set 1x 3", "no name for a variable"),
-        ("a.png --swap -o x.png", "takes 2 image"),
-        ("a.png --stackextract 4", "there is no image 4"),
-        ("a.png --subimage 3", "has no part '3'; it has 0"),
+        ("a.png --if 1 --flip", "--if is not closed: expected --endif"),
+        ("a.png --for i 1,2,0 --endfor", "expected END, START,END or START,END,STEP"),
+        ("a.png --set 1x 3", "expected a name of a variable"),
+        ("a.png --swap -o x.png", "expected 2 image(s) on the stack, found 1"),
+        ("a.png --stackextract 4", "no image 4 on the stack"),
+        ("a.png --subimage 3", "has no part '3': expected one of 0"),
         ("a.png -o:tiel=3x3 x.png", "unknown modifier 'tiel', did you mean 'tile'?"),
-        ("a.png -o:all=0 100%.png", "expected one %d"),
+        ("a.png -o:all=0 100%.png", "expected a single %d"),
         ("a.png --addc x", "value=x"),
         ("a.png --echo '{TOP.widht}'", "widht"),
     ],
@@ -305,5 +305,5 @@ def test_ids_move_with_pixels_and_are_never_mixed(folder, tmp_path):
 
 
 def test_an_output_does_not_wait_for_an_image(folder, tmp_path):
-    with pytest.raises(Error, match="no image"):
+    with pytest.raises(Error, match="the stack is empty"):
         run(["-o", "x.png", str(folder / "a.png")], tmp_path)

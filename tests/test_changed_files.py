@@ -126,4 +126,4 @@ def test_an_input_that_another_changes_while_it_is_read_is_an_error(tmp_path, na
     striped(tmp_path / name)
     done = subprocess.run([sys.executable, "-c", CHANGED, name, how], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done
-    assert done.stdout == f"{name}: was changed by someone else while it was read\n"
+    assert done.stdout == f"{name}: the file was changed by another program while it was read\n"

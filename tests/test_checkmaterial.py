@@ -72,9 +72,9 @@ def test_words_of_findings():
     named = tuple(type(one)(one.parts, f"{n}.exr") for n, one in enumerate(images))
     _, findings = material_checks.check_material(named, ["color"] * 3, "opengl", Session().resources, Progress())
     said = [str(one) for one in findings]
-    assert "error: 0.exr: has 2 channels beside alpha: colors have one or three" in said
-    assert "error: 1.exr: 100 % of its pixels reflect more light than they get, or less than none" in said
-    assert any(one.startswith("error: 2.exr: does not say its color space: ") for one in said)
+    assert "error: 0.exr: has 2 channels apart from alpha: expected 1 or 3 for color" in said
+    assert "error: 1.exr: 100 % of its pixels are negative or reflect more light than they receive" in said
+    assert any(one.startswith("error: 2.exr: has no color space tag ") for one in said)
 
 
 def test_sizes_and_densities_that_differ():

@@ -268,7 +268,10 @@ def test_two_or_no_channels_are_no_color_but_may_be_data(config, names):
     count = len(names.replace("A", ""))
     with pytest.raises(ImageError) as caught:
         seen(image, config)
-    assert str(caught.value) == f"photo.exr has {count} channels beside alpha: no color; say --iscolorspace data"
+    assert str(caught.value) == (
+        f"photo.exr has {count} channels without alpha: expected 1 or 3 color channels;"
+        " add --iscolorspace data for maps other than color"
+    )
     assert seen(image, None)[0].shape == (2, 2, 3)
     tagged_as_data = image_of(np.ones((2, 2, len(names)), np.float32), names, "Raw")
     assert seen(tagged_as_data, config)[0].shape == (2, 2, 3)

@@ -188,9 +188,9 @@ def test_a_single_part_holds_the_photo_and_its_cryptomatte(folder, op):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("single=1", "say cryptomatte, too"),
-        ("single=1:cryptomatte=1:keep=1", "leave out keep"),
-        ("single=1:cryptomatte=1:keep=1:soft=1", "leave out keep, soft"),
+        ("single=1", "single=1: requires cryptomatte=1"),
+        ("single=1:cryptomatte=1:keep=1", "conflicts with keep:"),
+        ("single=1:cryptomatte=1:keep=1:soft=1", "conflicts with keep, soft:"),
     ],
 )
 def test_what_does_not_go_with_a_single_part_is_refused(folder, words, said):

@@ -89,7 +89,7 @@ def test_info_is_of_the_file(folder, capfd):
     ("line", "says"),
     [
         ("a.exr --texstationarize -o o.exr", "--texstationarize : a.exr is deep: expected a flat image"),
-        ("a.exr --blur 3x3 -o o.exr", "--blur : a.exr is deep: expected a flat image; put --flatten before it"),
+        ("a.exr --blur 3x3 -o o.exr", "--blur : a.exr is deep: expected a flat image; add --flatten before this step"),
         ("a.exr flat.exr --over -o o.exr", "--over : a.exr is deep"),
         ("a.exr b.exr --diff --flatten -o o.exr", "--diff : a.exr is deep"),
         ("a.exr --printstats --flatten -o o.exr", "--printstats : a.exr is deep"),

@@ -132,8 +132,8 @@ def test_tiff_holds_labels_with_their_names(folder):
 
 
 @pytest.mark.parametrize(("file", "lost"), [
-    ("t.hdr", "the color space ACEScg (read, it is lin_rec709_scene)"), ("t.tga", "the color space ACEScg"),
-    ("t.tga", "how it was made (oiiotex:"), ("t.bmp", "the color space ACEScg (read, it is srgb_rec709_scene)"),
+    ("t.hdr", "the color space ACEScg (it is read as lin_rec709_scene)"), ("t.tga", "the color space ACEScg"),
+    ("t.tga", "how it was made (oiiotex:"), ("t.bmp", "the color space ACEScg (it is read as srgb_rec709_scene)"),
 ])  # fmt: skip
 def test_what_a_format_cannot_say_is_warned_of(folder, caplog, file, lost):
     with caplog.at_level(logging.WARNING):
@@ -145,7 +145,7 @@ def test_what_a_format_cannot_say_is_warned_of(folder, caplog, file, lost):
 def test_chains_without_our_filters_are_written_as_oiiotool_writes_them(folder, caplog):
     assert run(["albedo.exr", "-d", "uint16", "-o", "plain.tif"], folder) == 0
     assert spec_of(folder / "plain.tif").getattribute("ImageDescription") is None
-    assert "plain.tif: tiff cannot say the color space lin_ap1_scene" in caplog.text
+    assert "plain.tif: tiff cannot store the color space lin_ap1_scene" in caplog.text
 
 
 # --- foreign hands ---

@@ -184,12 +184,12 @@ def test_an_image_stays_on_a_device_that_has_the_memory_for_it(memory, largest, 
 
 
 def test_budgets_of_host_and_device_are_two_figures():
-    with pytest.raises(DeviceError, match=r"a test needs 9 MB, .* gives 7 MB at most"):
+    with pytest.raises(DeviceError, match=r"a test needs 9 MB; .* allows at most 7 MB"):
         Buffers(gpu(8 << 20, 9 << 20), {"a": 9 << 20}, 64 << 30, "a test")
     device = gpu(8 << 20, 8 << 20)
     with Buffers(device, {"a": 3 << 20}, 1 << 20, "a test"):  # the host's budget is smaller
         assert device.taken == 3 << 20
-        with pytest.raises(DeviceError, match=r"a test needs 5 MB, .* gives 4 MB at most"):
+        with pytest.raises(DeviceError, match=r"a test needs 5 MB; .* allows at most 4 MB"):
             Buffers(device, {"a": 5 << 20}, 1 << 20, "a test")
     assert device.taken == 0
     with pytest.raises(MemoryBudgetError, match="a test needs 2 MB of memory; the budget is 1 MB"):
@@ -229,7 +229,7 @@ def test_what_takes_much_says_it(caplog, monkeypatch, device):
     monkeypatch.setattr(buffers, "_WORTH_SAYING", 1 << 20)
     caplog.set_level(logging.INFO, "oiiotex")
     with Buffers(device, {"a": 3 << 20}, 1 << 30, "a tile"):
-        assert f"a tile takes 3 MB of {device.info.name}" in caplog.text
+        assert f"a tile uses 3 MB of {device.info.name}" in caplog.text
 
 
 def test_what_does_not_fit_an_int_is_an_error_and_does_not_wrap(device):
@@ -238,7 +238,7 @@ def test_what_does_not_fit_an_int_is_an_error_and_does_not_wrap(device):
         with pytest.raises(DeviceError, match=r"patchmatch_hold would count to -?2147483\d+, beyond 2\^31"):
             run("hold", shape, None, None, *numbers)
     assert offset_table(np.array([0, (1 << 31) - 1])).dtype == np.int32
-    with pytest.raises(DeviceError, match="a table of 2147483648 entries"):
+    with pytest.raises(DeviceError, match="a table has 2147483648 entries"):
         offset_table(np.array([0, 1 << 31]))
 
 

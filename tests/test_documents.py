@@ -33,7 +33,7 @@ NODE = '{"exemplars": [{"id": "a", "file": "a.png"}], '
         (NODE + '"seed": NaN}', "beyond 2^53"),
         (NODE + f'"seed": {10**400}}}', "beyond 2^53"),
         (NODE + f'"seed": {"9" * 5000}}}', "not JSON"),
-        (NODE + '"title": "\\ud800"}', "half of a surrogate pair"),
+        (NODE + '"title": "\\ud800"}', "unpaired surrogate"),
         ("[" * 100_000, "too deep"),
         (b"\xff\xfe", "not text in UTF-8"),
         ("[1]" + " " * (17 << 20), "larger than 16 MB"),
@@ -119,16 +119,16 @@ def test_a_fifo_is_refused_and_not_waited_for(tmp_path, photo):
 def test_arrays_are_refused_by_what_they_say_before_they_are_unpacked(tmp_path):
     path = tmp_path / "plan.npz"
     np.savez_compressed(path, facts=np.zeros(1 << 23, np.uint8))
-    with pytest.raises(ImageError, match="takes 9 MB of memory; the budget is 1 MB"):
+    with pytest.raises(ImageError, match="needs 9 MB of memory; the budget is 1 MB"):
         read_arrays(path, 1 << 20)
     lying = path.read_bytes()
     directory = lying.index(b"PK\1\2")
     path.write_bytes(lying[: directory + 24] + (100).to_bytes(4, "little") + lying[directory + 28 :])
-    with pytest.raises(ImageError, match="no arrays can be read"):
+    with pytest.raises(ImageError, match="cannot read arrays"):
         read_arrays(path, 1 << 20)
     with zipfile.ZipFile(path, "w") as packed:
         packed.writestr("facts.npy", b"\x93NUMPY\x01\x00v\x00{'descr': '|O', 'fortran_order': False, 'shape': (1,)}\n")
-    with pytest.raises(ImageError, match="no arrays can be read"):
+    with pytest.raises(ImageError, match="cannot read arrays"):
         read_arrays(path, 1 << 20)
 
 
@@ -155,7 +155,7 @@ def test_a_plan_of_odd_facts_is_refused(tmp_path, changed):
         else:
             arrays[name] = arrays[name].astype(change)
     np.savez(path, **arrays)
-    with pytest.raises(ImageError, match=r"no whole plan|another version|has no"):
+    with pytest.raises(ImageError, match=r"not a complete plan|another version|has no"):
         Plan.load(path, 1 << 30)
 
 
@@ -183,7 +183,7 @@ def test_what_is_written_keeps_mode_and_link(tmp_path):
     assert link.is_symlink() and target.read_text() == "new" and stat.S_IMODE(target.stat().st_mode) == 0o640
     link.unlink()
     link.symlink_to("a.txt")
-    with pytest.raises(ImageError, match="a link that leads nowhere"), temporary_beside(link):
+    with pytest.raises(ImageError, match="a broken link"), temporary_beside(link):
         pass
 
 
@@ -194,7 +194,7 @@ def test_a_strangers_link_in_a_folder_for_all_is_refused(tmp_path):
     link = tmp_path / "out.exr"
     link.symlink_to("mine")
     os.lchown(link, 12345, 12345)
-    with pytest.raises(ImageError, match="a link of somebody else"), temporary_beside(link):
+    with pytest.raises(ImageError, match="a link of another user in a shared folder"), temporary_beside(link):
         pass
 
 

@@ -121,8 +121,8 @@ WRONG: dict[str, tuple[str, dict[str, object], str, str]] = {
         "tile='z': expected one of 'xy', 'x', 'y', 'none'",
     ),
     "size": (
-        "stationarize:size=0x64", {"size": (0, 64)}, "size=0x64: expected pow2 or WIDTHxHEIGHT from 5",
-        "size=(0, 64): expected 'pow2' or (width, height) from 5",
+        "stationarize:size=0x64", {"size": (0, 64)}, "size=0x64: expected pow2 or WIDTHxHEIGHT from 5 to 65536 px",
+        "size=(0, 64): expected 'pow2' or (width, height) from 5 to 65536 px",
     ),
     "requires": ("synth:toroidal=1", {"toroidal": True}, "toroidal=1 requires size", "toroidal=True requires size"),
     "plan": ("quilt:render=1", {"render": True}, "render=1 requires plan=FILE", "render=True requires plan=FILE"),

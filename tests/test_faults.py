@@ -221,11 +221,11 @@ def shell(line: str, folder: Path) -> subprocess.CompletedProcess:
         ("oiiotex a.png --info --flip -o b.png <&- >&- 2>&-", 0, 0),
         ("oiiotex none.png --info --flip -o b.png >&-", 1, 1),
         ("oiiotex none.png 2>&-", 1, 0),
-        ("oiiotex --help >/dev/full", 1, 1),
+        ("oiiotex --help all >/dev/full", 1, 1),
         ("oiiotex --info a.png >/dev/full", 1, 1),
         ("oiiotex --echo x none.png >/dev/full", 1, 1),
         ("oiiotex none.png 2>/dev/full", 1, 0),
-        ("oiiotex --help | head -1 >/dev/null; exit 0", 0, 0),
+        ("oiiotex --help all | head -1 >/dev/null; exit 0", 0, 0),
     ],
 )
 def test_closed_full_and_broken_streams_are_no_traceback(tmp_path, picture, line, code, says):

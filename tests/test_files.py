@@ -134,7 +134,7 @@ def test_what_is_no_image_is_refused_by_name(tmp_path, name):
         path.mkdir()
     else:
         path.write_text("" if name.startswith("empty") else "not an image\n" * 100)
-    says = "a folder" if name == "folder" else "not an image that can be read: "
+    says = "a folder" if name == "folder" else "cannot read the image: "
     assert refusal(read, path).startswith(f"{path}: {says}")
 
 
@@ -338,4 +338,4 @@ def test_hints_reach_the_reader(tmp_path):
 def test_a_name_that_is_not_utf_8_is_refused(tmp_path):
     name = os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9.exr")
     Path(name).write_bytes(b"")
-    assert refusal(read, name) == f"{tmp_path}/caf\\xe9.exr: OpenImageIO opens only names that are UTF-8"
+    assert refusal(read, name) == f"{tmp_path}/caf\\xe9.exr: the file name is not UTF-8, as OpenImageIO requires"

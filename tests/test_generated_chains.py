@@ -13,7 +13,7 @@ from tests.peer import OIIOTOOL
 DIFFERENCES = (Path(__file__).parents[1] / "docs" / "reference" / "differences.md").read_text()
 LISTED = {  # numbers of chains that differ, by the words that list why
     "An untagged image where a color space is needed": (34, 39, 42, 46, 50, 58, 68),
-    "options that want more images than there are": (15, 75),
+    "options that require more images than there are": (15, 75),
     "`--rotate90` and `--rotate270` misplace pixels of display windows off the": (5, 82),
     "`--fit` forgets the origin of `WxH+X+Y` and of display windows": (25, 55),
     "`--max` and `--mad` of images with different channel counts": (91,),

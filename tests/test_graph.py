@@ -46,7 +46,7 @@ def test_photos_become_a_chain_that_is_synthesized_at_once(folder):
     run_in(folder, "small.png", "small.png", "--texgraph:json=small.json", "-o", "small_graph.png")
     assert read_graph(folder / "small.json").edges == (Edge(0, 1, 1),)  # r_max = L - 3
     done = run_in(folder, "moss.png", "moss.png", "--texgraph:json=twice.json:loop=1", "-o", "twice.png")
-    assert "scale is not said: each photo is taken to be 8 times finer" in done.stderr
+    assert "no scale given: assuming that each photo is 8 times finer" in done.stderr
     graph = read_graph(folder / "twice.json")
     assert graph.names == ("moss", "moss-2") and graph.edges == (Edge(0, 1, 3), Edge(1, 1, 1))
 
@@ -96,10 +96,10 @@ def photo(folder, name):
 
 
 WRONG = [
-    (("moss", "gray"), {}, "gray.png has channels Y, .*moss.png has R,G,B"),
-    (("moss", "bricks"), {"scale": (2, 3, 4)}, "scale=.2.0, 3.0, 4.0.: expected one number, or 1 for as many edges"),
-    (("moss", "bricks"), {"scales": 2}, "scales=2: there are 2 photos; it cuts one"),
-    (("moss",), {"scales": 4}, "scales=4: reduced 8 times .*moss.png is 8 px wide or high; an exemplar has 16"),
+    (("moss", "gray"), {}, "gray.png has channels Y: expected R,G,B, as .*moss.png"),
+    (("moss", "bricks"), {"scale": (2, 3, 4)}, "scale=.2.0, 3.0, 4.0.: expected one number, or one for each edge .1."),
+    (("moss", "bricks"), {"scales": 2}, "scales=2: expected one photo, not 2"),
+    (("moss",), {"scales": 4}, "scales=4: reduces .*moss.png to 8 px: expected at least 16 px"),
     (("moss",), {"scales": 2, "scale": 3}, "scale=.3.0,.: expected one power of two >= 2, with scales"),
     (("moss",), {"loop": 5}, r"edge moss -> moss: r=5 is more than r_max = L - 3 = 3 of exemplars"),
     (("small",), {"graph": "none.json"}, "graph: takes 0 images"),
@@ -117,8 +117,8 @@ def test_what_is_wrong_is_said(folder, names, values, message):
 
 def test_a_graph_names_files_that_hold_what_was_seen(folder):
     done = oiiotex("moss.png", "--mulc", "0.5", "--texgraph:json=never.json", "-o", "never.png", cwd=folder)
-    assert done.returncode == 1 and "moss.png was changed since it was read" in done.stderr
-    with pytest.raises(errors.ImageError, match="is no file, which the graph could name: write it first"):
+    assert done.returncode == 1 and "moss.png differs from its file, which the graph names" in done.stderr
+    with pytest.raises(errors.ImageError, match="is not a file that the graph can name; write it to a file first"):
         filters.graph(oiio.ImageBufAlgo.resize(photo(folder, "moss.png"), roi=oiio.ROI(0, 32, 0, 32)),
                       json=folder / "never.json")  # fmt: skip
     assert not (folder / "never.json").exists()

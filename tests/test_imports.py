@@ -19,7 +19,16 @@ print()
 print(*sys.modules)
 """
 NEEDED = {"numpy", "OpenImageIO", "PyOpenColorIO", "pyopencl"}
-PYOPENCLS = {"pytools", "platformdirs", "typing_extensions", "siphash24", "mmh3", "cython_runtime"}  # some of them
+PYOPENCLS = {
+    "pytools",
+    "attr",
+    "attrs",
+    "platformdirs",
+    "typing_extensions",
+    "siphash24",
+    "mmh3",
+    "cython_runtime",
+}  # those installed
 
 
 LARGE = {"numpy", "OpenImageIO", "PyOpenColorIO", "pyopencl", "scipy"}
@@ -44,12 +53,14 @@ def ours(modules: list[str]) -> set[str]:
     ("words", "code", "most"),
     [
         (["--version"], 0, 15),
-        ([], 0, 15),
-        (["--help", "texstationarize:sigma"], 0, 84),
-        (["--help", "resize"], 0, 30),
-        (["--help"], 0, 192),
-        (["--manpage"], 0, 192),
-        (["--completion", "bash"], 0, 192),
+        ([], 0, 16),
+        (["--help", "texstationarize:sigma"], 0, 85),
+        (["--help", "resize"], 0, 31),
+        (["--help"], 0, 16),
+        (["--help", "scaling"], 0, 30),
+        (["--help", "all"], 0, 193),
+        (["--manpage"], 0, 193),
+        (["--completion", "bash"], 0, 193),
         (["--cache-info"], 0, 15),
         (["--nonsense"], 1, 15),
         (["photo.png", "--texlabel:persistance=0.5", "-o", "x.exr"], 1, 34),

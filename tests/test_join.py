@@ -54,7 +54,7 @@ def test_overscan_and_parts_come_along():
     assert list(made) == ["joined", "st"]
     assert Window.data(made["st"].spec()) == Window(-5, 0, 70, 50)
     np.testing.assert_array_equal(made["st"].get_pixels(oiio.FLOAT)[:, :70], wide)
-    with pytest.raises(errors.ImageError, match=r"has the parts beauty, .* has beauty,st"):
+    with pytest.raises(errors.ImageError, match=r"has parts beauty: expected beauty,st, as"):
         filters.join({"beauty": over, "st": over}, {"beauty": rest})
 
 
@@ -82,7 +82,7 @@ OTHER[25, 7, 1] += 1e-6
 WRONG = [
     (
         lambda: (share(0, 0, 70, 20), share(0, 30, 70, 50)),
-        r"^join: 70x10\+0\+20 of 70x50\+0\+0 is in none of the 2 images",
+        r"^join: 70x10\+0\+20 of 70x50\+0\+0 is not covered by the 2 images",
     ),
     (
         lambda: (
@@ -91,18 +91,24 @@ WRONG = [
         ),
         r"^join: tiles=2/3 missing: 70x10\+0\+20 of",
     ),
-    (lambda: (share(0, 0, 70, 30), share(0, 20, 70, 50, OTHER)), r"overlap in 70x10\+0\+20 and differ .* at 7,25$"),
-    (lambda: (share(0, 0, 70, 30), share(0, 30, 70, 50, WHOLE[..., :1])), "has channels Y, .* has R,G,B: shares"),
+    (
+        lambda: (share(0, 0, 70, 30), share(0, 20, 70, 50, OTHER)),
+        r"differ where they overlap \(70x10\+0\+20\), first at 7,25$",
+    ),
+    (
+        lambda: (share(0, 0, 70, 30), share(0, 30, 70, 50, WHOLE[..., :1])),
+        "has channels Y: expected R,G,B, .*; all must be crops",
+    ),
     (
         lambda: (
             share(0, 0, 70, 30, oiiotex_parameters="seed=1:x=2"),
             share(0, 30, 70, 50, oiiotex_parameters="seed=2"),
         ),
-        "has been made with seed=2, .* has seed=1: shares",
+        "has parameter seed=2: expected seed=1, .*; all must be crops",
     ),
     (
         lambda: (share(0, 0, 70, 30, oiiotex_plane="a"), share(0, 30, 70, 50, oiiotex_plane="b")),
-        "are shares of different textures: the graph, the seed or another",
+        "are crops of different textures: the graph, the seed or another",
     ),
 ]  # fmt: skip
 
@@ -144,11 +150,11 @@ def test_a_farms_shares_are_one_run_by_texjoin_mosaic_and_paste(farm):
 
 def test_faults_on_the_command_line_name_files(farm):
     done = oiiotex("share1.exr", "share3.exr", "--texjoin", "-o", "never.exr", cwd=farm)
-    line = "oiiotex ERROR: --texjoin : tiles=2/3 missing: 70x16+0+16 of 70x48+0+0 is in none of the 2 images\n"
+    line = "oiiotex ERROR: --texjoin : tiles=2/3 missing: 70x16+0+16 of 70x48+0+0 is not covered by the 2 images\n"
     assert (done.returncode, done.stderr) == (1, line) and not (farm / "never.exr").exists()
     run_in(farm, "share1.exr", "-d", "half", "-o", "half.exr")
     done = oiiotex("half.exr", "share2.exr", "share3.exr", "--texjoin", "-o", "never.exr", cwd=farm)
-    assert "share2.exr has pixels of type float, half.exr has half" in done.stderr
+    assert "share2.exr has pixel type float: expected half, as half.exr" in done.stderr
     save(np.zeros((5, 5, 3)), farm / "small.exr", "float")
     done = oiiotex("share1.exr", "share2.exr", "share3.exr", "small.exr", "--texjoin", "-o", "never.exr", cwd=farm)
-    assert "small.exr has the parts" in done.stderr
+    assert "small.exr has parts" in done.stderr

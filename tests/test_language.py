@@ -8,17 +8,19 @@ import re
 import shlex
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
-from oiiotex.cli.language.parse import Refused, parse
-from oiiotex.cli.printing import report, shells
+from oiiotex.cli.language.parse import Refused, names_of, parse
+from oiiotex.cli.printing import help, report, shells
 from oiiotex.cli.vocabulary import LANGUAGE, REFUSED
+from oiiotex.core.op import Op
 from oiiotex.errors import ParameterError
 from tests.conftest import oiiotex
 from tests.peer import OIIOTOOL
 
-OURS_BEGIN = "--tex"
+ROOT = Path(__file__).parents[1]
 
 
 def help_of_oiiotool() -> list[tuple[str, int, str]]:
@@ -83,13 +85,13 @@ def test_what_is_refused_says_why(refused):
 
 def test_no_op_of_ours_hides_one_of_oiiotools(theirs):
     known = {name.lstrip("-") for name, _, _ in theirs}
-    ours = [op.flag().lstrip("-") for op in LANGUAGE.ops["Texture filters"]]
+    ours = [op.flag().lstrip("-") for ops in LANGUAGE.ops.values() for op in ops if op.prefix == Op.prefix]
     assert all(name.startswith("tex") for name in ours) and not known & set(ours)
     assert not any(name.startswith("o") for name in ours)  # sequences take -o... for an output
 
 
 def test_help_shows_our_filters_first_and_every_option_once():
-    text = oiiotex("--help").stdout
+    text = oiiotex("--help", "all").stdout
     assert text.index("--texstationarize") < text.index("--resize")
     for option in LANGUAGE.options:
         assert text.count(f"\n  {option.name} ") == 1, option.name
@@ -126,6 +128,14 @@ def test_versions_of_everything_are_said():
         ("--resi", ["--resize"]),
         ("--resize:fil", ["filter="]),
         ("--texstationarize:sigma=3:se", ["seed="]),
+        ("--help scal", ["scaling", "scale"]),
+        ("--help texq", ["texquilt"]),
+        ("--help --resi", ["--resize"]),
+        ("-h al", ["all"]),
+        ("--help :see", ["seed", "seeds"]),
+        ("--help quilt:see", ["seed"]),
+        ("--help --texquilt:see", ["seed"]),
+        ("--help resize:fil", ["filter"]),
     ],
 )
 def test_completion_in_bash(typed, wanted):
@@ -138,7 +148,7 @@ def test_completion_in_bash(typed, wanted):
 
 
 def test_completion_for_another_shell_is_refused():
-    assert "allowed is bash, zsh or fish" in oiiotex("--completion", "tcsh").stderr
+    assert "--completion tcsh: expected bash, zsh or fish" in oiiotex("--completion", "tcsh").stderr
 
 
 def test_completion_in_fish_knows_every_option_and_modifier():
@@ -157,7 +167,8 @@ def test_completion_in_fish_knows_every_option_and_modifier():
 
 @pytest.mark.skipif(not shutil.which("fish"), reason="no fish")
 def test_completion_in_fish():
-    for typed, wanted in (("--texsta", "--texstationarize"), ("--texstationarize:sigma=3:se", "seed=")):
+    cases = {"--texsta": "--texstationarize", "--texstationarize:sigma=3:se": "seed="}
+    for typed, wanted in (cases | {"--help scal": "scaling", "--help :se": ":seed", "--help texq": "texquilt"}).items():
         probe = f"{shells.completion('fish')}\ncomplete -C 'oiiotex a.exr {typed}'"
         assert wanted in subprocess.run(["fish", "-c", probe], capture_output=True, text=True).stdout
 
@@ -176,15 +187,80 @@ def test_groff_takes_the_manual():
     assert "texture filters in an oiiotool-style chain" in done.stdout
 
 
-def test_the_program_alone_says_ten_lines():
+def test_the_program_alone_and_help_print_one_screen_of_lines_to_copy():
     done = oiiotex()
-    assert done.returncode == 0 and len(done.stdout.splitlines()) == 10
-    assert "usage: " in done.stdout and "--help" in done.stdout
+    lines = done.stdout.splitlines()
+    assert done.returncode == 0 and done.stdout == oiiotex("--help").stdout == help.topic() + "\n"
+    assert len(lines) <= 24 and max(map(len, lines)) <= 100
+    shown = re.findall(r"^  oiiotex (.*)", done.stdout.replace("\\\n", ""), re.MULTILINE)
+    assert len(shown) == 10
+    for line in shown:
+        words = shlex.split(re.sub(r"   .*", "", re.sub(r"(?<=normal) {3,}", " ", line)))
+        assert any(parse(words, LANGUAGE).steps)
+    for word in re.findall(r"--help ([\w:]+)", done.stdout):
+        assert word == "stains" or help.topic(word)
+
+
+def test_every_group_has_a_word_that_names_no_op():
+    groups = {word: overview for word in help.words() if (overview := help.topic(word))}
+    assert len(set(groups.values())) == len(groups) == len(set(LANGUAGE.words.values())) + 1
+    assert set(LANGUAGE.words) >= {*LANGUAGE.ops, *LANGUAGE.groups}
+    for word in groups:
+        with pytest.raises(ParameterError):
+            report.find(word)
+    for heading, word in LANGUAGE.words.items():
+        declared = {**LANGUAGE.ops, **LANGUAGE.groups}.get(heading, ())
+        for one in declared:
+            assert f"\n  {names_of(one)[0]}" in groups[word] and f"\n  {names_of(one)[0]}" in groups["all"]
+    assert "--texstationarize" in groups["texture"] and "--resize" not in groups["texture"]
+    assert "--resize" in groups["scaling"] and "--texstationarize" not in groups["scaling"]
+
+
+def test_a_modifier_alone_names_all_that_have_it():
+    text = help.topic(":seed")
+    assert text.startswith(":seed=\n\n") and text == help.topic(":seed=")
+    listed = {flag for head in re.findall(r"^(-[^:]*):$", text, re.MULTILINE) for flag in re.split(r",\s+", head)}
+    assert listed == {flag for flag, _, _, known in shells.declarations() if "seed" in {p.name for p in known}}
+    assert "An integer from 0 to 4294967295. Default: 0." in " ".join(text.split())
+    assert "-o" in help.topic(":udim") and "--texwarp" not in help.topic(":udim")
+
+
+@pytest.mark.parametrize(
+    ("word", "hint"),
+    [
+        ("stationarise", "did you mean --help --texstationarize?"),
+        ("--texwrap", "did you mean --help --texwarp?"),
+        ("resise:filter", "did you mean --help --resize?"),
+        ("sigma", "did you mean --help :sigma?"),
+        (":sgima", "did you mean --help :sigma?"),
+        ("chanels", "did you mean --help channels?"),
+        ("bricks", "see docs/how-to/bricks-and-tiles.md"),
+        ("Nuke", "see docs/how-to/nuke.md"),
+        ("stains", "see docs/how-to/stains-and-gradients.md, --texflatten"),
+        ("qqqq", "oiiotex --help all lists everything"),
+        (":", "oiiotex --help all lists everything"),
+    ],
+)
+def test_an_unknown_word_names_what_is_near_or_mentions_it(word, hint):
+    done = oiiotex("--help", word)
+    expected = f"oiiotex ERROR: --help {word}: expected a group, an op, OP:MODIFIER or :MODIFIER; {hint}"
+    assert (done.returncode, done.stdout) == (1, "") and done.stderr.startswith(expected), done.stderr
+
+
+def test_every_title_of_the_how_to_pages_is_searched():
+    titles = re.findall(r"\| \[([^\]]+)\]\(([\w-]+\.md)\)", help._how_to())
+    assert {file for _, file in titles} >= {page.name for page in (ROOT / "docs/how-to").glob("*.md")} - {
+        "index.md",
+        "library.md",
+    }
 
 
 def test_the_page_of_a_modifier():
     assert report.page("stationarize:sigma").startswith("--texstationarize:sigma=\n\nScale in pixels above which")
-    assert "Allowed: a number >= 0.5" in report.page("--texstationarize:sigma")
+    assert "A number from 0.5 to 1000000 px." in report.page("--texstationarize:sigma").replace("\n", " ")
+    assert "Example: --texstationarize:sigma=" in report.page("--texstationarize:sigma")
+    assert " A number from 0.5 to " in report.page("--texstationarize:sigma")
+    assert all("Allowed" not in report.page(flag) for flag, *_ in shells.declarations())
     assert report.page("-o:tile").startswith("-o:tile=")
     with pytest.raises(ParameterError, match="has no modifier 'sigm', did you mean 'sigma'"):
         report.page("stationarize:sigm")

@@ -160,7 +160,7 @@ def test_a_broken_catalog_is_written_anew_from_the_folders(photos, tmp_path, her
     brought_in(photos, library, recipe())
     (library / runs.FILE).write_bytes(b"no database" * 1000)
     with pytest.raises(
-        errors.Error, match=r"library.sqlite: file is not a database: remove .*library.sqlite[*] and ingest"
+        errors.Error, match=r"library.sqlite: file is not a database; remove .*library.sqlite[*] and run ingest"
     ):
         run(["list", str(library)])
     (library / runs.FILE).unlink()
@@ -181,9 +181,9 @@ def test_an_emptied_catalog_is_no_library_without_assets(photos, tmp_path, here,
         with contextlib.closing(sqlite3.connect(path)) as data, data:
             data.execute("PRAGMA foreign_keys=ON")
             data.execute("DELETE FROM assets" if damage == "no rows" else "DROP TABLE assets")
-    says = "no such table: assets: remove it and" if damage == "no table" else "names no asset, though there are"
+    says = ": no such table: assets; remove it and" if damage == "no table" else " is empty, but the library has assets"
     for command in ("list", "check", "gc"):
-        with pytest.raises(errors.Error, match=f"{runs.FILE}: {says}.* ingest again"):
+        with pytest.raises(errors.Error, match=f"{runs.FILE}{says}.* run ingest again"):
             run([command, str(library)])
     if damage == "no table":
         path.unlink()
@@ -249,7 +249,7 @@ def test_a_photo_that_is_not_there_fails_alone(photos, tmp_path, here, monkeypat
     tally, said = brought_in(photos, tmp_path / "library", recipe())
     assert (tally.status, tally.counts) == (1, {"failed": 2, "ok": 2})
     for name in ("gone", "linked"):
-        assert f"{name}: failed: {name}_diff.png: cannot be read: No such file or directory" in said
+        assert f"{name}: failed: {name}_diff.png: cannot read: No such file or directory" in said
     with Catalog(tmp_path / "library") as catalog:
         assert catalog.assets()["linked"].status == "failed" and list(check(catalog)) == []
 
@@ -264,7 +264,7 @@ def test_a_photo_whose_name_is_no_text_fails_alone(photos, tmp_path, here, capsy
     library = tmp_path / "library"
     tally, said = brought_in(photos, library, recipe())
     assert (tally.status, tally.counts) == (1, {"failed": 1, "asked": 1, "ok": 2})
-    assert r"caf: failed: caf\udce9_diff.png: its name is not UTF-8: rename it" in said
+    assert r"caf: failed: caf\udce9_diff.png: the file name is not UTF-8; rename it" in said
     with Catalog(library) as catalog:
         write_report(catalog, "library")
     assert run(["list", str(library), "--status", "asked"]) == 0 and r"caf\udce9_x_col" in capsys.readouterr().out
@@ -305,14 +305,14 @@ def test_a_material_of_one_name_in_two_folders_is_asked_for(photos, tmp_path, he
     other.mkdir()
     save(drawn.pebbles(24, 24, 7), other / "gravel.png")
     tally, said = brought_in(other, library, recipe())
-    assert tally.status == 3 and "has a material of that name, too" in said[0]
+    assert tally.status == 3 and "also has a material of that name" in said[0]
     shutil.move(photos, tmp_path / "moved")
     tally, _ = brought_in(tmp_path / "moved", library, recipe())
     assert (tally.made, tally.status) == (0, 0)
 
 
 def test_photos_and_library_are_two_folders(photos):
-    with pytest.raises(errors.Error, match="photos and library are one folder"):
+    with pytest.raises(errors.Error, match="photos and library are the same folder"):
         brought_in(photos, photos, recipe())
 
 
@@ -342,5 +342,5 @@ def test_check_finds_every_kind_of_damage(photos, tmp_path, here, capsys):
     (folder / "tile/roughness.exr").unlink()
     assert run(["check", str(library)]) == 1
     text = capsys.readouterr().out
-    assert "color.tx: is not what was written" in text and "roughness.exr: is not there" in text
-    assert "wall.mtlx" in text and text.splitlines()[-1].startswith("2 assets, 3 faults")
+    assert "color.tx has changed since it was written" in text and "roughness.exr is missing" in text
+    assert "wall.mtlx" in text and text.splitlines()[-1].startswith("2 assets, 3 errors")

@@ -135,7 +135,7 @@ def test_two_runs_at_once_share_the_work(folder):
         ),
         (["ingest", "photos", "x", "--recipe", "recipe.toml", "--farm", "openjd=j.json,0"], "openjd=FILE,SHARES"),
         (["ingest", "photos", "x", "--recipe", "recipe.toml", "--share", "1/1000000"], "I from 1 to N, N to 999999"),
-        (["list", "photos"], "photos: no library: oiiotex-library ingest PHOTOS photos makes one"),
+        (["list", "photos"], "photos is not a library; create one with oiiotex-library ingest PHOTOS photos"),
         (["lst", "photos"], "invalid choice: 'lst'"),
         (["export", "photos", ""], "argument FOLDER: '': expected a path"),
     ],

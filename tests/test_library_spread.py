@@ -79,7 +79,7 @@ def test_a_material_that_kills_its_process_takes_no_other_with_it(tmp_path, monk
     assert tally.counts == {"failed": 4}
     assert sorted(said) == [
         "a: failed: made", "b: failed: made",
-        "deadly: failed: its process has ended of itself: killed, or out of memory?", "z: failed: made",
+        "deadly: failed: its process has ended unexpectedly (killed, or out of memory)", "z: failed: made",
     ]  # fmt: skip
 
 

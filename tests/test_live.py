@@ -305,8 +305,8 @@ def test_two_pages_see_the_same_and_a_killed_server_is_reopened(page, browser, s
     other = browser.new_page()
     other.goto(served.url)
     other.wait_for_selector("[data-tile=whole]")
-    page.select_option("select[title^='What looks']", json.dumps("moments"))
-    wait(other, "document.querySelector(\"select[title^='What looks']\").value === '\"moments\"'")
+    page.select_option("select[title^='Statistics']", json.dumps("moments"))
+    wait(other, "document.querySelector(\"select[title^='Statistics']\").value === '\"moments\"'")
     page.keyboard.press("v")
     page.wait_for_timeout(1200)  # the last second may be lost
     page.keyboard.press("b")
@@ -322,9 +322,9 @@ def test_two_pages_see_the_same_and_a_killed_server_is_reopened(page, browser, s
         for one in (page, other):
             wait(one, "document.getElementById('link').textContent === ''")
             one.wait_for_selector("[data-tile=whole]")
-            assert one.input_value("select[title^='What looks']") == '"moments"'
+            assert one.input_value("select[title^='Statistics']") == '"moments"'
         os.kill(resident_pid(folder), signal.SIGKILL)  # the one that works: another is started
-        other.select_option("select[title^='What looks']", json.dumps("histogram"))
+        other.select_option("select[title^='Statistics']", json.dumps("histogram"))
         measured = "document.querySelector('.measures').textContent.includes('seam ratio')"
         wait(page, f"{measured} && !document.querySelector('.stale')")
     finally:

@@ -228,7 +228,7 @@ def test_a_disk_that_takes_nothing_is_said_and_all_is_saved_when_it_does(
         page.wait_for_selector("#unsaved:not([hidden])")
         said = page.inner_text("#unsaved")
         assert said.startswith("Not saved: ") and why in said and str(tiny) in said
-        assert "Your work is kept in memory, and saving is tried again." in said
+        assert "Your work is kept in memory until saving succeeds." in said
         for width in (800, 1280, 1920):  # all of it can be read
             page.set_viewport_size({"width": width, "height": 720})
             box = page.locator("#unsaved").bounding_box()
@@ -266,7 +266,7 @@ def test_a_photo_with_other_labels_begins_another_painting_and_keeps_the_steps(b
     server = served(small, runtime)
     page = opened(browser, server.url)
     at_step(page, 2, 2)
-    assert "step 1 is kept, but cannot be shown: " in page.inner_text("#status.wrong")
+    assert "cannot show step 1 (it is kept): " in page.inner_text("#status.wrong")
     page.keyboard.press("Control+z")
     wait(page, "document.querySelector('#status').textContent.includes('step 1 is kept')")
     page.close()

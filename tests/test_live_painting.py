@@ -71,7 +71,7 @@ def test_layers_are_read_back_and_say_what_they_are_of(palette, tmp_path):
     assert step_facts(files[COARSE], CACHE) == {"seed": 7, "change": "Stroke \u00e9"}
     for facts in ({"seed": -1}, {"seed": True}, {"seed": 1 << 32}, {"seed": 1, "change": "x" * 1000}, {"change": 1}):
         palette.write(COARSE, tmp_path / "broken.png", painting[COARSE], facts)
-        with pytest.raises(ImageError, match=r"broken\.png: its oiiotex:step is broken: expected seed, an integer"):
+        with pytest.raises(ImageError, match=r"broken\.png: invalid oiiotex:step: expected seed, an integer"):
             step_facts(tmp_path / "broken.png", PieceCache(1 << 24))
 
 
@@ -92,13 +92,13 @@ def test_paintings_from_elsewhere_are_ids_or_colors(palette, tmp_path):
 @pytest.mark.parametrize(
     ("pixels", "legend", "said"),
     [
-        (np.full((64, 64, 1), 3), "", "ids that mean no label: 3 (4096 px, the first at 0,0)"),
-        (np.full((64, 64, 1), np.nan), "", "ids that mean no label: -1 (4096 px, the first at 0,0)"),
-        (np.full((64, 64, 1), 1e30), "", f"ids that mean no label: {2**53} (4096 px, the first at 0,0)"),
-        (np.full((64, 64, 3), 0.5), "", "colors that mean no label"),
-        (np.full((64, 32, 1), 7), "", "is of 32x64: a painting has 64 to 4096 px a side"),
-        (np.full((4, 4097, 1), 7), "", "is of 4097x4"),
-        (np.full((64, 64, 1), 7), '{"1": {"name": "leaf", "color": "0,204,255"}}', "with leaf, this palette has moss"),
+        (np.full((64, 64, 1), 3), "", "ids without a label: 3 (4096 px, first at 0,0)"),
+        (np.full((64, 64, 1), np.nan), "", "ids without a label: -1 (4096 px, first at 0,0)"),
+        (np.full((64, 64, 1), 1e30), "", f"ids without a label: {2**53} (4096 px, first at 0,0)"),
+        (np.full((64, 64, 3), 0.5), "", "colors without a label"),
+        (np.full((64, 32, 1), 7), "", "has 32x64 px: expected 64 to 4096 px per side"),
+        (np.full((4, 4097, 1), 7), "", "has 4097x4 px"),
+        (np.full((64, 64, 1), 7), '{"1": {"name": "leaf", "color": "0,204,255"}}', "with leaf: expected moss"),
         (np.full((64, 64, 1), 7), "[" * 5000, "its legend cannot be read"),
     ],
     ids=("ids", "NaN", "far", "colors", "small", "large", "legend", "deep"),
@@ -216,7 +216,7 @@ def test_a_link_is_no_folder_of_steps(tmp_path, spare):
     linked.folder.symlink_to(outside)
     assert linked.last == -1
     make(linked)
-    with pytest.raises(ImageError, match=r"linked\.paint: is no folder, and steps of the painting go there"):
+    with pytest.raises(ImageError, match=r"linked\.paint must be a folder, for the steps"):
         linked.save()
     assert len(list(outside.iterdir())) == 2 and linked.numbers == [0]
 
@@ -284,7 +284,7 @@ def test_a_table_takes_no_other_files_place(tmp_path):
     for path, text in ((table, '{"mine": 1}'), (table, "no JSON"), (table, "[]"), (tmp_path / "linked.json", "")):
         if text:
             path.write_text(text)
-        with pytest.raises(ImageError, match=f"{path.name}: is no palette's table, and would be replaced by one"):
+        with pytest.raises(ImageError, match=f"{path.name} is not a palette's table and would be overwritten"):
             require_replaceable(path)
 
 

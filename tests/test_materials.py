@@ -150,7 +150,7 @@ def test_n_takes_and_pushes_images_of_the_stack(tmp_path):
     known = {v.tobytes() for v in load(tmp_path / "normal.exr").reshape(-1, 3)}
     assert {v.tobytes() for v in load(tmp_path / "normal_t.exr").reshape(-1, 3)} <= known
     done = oiiotex("albedo.png", "normal.exr", op, "-o", "x.exr", cwd=tmp_path)
-    assert done.returncode == 1 and "takes 3 image(s), there are 2" in done.stderr
+    assert done.returncode == 1 and "expected 3 image(s) on the stack, found 2" in done.stderr
 
 
 def test_too_many_channels_are_refused_in_a_whole_sentence():

@@ -197,9 +197,9 @@ def test_orders_outside_and_of_other_measures_are_refused(op):
     for value in (1, 5):
         with pytest.raises(errors.ParameterError, match=rf"order={value}: .* from 2 to 4"):
             call(photo, measure="moments", order=value)
-    with pytest.raises(errors.ParameterError, match="order=3: goes with measure=moments, not with measure=histogram"):
+    with pytest.raises(errors.ParameterError, match="order=3: requires measure=moments, not measure=histogram"):
         call(photo, order=3)
-    with pytest.raises(errors.ParameterError, match=r"'histogram' \| 'moments' \| 'steerable'"):
+    with pytest.raises(errors.ParameterError, match=r"one of 'histogram', 'moments', 'steerable'"):
         call(photo, measure="haar")
 
 

@@ -80,7 +80,7 @@ def test_no_ffmpeg_of_the_current_folder_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for path in ("", ".", f".{os.pathsep}nowhere"):
         monkeypatch.setenv("PATH", path)
-        with pytest.raises(errors.ImageError, match=r"written by ffmpeg, which is not in \$PATH"):
+        with pytest.raises(errors.ImageError, match=r"requires ffmpeg, which is not in \$PATH"):
             write_movie(Path("z.mp4"), FRAMES, 24)
     assert not (tmp_path / "PWNED").exists()
 
@@ -94,7 +94,7 @@ def test_ffmpeg_itself_takes_what_it_is_told(tmp_path):
 
 def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch):
     monkeypatch.setattr(texzoom.Zoom, "opened", None)
-    with pytest.raises(errors.ImageError, match=r"a movie is a .gif or a .mp4"):
+    with pytest.raises(errors.ImageError, match=r"expected \.gif or \.mp4"):
         filters.zoom(PHOTO, movie=tmp_path / "z.avi")
     monkeypatch.setenv("PATH", "")
     with pytest.raises(errors.ImageError, match="ffmpeg"):

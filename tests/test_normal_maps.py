@@ -63,14 +63,14 @@ def test_an_untagged_png_that_seems_to_hold_normals_is_warned_of_once(tmp_path, 
     assert len(caplog.messages) == (said is not None)
     if said:
         line = caplog.messages[0]
-        assert line.startswith(said) and "says no color space" in line and "data=1" in line
+        assert line.startswith(said) and "has no color space tag" in line and "data=1" in line
 
 
 def test_a_tag_that_every_tool_writes_says_little_where_name_and_look_are_one(tmp_path, caplog):
     save(NORMAL, tmp_path / "stone_nor.png", space="srgb_rec709_scene")
     with caplog.at_level(logging.WARNING):
         assert run(["stone_nor.png", "--texflatten", "-o", "out.exr"], tmp_path) == 0
-    assert caplog.messages[0].startswith("stone_nor.png looks like a normal map, says sRGB")
+    assert caplog.messages[0].startswith("stone_nor.png looks like a normal map, but is tagged sRGB")
 
 
 @pytest.mark.parametrize("words", [

@@ -83,7 +83,7 @@ def test_names_of_all_alphabets_and_none_that_breaks_a_line(tmp_path):
     assert [name for name, _ in swatches((tmp_path / "p.aco").read_bytes())[2]] == ["M\u00f6rtel \U0001f9f1", "a b c"]
 
 
-@pytest.mark.parametrize(("name", "said"), [("p.txt", r"a palette is a \.gpl"), ("none/p.gpl", "no such folder")])
+@pytest.mark.parametrize(("name", "said"), [("p.txt", r"expected \.gpl"), ("none/p.gpl", "no such folder")])
 def test_a_palette_that_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch, name, said):
     monkeypatch.setattr(Palette, "compute", pytest.fail)
     with pytest.raises(errors.ImageError, match=said):
@@ -132,13 +132,13 @@ def naming(level: object, label: object, name: object) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("table", "said"),
     [
-        ({"255,0,0": 1}, "expected a table of --texpalette"),
+        ({"255,0,0": 1}, "expected a table from --texpalette"),
         ([], "expected a table"),
         (naming([], 1, "x"), "expected a table"),
-        (naming(1, 900, "x"), "no label.1/900"),
-        (naming(99, 1, "x"), "no label.99/1"),
-        (naming(1, 1, 7), "texts as names"),
-        (naming(1, True, "x"), "ids of 1 and up"),
+        (naming(1, 900, "x"), "label.1/900, which does not exist"),
+        (naming(99, 1, "x"), "label.99/1, which does not exist"),
+        (naming(1, 1, 7), "names that are strings"),
+        (naming(1, True, "x"), "integer ids >= 1"),
     ],
 )
 def test_names_that_do_not_fit_are_refused(tmp_path, table, said):

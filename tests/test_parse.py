@@ -146,19 +146,19 @@ def test_one_dash_or_two_and_aliases_mean_the_same_on_settings(name, words):
 def test_a_missing_argument_is_asked_for(option):
     for n in range(len(option.arguments)):
         words = ["a.exr", option.name, *(["x"] * n)]
-        assert refusal(read, *words) == f"{option.name} wants {option.arguments[n]} behind it"
+        assert refusal(read, *words) == f"{option.name} requires {option.arguments[n]} after it"
 
 
 @pytest.mark.parametrize("op", [op for op in OPS if op.arguments()], ids=lambda op: op.flag())
 def test_a_missing_word_behind_an_op_is_asked_for(op):
-    assert refusal(read, "a.exr", op.flag()) == f"{op.flag()} wants {op.arguments()[0].name.upper()} behind it"
+    assert refusal(read, "a.exr", op.flag()) == f"{op.flag()} requires {op.arguments()[0].name.upper()} after it"
 
 
 @pytest.mark.parametrize("option", [o for o in LANGUAGE.options if o.name != "--help"], **named)
 def test_an_unknown_modifier_is_refused_before_anything_is_done(option):
     text = refusal(read, f"{option.name}:qqqq=1", *["x"] * len(option.arguments))
     if option.run is None:
-        assert text == f"{option.name}:qqqq=1: {option.name} has no modifiers"
+        assert text == f"{option.name}:qqqq=1: {option.name} takes no modifiers"
     else:
         assert text.startswith(f"{option.name} : unknown modifier 'qqqq'")
 
@@ -178,7 +178,7 @@ def test_a_modifiers_value_is_checked_before_anything_is_done_unless_it_is_an_ex
     [line.split() for line in """
         --texstationarise         --texstationarize
         -texwrap                  --texwarp
-        --iscolorspace           --iscolorspace
+        --iscolourspace           --iscolorspace
         --fixnans                 --fixnan
         --thread                  --threads
         --texstationarise:sigma=3 --texstationarize
@@ -212,7 +212,7 @@ def test_a_language_says_what_is_refused_and_why(monkeypatch):
     (step,) = parse(["-D:depth=3", "here"], language).steps
     assert (step.option, step.op, step.arguments) == (dig, None, ("here",))
     assert values_of(step, {"depth": "3"}) == {"depth": 3}
-    assert refusal(parse, ["-fly", "up", "high"], language) == "-fly of oiiotool is not here: people cannot fly"
+    assert refusal(parse, ["-fly", "up", "high"], language) == "-fly of oiiotool is not supported: people cannot fly"
     assert refusal(parse, ["--dig:depth=-1", "here"], language).startswith("--dig : depth=-1: expected")
     assert refusal(parse, ["--texwarp"], language).startswith("unknown option '--texwarp'")
 
@@ -271,13 +271,13 @@ def test_an_empty_modifier_is_none_as_in_oiiotool(word, modifiers):
 @pytest.mark.parametrize(
     ("word", "says"),
     [
-        ("--op:a", "'a' is not NAME=VALUE"),
-        ("--op:=1", "'=1' is not NAME=VALUE"),
-        ("--op:a=1:b", "'b' is not NAME=VALUE"),
-        ("--op:a=1:a=2", "'a' is given twice"),
-        ("--op:a=1:b=2:a=1", "'a' is given twice"),
-        ('--op:a="x:b=1', 'the quote " is not closed'),
-        ("--op:a='", "the quote ' is not closed"),
+        ("--op:a", "'a': expected NAME=VALUE"),
+        ("--op:=1", "'=1': expected NAME=VALUE"),
+        ("--op:a=1:b", "'b': expected NAME=VALUE"),
+        ("--op:a=1:a=2", "modifier 'a' is given twice"),
+        ("--op:a=1:b=2:a=1", "modifier 'a' is given twice"),
+        ('--op:a="x:b=1', 'expected a closing "'),
+        ("--op:a='", "expected a closing '"),
     ],
 )
 def test_a_malformed_modifier_is_refused_with_the_word(word, says):

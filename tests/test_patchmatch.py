@@ -281,9 +281,17 @@ def test_the_hash_of_host_and_device_is_one(device):
 @pytest.mark.parametrize(
     ("domain", "shape", "text"),
     [
-        (Domain(40, 30, True, True), (30, 36, 3), "lab is 30 x 36 x 3, its geometry asks for 30 x 40 x 3"),
-        (Domain(36, 30, True, False), (30, 36, 3), "field is 30 x 36, its geometry asks for 26 x 36"),
-        (Domain(36, 30, True, True), (30, 36, 4), "lab is 30 x 36 x 4, its geometry asks for 30 x 36 x 3"),
+        (
+            Domain(40, 30, True, True),
+            (30, 36, 3),
+            "lab is 30 x 36 x 3: expected 30 x 40 x 3",
+        ),
+        (Domain(36, 30, True, False), (30, 36, 3), "field is 30 x 36: expected 26 x 36"),
+        (
+            Domain(36, 30, True, True),
+            (30, 36, 4),
+            "lab is 30 x 36 x 4: expected 30 x 36 x 3",
+        ),
     ],
 )
 def test_arrays_that_are_not_of_the_domains_size_are_refused(device, domain, shape, text):

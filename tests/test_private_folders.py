@@ -51,7 +51,7 @@ def test_a_folder_that_others_can_write_is_refused(folder, mode, tmp_path):
 
 def test_a_folder_that_others_could_exchange_is_refused(folder):
     folder.parent.chmod(0o777)
-    assert f"can write in {folder.parent}" in refused(folder)
+    assert f"can write to {folder.parent}" in refused(folder)
     folder.parent.chmod(0o1777)  # as /tmp is
     require_private(folder)
 
@@ -62,7 +62,7 @@ def test_a_folder_of_another_user_is_refused(folder):
     assert "another user" in refused(folder)
     os.chown(folder, 0, -1)
     os.chown(folder.parent, 12345, -1)
-    assert f"can write in {folder.parent}" in refused(folder)
+    assert f"can write to {folder.parent}" in refused(folder)
 
 
 @root_only
@@ -114,7 +114,7 @@ def test_without_a_safe_cache_folder_a_run_uses_a_temporary_one(tmp_path, spoil,
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "o.exr").exists()
     text = done.stdout + done.stderr
-    assert text.count("no cache is kept") == said and "Error" not in text and "Warning" not in text
+    assert text.count("caches of this run are temporary") == said and "Error" not in text and "Warning" not in text
     assert not list(tmp_path.glob("oiiotex-cache-*"))
     assert before == (sorted(str(path) for path in home.rglob("*")) if home.is_dir() else [])
 
@@ -139,7 +139,7 @@ def test_no_room_for_compiled_kernels_is_one_line(tmp_path):
     words = [sys.executable, "-c", limited, "a.exr", "--texsuperpixel", "-q", "-o", "o.exr"]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 1, done.stderr
-    assert done.stderr.count("\n") == 1 and "no room for compiled kernels" in done.stderr
+    assert done.stderr.count("\n") == 1 and "no space for compiled kernels" in done.stderr
     assert not (tmp_path / "o.exr").exists()
 
 
@@ -151,7 +151,7 @@ def test_a_simulator_is_used_only_where_it_is_named(monkeypatch):
     simulator = devices.DeviceInfo(0, "other", "Oclgrind Simulator", "Oclgrind", "1.2", 1 << 27, handle)
     monkeypatch.setattr(devices, "devices", lambda threads=0: [simulator])
     monkeypatch.delenv("OIIOTEX_DEVICE", raising=False)
-    with pytest.raises(NoDeviceError, match="Oclgrind Simulator, which --device must name"):
+    with pytest.raises(NoDeviceError, match="Oclgrind Simulator, which must be named by --device"):
         devices.choose()
     assert devices.choose("oclgrind") is simulator
     with pytest.raises(DeviceError, match="no device 'gpu'"):

@@ -152,8 +152,8 @@ def test_a_wrong_type_is_a_type_error():
 def test_errors_speak_python(tmp_path):
     broken = np.where(np.arange(3) == 1, np.nan, PHOTO / np.float32(255)).astype(np.float32)
     for call, said in (
-        (lambda: filters.stationarize(PHOTO), "array does not say its color space: add colorspace=NAME"),
-        (lambda: filters.stationarize(PHOTO), "or colorspace='data' where its channels are no colors"),
+        (lambda: filters.stationarize(PHOTO), "array has no color space tag ('oiio:ColorSpace'); add colorspace=NAME"),
+        (lambda: filters.stationarize(PHOTO), "or colorspace='data' for maps other than color"),
         (
             lambda: filters.stationarize(broken, colorspace=SRGB),
             "repair them with OpenImageIO.ImageBufAlgo.fixNonFinite",

@@ -65,8 +65,11 @@ def test_maps_are_gathered_by_folder_and_name_also_out_of_archives(tmp_path):
 def test_what_is_ambiguous_is_asked_for_and_the_recipe_answers(tmp_path):
     touched(tmp_path, "m_col_1k.png", "m_col_2k.png", "m_normal.png", "m_thing.png", "o_rough.png")
     found = names_of(tmp_path, recipe())
-    assert [re.sub(r"\W.*", "", question) for question in found["m"][1]] == ["which", "are"]
-    assert "which is its color?" in found["o"][1][0]
+    assert [question.split(":")[0].split("?")[0] for question in found["m"][1]] == [
+        "which file is the color",
+        "which convention do the normals have",
+    ]
+    assert "which file is the color?" in found["o"][1][0]
     answered = '[find]\nprefer = ["2k"]\nskip = false\n[assets.o]\nskip = true\n[assets.m]\nnormals = "directx"\n'
     found = materials(tmp_path, recipe(answered + LINE))
     by_name = {material.name: material for material in found}
@@ -79,7 +82,7 @@ def test_what_is_ambiguous_is_asked_for_and_the_recipe_answers(tmp_path):
 def test_a_nameless_file_beside_maps_is_asked_for(tmp_path):
     touched(tmp_path, "rock/rock.png", "rock/rock_rough.png")
     (question,) = names_of(tmp_path, recipe())["rock"][1]
-    assert question.startswith("what is rock/rock.png?")
+    assert question.startswith("which role has rock/rock.png?")
     told = recipe('[assets.rock]\nmaps = { color = "rock/rock.png" }\n' + LINE)
     assert names_of(tmp_path, told)["rock"] == ({"color": "rock/rock.png", "roughness": "rock/rock_rough.png"}, ())
 
@@ -157,16 +160,25 @@ def test_the_printed_recipe_holds_also_with_all_its_offers_taken(tmp_path):
         ('[[product]]\nname = "t"\nline = "$maps --texnothing $outputs"\n', "unknown option '--texnothing'"),
         ('[[product]]\nname = "t"\nline = "$maps --texflatten:sgma=2 $outputs"\n', "sgma"),
         ('[[product]]\nname = "t"\nline = "$color -o $output"\n', "0 products have [$]outputs"),
-        ('[[product]]\nname = "t"\nline = "$map $outputs"\n', "[$]map is no placeholder"),
-        ('[[product]]\nname = "t"\nline = "x$color $outputs"\n', "[$]color must be a word of its own"),
+        ('[[product]]\nname = "t"\nline = "$map $outputs"\n', "unknown placeholder [$]map"),
+        ('[[product]]\nname = "t"\nline = "x$color $outputs"\n', "[$]color must be a separate word"),
         ('[[product]]\nname = "t"\nline = "$maps \\"$outputs"\n', "No closing quotation"),
-        ('[[product]]\nname = "t"\nline = "$maps --texlive $outputs"\n', "t: --texlive: nobody looks on"),
-        ('[[product]]\nname = "t"\nline = "$maps $outputs --tev"\n', "--tev: nobody looks on"),
-        ('[[product]]\nname = "t"\nline = "$maps --farm dask=local:2 $outputs"\n', "--farm: .*ingest. spreads"),
-        ('[[product]]\nname = "t"\nline = "$maps --share 1/2 $outputs"\n', "--share: .*ingest. spreads"),
-        ('[[product]]\nname = "t"\nline = "$maps $outputs --join"\n', "--join: .*ingest. spreads"),
-        ('[[product]]\nname = "t"\nline = "$maps $outputs $outputs"\n', "[$]outputs stands twice"),
-        ('[[product]]\nname = "t"\nline = "$maps $outputs x.png"\n', "'x.png' behind [$]outputs: only options"),
+        (
+            '[[product]]\nname = "t"\nline = "$maps --texlive $outputs"\n',
+            "t: --texlive cannot be used in a",
+        ),
+        ('[[product]]\nname = "t"\nline = "$maps $outputs --tev"\n', "--tev cannot be used in a recipe"),
+        (
+            '[[product]]\nname = "t"\nline = "$maps --farm dask=local:2 $outputs"\n',
+            "--farm cannot be used .*ingest. distributes",
+        ),
+        (
+            '[[product]]\nname = "t"\nline = "$maps --share 1/2 $outputs"\n',
+            "--share cannot be used .*ingest. distributes",
+        ),
+        ('[[product]]\nname = "t"\nline = "$maps $outputs --join"\n', "--join cannot be used .*ingest. distributes"),
+        ('[[product]]\nname = "t"\nline = "$maps $outputs $outputs"\n', "[$]outputs occurs twice"),
+        ('[[product]]\nname = "t"\nline = "$maps $outputs x.png"\n', "'x.png' after [$]outputs: expected only options"),
         ('[[product]]\nname = "t"\nline = "$maps -o $outputs"\n', "t: -o would take the first word of [$]outputs"),
         ('[[product]]\nname = "t"\nline = "$maps -o $color $outputs"\n', "-o would take the first word of [$]color"),
         ('[[product]]\nname = "t"\nline = "$maps -o x.exr $outputs"\n', "-o x.exr: is not in the product's folder"),
@@ -182,7 +194,7 @@ def test_the_printed_recipe_holds_also_with_all_its_offers_taken(tmp_path):
         ),
         ('[[product]]\nname = "T"\nline = "$maps $outputs"\n', "name 'T': expected a-z"),
         ('[[product]]\nname = "t"\n', r"product\[0\]: line is missing: expected text"),
-        ("", "there is no .*product"),
+        ("", "no .*product.*: expected at least one"),
         (LINE + "[deliver]\nformat = 'png'\n", "deliver.format: expected 'exr' or 'tiff', not 'png'"),
         (LINE + "[deliver]\ntx = 1\n", "deliver.tx: expected true or false, not 1"),
         (LINE + "[delivr]\ntx = true\n", "unknown key 'delivr'.*deliver"),

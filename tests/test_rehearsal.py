@@ -42,11 +42,11 @@ def idle(monkeypatch):
 
 REFUSED = {
     "a format without ids": ("photo.png --texlabel -o lab.png", "png cannot hold part 'label.1' as uint"),
-    "a type that would lose ids": ("photo.png --texlabel -d uint8 -o lab.tif", "would lose its values"),
+    "a type that would lose ids": ("photo.png --texlabel -d uint8 -o lab.tif", "would change its values"),
     "ids behind a flip": ("photo.png --texlabel --flip -o lab.png", "cannot hold"),
     "parts in a format of one": ("photo.png --texstationarize:stmap=1 -o t.png", "png holds one image"),
     "a folder that is not there": ("photo.png --texstationarize -o nosuch/t.exr", "no such folder"),
-    "an unknown suffix": ("photo.png --texstationarize -o t.xyz", "no format writes '.xyz'"),
+    "an unknown suffix": ("photo.png --texstationarize -o t.xyz", "no writer for '.xyz'"),
     "a type that the format lacks": ("photo.png --texstationarize -d half -o t.png", "cannot hold"),
     "the second of two outputs": ("photo.png --texstationarize -o t.exr -o nosuch/t.exr", "no such folder"),
     "a texture's folder": ("photo.png --texstationarize -otex nosuch/t.tx", "no such folder"),
@@ -59,7 +59,7 @@ REFUSED = {
     "memory of synthesis": ("--cache 1 photo.png --texsynth -o t.exr", "the analyzed exemplars needs"),
     "memory of a tile": (
         "--cache 64 photo.png --texstationarize:size=2048x2048 -o t.exr",
-        "a tile of 2048x2048 from an exemplar of 96x80 needs",
+        "a tile of 2048x2048 px from an exemplar of 96x80 px needs",
     ),
     "memory of a tile whose size follows from the photo": (
         "--cache 64 --pattern checker 3000x3000 3 --iscolorspace sRGB --texstationarize -o t.exr",
@@ -77,10 +77,10 @@ REFUSED = {
     "a table over an input": ("photo.png --texlabel:json=photo.png -o l.exr", "would overwrite"),
     "a color space": ("photo.png --iscolorspace nosuch --texstationarize -o t.exr", "nosuch"),
     "an op that lacks an operand": ("photo.png --texstationarize -o t.exr --over", "image"),
-    "a loop without end": ("photo.png --texstationarize -o t.exr --for i 3", "--for has no end"),
+    "a loop without end": ("photo.png --texstationarize -o t.exr --for i 3", "--for is not closed: expected --endfor"),
     "a device's name": ("--device nosuch photo.png -o t.exr", "no device 'nosuch'"),
     "an output's type behind a filter": ("photo.png --texflatten -o t.exr -d foo -o u.exr", "unknown pixel type 'foo'"),
-    "too few operands behind a filter": ("photo.png --texflatten -o t.exr --add -o u.exr", "takes 2 image(s)"),
+    "too few operands behind a filter": ("photo.png --texflatten -o t.exr --add -o u.exr", "expected 2 image(s)"),
     "a setting behind a filter": ("photo.png --fft -o t.exr --tile 0 0 -o u.exr", "--tile"),
     "a modifier behind a filter": ("photo.png --texflatten -o t.exr --fixnan foo -o u.exr", "strategy=foo"),
     "a gap in a sequence": ("--frames 1-3 in.%04d.png --texstationarize -o out.%04d.exr", "in.0002.png: no such file"),
@@ -106,19 +106,19 @@ def test_what_does_not_fit_a_device_of_its_own_memory_is_said_before_the_work(fo
         self.own_memory, self.memory, self.largest = True, 18 << 20, 18 << 20
 
     monkeypatch.setattr(device.Device, "_measure", small)
-    with pytest.raises(Error, match=r"a tile of 16384x16384 .* needs \d+ MB, .* gives 16 MB at most"):
+    with pytest.raises(Error, match=r"a tile of 16384x16384 .* needs \d+ MB; .* allows at most 16 MB"):
         run(shlex.split("photo.png --texstationarize:size=16384x16384 -o t.exr"), folder)
     with pytest.raises(Worked):
         run(shlex.split("photo.png --texstationarize:size=64x64 -o t.exr"), folder)
 
 
 IN_VAIN = {
-    "no output": ("photo.png --texstationarize", "nothing was written: did you forget -o?"),
+    "no output": ("photo.png --texstationarize", "no file was written: did you forget -o?"),
     "a step behind the last output": (
         "photo.png -o p.png --texstationarize",
-        "--texstationarize behind the last output is not done: did you forget -o?",
+        "--texstationarize after the last output is skipped: did you forget -o?",
     ),
-    "a type behind the last output": ("photo.png -o p.png -d uint8", "-d uint8 behind the last output changes nothing"),
+    "a type behind the last output": ("photo.png -o p.png -d uint8", "-d uint8 after the last output has no effect"),
 }
 
 

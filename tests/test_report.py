@@ -121,7 +121,7 @@ def test_measures_are_what_v_says(tmp_path, caplog):
     found, text = measures(tmp_path / "r.json"), caplog.text
     assert f"texture cost {found['texture']:.2f} Lab^2" in text
     assert f"seam ratio x {found['seam_x_photo']:.2f} -> {found['seam_x']:.2f}" in text
-    assert f"{found['repeat']:.1f} times its share" in text
+    assert f"{found['repeat']:.1f} times its fair share" in text
     assert f"{100 * found['textured']:.0f} % of the tile" in text
 
 
@@ -179,10 +179,10 @@ def test_a_limit_beyond_is_a_quality_error_that_holds_the_result(tmp_path):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"fail": ["sea>1"]}, "fail=sea>1: no measure 'sea', did you mean 'seam'"),
+        ({"fail": ["sea>1"]}, "fail='sea>1': unknown measure 'sea', did you mean 'seam'"),
         ({"fail": ["seam=1"]}, "fail='seam=1': expected NAME>NUMBER or NAME<NUMBER"),
         ({"fail": ["seam>nan"]}, "expected NAME>NUMBER"),
-        ({"fail": ["seam>1"], "tile": "none"}, "fail=seam>1: seam is not measured of this result"),
+        ({"fail": ["seam>1"], "tile": "none"}, "fail='seam>1': seam is not measured for this result"),
         ({"fail": ["seam_y>1"], "tile": "x"}, "seam_y is not measured"),
         ({"fail": ["textured<1"]}, "textured is not measured"),
         ({"fail": "seam>1"}, "expected a sequence of strings"),
@@ -205,7 +205,7 @@ def test_what_does_not_fit_is_refused_with_the_figure_and_v_goes_on_without(tmp_
     small = Session(budget=40 << 20, measure=True)
     values = {"size": (700, 700), "patch": 32}
     filters.quilt(buffer(PHOTO), session=small, **values)
-    assert re.search(r"--texquilt: not measured: that would need \d+ MB of memory", caplog.text)
+    assert re.search(r"--texquilt: not measured: requires \d+ MB of memory", caplog.text)
     with pytest.raises(errors.ImageError, match=r"measuring the result needs \d+ MB of memory; the budget is 40 MB"):
         filters.quilt(buffer(PHOTO), session=small, fail=["loss>1"], **values)
 

@@ -144,7 +144,7 @@ def test_coarse_levels_are_means_of_allowed_pixels_alone():
 @pytest.mark.parametrize(
     ("mask", "alpha", "said"),
     [
-        (stripes(6), None, "is free of pixels outside the mask or label: a smaller patch= may fit"),
+        (stripes(6), None, "is free of pixels outside the mask or label; reduce patch"),
         (None, stripes(6), "is free of transparent pixels"),
         (stripes(20), stripes(20, 33), "is free of transparent pixels and of pixels outside the mask or label"),
     ],

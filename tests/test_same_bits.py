@@ -41,9 +41,9 @@ print(json.dumps({name: bits(image) for name, image in made.items() if image is 
 """
 
 
-def bits(number: int, tiny: bool) -> dict[str, str]:
+def bits(device: str, tiny: bool) -> dict[str, str]:
     done = subprocess.run(
-        [sys.executable, "-c", MADE, str(number), str(int(tiny))], cwd=ROOT, capture_output=True, text=True, timeout=900
+        [sys.executable, "-c", MADE, device, str(int(tiny))], cwd=ROOT, capture_output=True, text=True, timeout=900
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1])
@@ -56,7 +56,7 @@ def runtimes(kind: str) -> list[devices.DeviceInfo]:
 @pytest.mark.parametrize("tiny", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["cpus", "with a checker"])
 def test_all_runtimes_make_the_same_bits(capsys, tiny):
     found = runtimes("cpu") + [d for d in runtimes("other") if tiny and d.platform == "Oclgrind"]
-    made = {f"{d.platform}, {d.version}": bits(d.number, tiny) for d in found}
+    made = {f"{d.platform}, {d.version}": bits(str(d.number), tiny) for d in found}
     with capsys.disabled():
         print(f"\nthe same bits are asked of {len(made)}: {'; '.join(made)}")
     first, *others = made

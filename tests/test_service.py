@@ -148,9 +148,9 @@ def test_what_is_urgent_is_done_in_between_and_what_is_canceled_ends(client, pho
 def test_errors_are_in_words(client, photo):
     for op, images, values, text in (
         ("stationarise", [photo], {}, "did you mean 'stationarize'"),
-        ("stationarize", [photo], {"sigma": 0}, "sigma=0: expected a number >= 0.5"),
+        ("stationarize", [photo], {"sigma": 0}, "sigma=0: expected a number from 0.5 to 1000000 px"),
         ("stationarize", [], {}, "takes 1 image"),
-        ("stationarize", [10**6], {}, "there is no image"),
+        ("stationarize", [10**6], {}, "unknown image 1000000"),
     ):
         with pytest.raises(Error, match=text):
             client.make(op, images, values).result(30)

@@ -128,7 +128,7 @@ def test_a_deep_image_is_refused_in_one_clear_line(tmp_path):
     deep_file(tmp_path / "deep.exr")
     for words in (["--flip", "-o", "o.exr"], ["--printstats"], ["-otex", "o.tx"]):
         line = line_of(oiiotex("deep.exr", *words, cwd=tmp_path))
-        assert "deep.exr is deep: expected a flat image; put --flatten before it" in line
+        assert "deep.exr is deep: expected a flat image; add --flatten before this step" in line
     assert os.listdir(tmp_path) == ["deep.exr"]
 
 

@@ -222,7 +222,7 @@ def test_a_crumb_joins_the_large_neighbor_of_the_longest_border():
 def test_noise_that_is_refused_by_the_letter_is_cut_into_superpixels(device: Device):
     image = image_of(np.random.default_rng(0).random((300, 400, 3)))
     resources = resources_of(device, budget=12 << 20)
-    with pytest.raises(ImageError, match=r"400x300 cut into so many pieces needs \d+ MB"):
+    with pytest.raises(ImageError, match=r"400x300 px divided into that many pieces needs \d+ MB"):
         superpixels(image, lens_of(image, resources), resources, sigma=40.0, literal=True, powers=False)
     made = superpixels(image, lens_of(image, resources), resources, sigma=40.0, powers=False)
     assert made.sizes.sum() == 300 * 400
@@ -234,6 +234,8 @@ def test_what_sizes_alone_forbid_is_refused_before_a_pixel_is_read(device):
     image = Image((Part("part0", spec, lambda window: pytest.fail("it was read")),))
     lens = lens_of(image, resources)
     for finest, seeds in ((None, 3000), (40.0, 1875000)):
-        with pytest.raises(ImageError, match=rf"60000x50000 cut into {seeds} superpixels needs \d+ MB of memory"):
+        with pytest.raises(
+            ImageError, match=rf"60000x50000 px divided into {seeds} superpixels needs \d+ MB of memory"
+        ):
             given = resources_of(device, budget=10 << 20) if finest is None else resources
             superpixels(image, lens, given, sigma=finest)

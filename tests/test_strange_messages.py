@@ -225,7 +225,7 @@ def test_who_takes_no_answer_holds_nobody_up_for_long(client):
     for number in range(60):  # whose answers are more than the connection holds
         link.send({"do": "read", "image": 1, "id": f"{number}{'x' * 60_000}"})
     other = client.read(10**6)
-    with pytest.raises(Error, match="there is no image"):
+    with pytest.raises(Error, match="unknown image"):
         other.result(30)
     link.close()
 

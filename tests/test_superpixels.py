@@ -261,7 +261,9 @@ def test_a_picture_of_nothing_has_no_superpixels(device):
 
 def test_noise_that_does_not_fit_is_refused_with_a_figure(device):
     resources, image = resources_of(device, budget=8 << 20), image_of(np.random.default_rng(0).random((300, 400, 3)))
-    with pytest.raises(ImageError, match=r"400x300 cut into so many pieces needs \d+ MB of memory; the budget is 8 MB"):
+    with pytest.raises(
+        ImageError, match=r"400x300 px divided into that many pieces needs \d+ MB of memory; the budget is 8 MB"
+    ):
         superpixels(image, lens_of(image, resources), resources)
 
 

@@ -202,10 +202,10 @@ WRONG = [
       for wrong in ("0/3", "4/3", "1", "1/51", "a/b")),
     (("photo.png", "--texsynth:lock=61"), "lock=61: expected 0 or 1 or an integer from 0 to 60"),
     (("photo.png", "--texsynth:size=70x50:window=9x9+0+0:tiles=1/10"), "N at most 9 rows"),
-    (("tiny.png", "--texsynth"), "tiny.png is 9 px wide or high: an exemplar has 16 or more"),
-    (("clear.png", "--texsynth"), "clear.png: the 16x16 px in its middle are transparent"),
-    (("--texsynth:size=9x9",), "takes 1 image"),
-    (("--texsynth:graph=other.json",), "y.png has channels Y, the root photo.png has R,G,B"),
+    (("tiny.png", "--texsynth"), "tiny.png is 9 px wide or high: expected at least 16 px"),
+    (("clear.png", "--texsynth"), "clear.png is transparent in its middle 16x16 px"),
+    (("--texsynth:size=9x9",), "expected 1 image"),
+    (("--texsynth:graph=other.json",), "y.png has channels Y: expected R,G,B, the channels of the root photo.png"),
 ]  # fmt: skip
 
 

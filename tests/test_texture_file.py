@@ -60,29 +60,29 @@ def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
         ({"photo": None}, "", "expected one of photo, graph and tiles, not none"),
         ({"graph": "loop.json"}, "", "not photo and graph"),
         ({"photo": "nowhere.exr"}, "", "nowhere.exr: No such file"),
-        ({"photo": 7}, "", "photo: expected text of 1 to 1000 letters, none of them NUL, not 7"),
+        ({"photo": 7}, "", "photo: expected text of 1 to 1000 characters without NUL, not 7"),
         ({"fotograph": "x.exr"}, "", "unknown key 'fotograph'.*; expected oiiotex, photo, graph, tiles"),
         ({"size": None}, "", "size is missing: expected WIDTHxHEIGHT"),
         ({"size": "0x4"}, "", "size=0x4: expected"),
         ({"size": f"{2**31}x4"}, "", r"1 to 2147482624 px \(2\^31 - 1024\)"),
-        ({"size": "2147482624x131073"}, "", r"expected at most 2\^48 px in all"),
-        ({"plan": "loop.json"}, "", "size conflicts with plan: a plan is of a photo, and says the rest"),
+        ({"size": "2147482624x131073"}, "", r"expected up to 2\^48 px in total"),
+        ({"plan": "loop.json"}, "", "size conflicts with plan, which requires a photo and defines the rest"),
         ({"plan": "loop.json", "size": None, "seed": None}, "?seed=7", "seed conflicts with plan"),
         ({"tiles": "photo.exr"}, "", "not photo and tiles"),
-        ({"photo": None, "tiles": "photo.exr", "level": 3}, "", "level conflicts with tiles: they have one"),
+        ({"photo": None, "tiles": "photo.exr", "level": 3}, "", "level conflicts with tiles, which have one level"),
         ({"seed": -1}, "", "seed: expected an integer from 0 to 4294967295, not -1"),
         ({"seed": True}, "", "seed: expected an integer .*, not True"),
         ({"level": 61}, "", "level: expected an integer from 0 to 60, not 61"),
         ({"autocc": 1}, "", "autocc: expected true or false, not 1"),
-        ({"photo": None, "graph": "loop.json", "colorspace": "ACEScg"}, "", "colorspace is a photo's"),
+        ({"photo": None, "graph": "loop.json", "colorspace": "ACEScg"}, "", "colorspace requires photo"),
         ({}, "?sed=7", r"'\?sed=7': expected seed, size"),
         ({}, "?seed=seven", "seed: expected an integer .*, not 'seven'"),
         ({}, "?size=8", "size=8: expected WIDTHxHEIGHT"),
-        ({}, f"?seed={'9' * 9000}", r"what is behind '\?' has 9005 letters: expected 1000 at most"),
+        ({}, f"?seed={'9' * 9000}", r"the query after '\?' has 9005 characters: expected up to 1000"),
         ({}, f"?size={'9' * 990}", r"size=9{60}: expected WIDTHxHEIGHT"),
         ({}, f"?seed={'9' * 990}", r"seed: expected an integer .*, not 9{60}\.\.\."),
-        ({"colorspace": "x" * 1001}, "", r"colorspace: expected text of 1 to 1000 letters, .*, not 'x{59}\.\.\."),
-        ({"photo": "a\0b"}, "", r"photo: expected text .*, none of them NUL, not 'a\\x00b'"),
+        ({"colorspace": "x" * 1001}, "", r"colorspace: expected text of 1 to 1000 characters .*, not 'x{59}\.\.\."),
+        ({"photo": "a\0b"}, "", r"photo: expected text .* without NUL, not 'a\\x00b'"),
     ],
 )
 def test_what_is_wrong_in_a_document_is_said(folder, changes, query, text):
@@ -116,11 +116,11 @@ def test_a_name_that_is_too_long_is_said(folder):
         "a\0.oiiotex",
         f"{'x' * 9000}?seed=7",
     ):
-        with pytest.raises(ImageError, match=r"has \d+ letters: expected 4096 at most|File name too long") as caught:
+        with pytest.raises(ImageError, match=r"has \d+ characters: expected up to 4096|File name too long") as caught:
             read_texture_file(name)
         assert len(str(caught.value)) < 500
     for word in ("{", "[]", "7", '{"name": 7}', '{"texture": "{}"}', '{"texture": 7}', "[" * 100_000):
-        assert answer(word) == {"error": "what the door was asked is malformed"}
+        assert answer(word) == {"error": "malformed request"}
 
 
 def test_files_outside_the_documents_folder_are_refused_unless_they_are_allowed(folder, tmp_path, monkeypatch):
@@ -144,13 +144,13 @@ def test_files_outside_the_documents_folder_are_refused_unless_they_are_allowed(
         {"photo": None, "graph": "graph.json"},
     )  # fmt: skip
     for changes in elsewhere:
-        text = "lies outside the document's folder.*: expected a file in it, or in a folder that .OIIOTEX_TEXTURE_PATH"
+        text = "is outside the document's folder.*: expected a file in it, or in a folder of .OIIOTEX_TEXTURE_PATH"
         with pytest.raises(ImageError, match=text):
             read_texture_file(wall(tmp_path, **changes))
     monkeypatch.setenv("OIIOTEX_TEXTURE_PATH", os.pathsep.join(("/none", "relative", "", str(folder))))
     for changes in (*elsewhere[:4], elsewhere[8]):
         assert read_texture_file(wall(tmp_path, **changes))
-    with pytest.raises(ImageError, match="lies outside"):
+    with pytest.raises(ImageError, match="is outside"):
         read_texture_file(wall(tmp_path, photo="/etc/passwd"))
 
 
@@ -260,26 +260,26 @@ def test_tiles_that_want_those_before_are_refused(folder, session, last):
     edges = edges_of(8) + last
     name = wall(folder, photo=None, tiles=wang_set(folder, len(edges), edges))
     with pytest.raises(
-        ImageError, match=rf"set\.exr: {len(edges)} tiles cannot lie anywhere: none has the edges n0e0s"
+        ImageError, match=rf"set\.exr: {len(edges)} tiles are not a complete set: none has the edges n0e0s"
     ):
         OpenTexture(read_texture_file(name).text(), session)
 
 
 def test_tiles_that_lost_their_edges_or_differ_in_color_space_are_refused(folder, session):
     name = wall(folder, photo=None, tiles=wang_set(folder, 16, []))
-    with pytest.raises(ImageError, match=r"set\.exr: 16 tiles that do not say their edges .*: write the set as EXR"):
+    with pytest.raises(ImageError, match=r"set\.exr: 16 tiles without edge colors .*; write the set as EXR"):
         OpenTexture(read_texture_file(name).text(), session)
     name = wall(folder, photo=None, tiles=wang_set(folder, 3, [], ("lin_rec709_scene", "srgb_rec709_scene")))
-    with pytest.raises(ImageError, match=r"part 'tile1' is of another size, type or color space"):
+    with pytest.raises(ImageError, match=r"part 'tile1' must have the size, type and color space"):
         OpenTexture(read_texture_file(name).text(), session)
 
 
 def test_color_is_not_guessed_and_a_changed_photo_is_no_longer_the_same(folder, session):
-    with pytest.raises(Error, match="does not say its color space"):
+    with pytest.raises(Error, match="has no color space tag"):
         OpenTexture(read_texture_file(wall(folder)).text(), session)
     file = read_texture_file(wall(folder, photo="tagged.exr"))
     os.utime(folder / "tagged.exr", ns=(1, 1))
-    with pytest.raises(ImageError, match=r"tagged\.exr has changed since it was opened: open it again"):
+    with pytest.raises(ImageError, match=r"tagged\.exr has changed since it was opened; open it again"):
         OpenTexture(file.text(), session)
 
 
@@ -289,5 +289,5 @@ def test_color_is_not_guessed_and_a_changed_photo_is_no_longer_the_same(folder, 
 )
 def test_what_is_no_tile_is_refused(folder, session, level, window):
     texture = opened(read_texture_file(wall(folder, colorspace="lin_rec709_scene")).text(), session)
-    with pytest.raises(ImageError, match=r"expected up to|there are 17"):
+    with pytest.raises(ImageError, match=r"expected (1 to 16777216 px, near|0 to 16)"):
         texture.tile(level, Window(*window), session)

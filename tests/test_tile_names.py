@@ -85,7 +85,7 @@ def test_a_tile_beyond_ten_columns_has_no_udim_number(tiles):
 def test_a_second_input_gives_its_counterparts(tiles):
     assert tiled("t.<UDIM>.tif", "m.<UDIM>.tif", "--mul")[2] == (1011, "t.1011.tif m.1011.tif --mul")
     assert tiled("n.<UDIM>.tif", "t.<UDIM>.tif", "--mul") == [(1001, "n.1001.tif t.1001.tif --mul")]
-    with pytest.raises(ParameterError, match=r"'n.1002.tif' does not exist, but its counterpart 't.1002.tif' does"):
+    with pytest.raises(ParameterError, match=r"'n.1002.tif' is missing: expected it alongside 't.1002.tif'"):
         tiled("t.<UDIM>.tif", "-i", "n.<UDIM>.tif", "--mul")
 
 

@@ -32,9 +32,9 @@ def test_tiles_are_numbered_from_the_lower_left_to_the_right_and_up(picture, tmp
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("-o:udim=2x2", "t.exr"), "udim=2x2: 't.exr' has no <UDIM>"),
-        (("-o:udim=5x2", "t.<UDIM>.exr"), "udim=5x2: an image of 96x48 has no 5x2 tiles of one size"),
-        (("-o:udim=2x2:all=1", "t%d.<UDIM>.exr"), "udim and all"),
+        (("-o:udim=2x2", "t.exr"), "udim=2x2 requires <UDIM> in the file name, which is 't.exr'"),
+        (("-o:udim=5x2", "t.<UDIM>.exr"), "udim=5x2 cannot divide 96x48 px into tiles of equal size"),
+        (("-o:udim=2x2:all=1", "t%d.<UDIM>.exr"), "udim conflicts with all"),
         (("-o:udim=11x1", "t.<UDIM>.exr"), "udim=11x1: expected"),
     ],
 )

@@ -168,7 +168,7 @@ def test_what_was_lost_is_said_and_warned_of(caplog, monkeypatch):
         filters.stationarize(photo, seed=1, iterations=1)
     monkeypatch.setattr(stationarize, "lost_texture", lambda *_: Lost(0.95, 0.3))
     filters.stationarize(photo, seed=1, iterations=1)
-    assert "30 % of the tile: more iterations= keep more" in caplog.text
+    assert "30 % of the tile; increase iterations" in caplog.text
 
 
 def test_no_region_is_shown_again_and_again(device):

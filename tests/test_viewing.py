@@ -88,5 +88,5 @@ def test_where_nobody_listens_is_one_line_before_the_work(tmp_path, monkeypatch)
     save(np.zeros((64, 64, 3)), tmp_path / "a.png", space="srgb_rec709_scene")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-    with pytest.raises(errors.Error, match=f"no tev listens at 127.0.0.1:{port} .*: start it first"):
+    with pytest.raises(errors.Error, match=f"no tev at 127.0.0.1:{port} .*: start tev first"):
         run(["a.png", "--texstationarize", f"--tev:port={port}"])

@@ -13,7 +13,7 @@ import pytest
 
 from oiiotex import host
 from oiiotex.cli.language.parse import Refused, parse, split_modifiers
-from oiiotex.cli.printing import report
+from oiiotex.cli.printing import help, report
 from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.core.parameters import declared
 from oiiotex.errors import Error
@@ -26,10 +26,11 @@ ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md"),
                 *(ROOT / "oiiotex").glob("*/README.md")])  # fmt: skip
 TEXTS = {str(path.relative_to(ROOT)): path.read_text() for path in PAGES if path.name != "your_own_filter.md"}
-TEXTS |= {"--help": report.overview()}
+TEXTS |= {"--help": help.topic(), "--help all": report.overview()}
 TEXTS |= {f"--help {op.name}": report.page(op.name) for op in (*FILTERS, *host.OPS)}
 # words that are named because they are wrong, or stand for others
-WRONG = {"--resize:fliter=box", "--tex", "--texNAME", "--op:key=value", "--op", "--op:name=value", "--op:modifier"}
+WRONG = {"--resize:fliter=box", "--OP", "--tex", "--texNAME", "--op:key=value", "--op", "--op:name=value",
+         "--op:modifier"}  # fmt: skip
 OTHERS = {  # of other programs
     "--step", "--path", "--run-dependencies", "--force-reinstall", "--upgrade", "--leak-check", "--user",
     "--no-build-isolation", "--extra-index-url", "--protocol", "--no-dashboard", "--no-deps",

@@ -68,14 +68,14 @@ def test_a_tiff_of_doubles_is_refused(tmp_path, asked_for):
     # it could not be read again: see test_files
     image, kind = (small("float"), type_named("double")) if asked_for else (small("double"), None)
     text = refusal(write, image, tmp_path / "a.tif", kind)
-    assert text == f"{tmp_path / 'a.tif'}: TIFF files of doubles are not supported"
+    assert text == f"{tmp_path / 'a.tif'}: TIFF files of type double are not supported"
     assert os.listdir(tmp_path) == []
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.exr"])
 def test_an_image_without_pixels_is_refused(tmp_path, name):
     part = Part("a", spec_of("uint8", 0, 0, 3), lambda window: np.empty((0, 0, 3), np.uint8))
-    assert refusal(write, Image((part,)), tmp_path / name).startswith(f"{tmp_path / name}: there is no pixel")
+    assert refusal(write, Image((part,)), tmp_path / name).startswith(f"{tmp_path / name}: the image has no pixels")
     assert os.listdir(tmp_path) == []
 
 
@@ -133,10 +133,10 @@ def test_a_failure_in_a_further_part_leaves_what_was_there(tmp_path, name):
 @pytest.mark.parametrize(
     ("kinds", "channels", "name", "kind", "says"),
     [
-        (("uint8", "float"), 3, "a.png", None, "png holds one image, here are part0, part1; use EXR or TIFF"),
-        (("uint8", "float"), 3, "a.jpg", None, "jpeg holds one image, here are part0, part1; use EXR or TIFF"),
-        (("uint8",), 3, "a.banana", None, "no format writes '.banana'"),
-        (("uint8",), 3, "a", None, "no format writes ''"),
+        (("uint8", "float"), 3, "a.png", None, "png holds one image, not part0, part1; use EXR or TIFF"),
+        (("uint8", "float"), 3, "a.jpg", None, "jpeg holds one image, not part0, part1; use EXR or TIFF"),
+        (("uint8",), 3, "a.banana", None, "no writer for '.banana'"),
+        (("uint8",), 3, "a", None, "no writer for ''"),
         (("uint8",), 3, "a.exr", "uint8", "openexr cannot hold part 'part0' as uint8"),
         (("uint8",), 3, "a.zfile", None, "cannot be written: zfile does not support 3-channel images"),
     ],
@@ -152,7 +152,7 @@ def test_a_refusal_names_the_file_and_leaves_what_was_there(tmp_path, kinds, cha
 
 def test_a_missing_folder_is_said_to_be_missing(tmp_path):
     path = tmp_path / "no" / "a.exr"
-    assert refusal(write, small(), path) == f"{path}: no such folder as {path.parent}"
+    assert refusal(write, small(), path) == f"{path}: no such folder: {path.parent}"
 
 
 def test_a_folder_or_a_pipe_is_not_written_over(tmp_path):
@@ -300,7 +300,7 @@ def test_a_disk_that_lacks_a_byte_is_an_error_too(tmp_path, name):
 
     assert said(0) == ""
     whole = (tmp_path / name).read_bytes()
-    assert "could not be written whole" in said(len(whole) - 1)
+    assert "the file is incomplete" in said(len(whole) - 1)
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {name: whole}
 
 

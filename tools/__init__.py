@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Programs of this checkout: the demo, and what makes the documentation."""
+"""Programs of this checkout: the demo and the documentation."""

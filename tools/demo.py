@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make demo`: a real photograph becomes a tile.
 
-Without a photo of the user's own, scikit-image's gravel is taken, with a gradient of light and a stain laid over it, so
-that the effect shows.
+By default it uses scikit-image's gravel, with a light gradient and a stain added, so that the effect is visible.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ def gravel() -> np.ndarray:
 
 
 def stained(gray: np.ndarray) -> np.ndarray:
-    """A photo as a hurried photographer brings it home: light falls off to one side, something was spilt.
+    """A photo with a light gradient and a stain.
 
     The mean light is 1, so sharpness and contrast compare with those of the clean photo. (h, w) -> (h, w, 3) uint8.
     """
@@ -54,9 +53,9 @@ def preview(tile: Path, path: Path) -> None:
 
 
 def main() -> None:
-    """Make photo, tile and preview, and say where they lie."""
+    """Make photo, tile and preview, and print their paths."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--photo", type=Path, help="a photo of your own")
+    parser.add_argument("--photo", type=Path, help="your own photo")
     parser.add_argument("--out", type=Path, default=Path("demo-out"))
     arguments = parser.parse_args()
     out: Path = arguments.out
@@ -68,7 +67,7 @@ def main() -> None:
     tile = out / "tile.png"
     command = [
         sys.executable,
-        "-P",  # nothing of the current folder
+        "-P",  # import nothing from the current folder
         "-m",
         "oiiotex.cli.main",
         "-v",

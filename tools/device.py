@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`make demo` and `make test` begin here: where no OpenCL device can compile, the step that helps is taken."""
+"""`make demo` and `make test` begin here: if no OpenCL device can compile, install what is missing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _PROJECT = Path(__file__).parents[1]
 
 
 def step(remedy: str) -> list[str]:
-    """The command as it is run here: with this Python's pip and this checkout; empty where it cannot be run."""
+    """The command for this Python's pip and this checkout; empty if it cannot be run."""
     words = shlex.split(remedy)
     if words[:2] == ["pip", "install"]:
         extra = words[2].removeprefix("oiiotex")
@@ -27,16 +27,16 @@ def step(remedy: str) -> list[str]:
 
 
 def main() -> None:
-    """Make sure that a device works; exits with what helps where that is not in our hands."""
+    """Make sure that a device works; exit with the remedy otherwise."""
     try:
         print(f"device: {device.choose().name}")
     except NoDeviceError as error:
         command = step(error.remedy)
         if not command or error.remedy in sys.argv[1:]:
             sys.exit(str(error))
-        print(f"{error}\nmake does this now: {shlex.join(command)}", flush=True)
+        print(f"{error}\nmake now runs: {shlex.join(command)}", flush=True)
         subprocess.run(command, check=True)
-        # anew: runtimes are looked for once per process; the steps taken go along, none is taken twice
+        # a new process, because runtimes are searched once per process; the arguments prevent repeated steps
         os.execv(sys.executable, [sys.executable, "-m", "tools.device", *sys.argv[1:], error.remedy])
     except DeviceError as error:
         sys.exit(str(error))

@@ -3,8 +3,8 @@
 
 python -m benchmarks.dominant.composites [--modes diffusion,euclidean,spectral] [--pictures DIR] [--step N] [--seed N]
 
-Composites are 125 x 94 px, the paper's size: a texture of the tests or a photo, with what the paper's figures show on
-top: objects, scratches and cracks, shadows, rust, dirt, growth. Truth is where nothing was put.
+Composites are 125 x 94 px, the paper's size: a test texture or a photo, covered with outliers as in the paper's
+figures: objects, scratches and cracks, shadows, rust, dirt, growth. Truth is the uncovered area.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def base(name: str, seed: int) -> np.ndarray:
 
 
 def outliers(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What lies over a texture: (94, 125, 3) color, (94, 125) cover 0 .. 1, and where it counts as there."""
+    """An outlier over a texture: (94, 125, 3) color, (94, 125) coverage 0 to 1, and its mask in the truth."""
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(float)
     color = np.zeros((HEIGHT, WIDTH, 3))
     noise = pictures.noise(HEIGHT, WIDTH, seed, 51)[..., None]
@@ -101,7 +101,7 @@ def main() -> None:
     parser.add_argument("--modes", default="diffusion")
     parser.add_argument("--rules", default="repaired")
     parser.add_argument("--step", type=int)
-    parser.add_argument("--seed", type=int, default=0, help="of other composites than those that rules were set on")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the composites; 0: those used for tuning")
     parser.add_argument("--pictures", type=Path)
     arguments = parser.parse_args()
     session = Session()

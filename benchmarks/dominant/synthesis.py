@@ -3,8 +3,9 @@
 
 python -m benchmarks.dominant.synthesis [--side 256] [--seeds 3]
 
-For every photo that the manifest calls non-stationary: its dominant mask, and textures of its own size by toroidal
-PatchMatch and by quilting, from the mask and from the whole. Costs are MJH17 eq. 1 with histograms, means over seeds.
+For every photo that the manifest calls non-stationary: its dominant mask, and textures of the same size by toroidal
+PatchMatch and by quilting, from the mask and from the whole photo. Costs are MJH17 eq. 1 with histograms, means over
+seeds.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a launch of a kernel cannot do without: bytes that must be read and written at least once.
+"""Lower bounds of a kernel launch: bytes that must be read and written at least once.
 
-Declared by the names that the kernel's own arguments bear in its .cl file. A buffer stands for its size in bytes, a
-number for itself; the program's macros are there as well, LANES among them, and `items`, of the launch. What is looked
-up at random in tables (exemplars, records of candidates) counts once or, where the launch does not say how large it
-is, not at all: bounds are lower ones, and a kernel that waits for such a table is far from its bound.
+Bounds are expressions of the names of a kernel's arguments in its .cl file. A buffer stands for its size in bytes, a
+number for itself. The program's macros, such as LANES, and the launch's `items` are also defined. A table that is read
+at random (exemplars, records of candidates) counts once, or not at all if the launch does not contain its size. So a
+kernel that waits for such a table is far from its bound.
 """
 
 from __future__ import annotations
@@ -178,7 +178,7 @@ def _defaults(stem: str) -> dict[str, int]:
 
 
 def launch_of(stem: str, kernel: str, macros: dict[str, int], shape: tuple[int, ...], arguments: tuple) -> Launch:
-    """A launch by the names of its kernel's arguments; those that cannot be read are left out."""
+    """A launch by the names of its kernel's arguments; those that cannot be read are omitted."""
     names = signatures(stem).get(kernel, ())
     values = [a if isinstance(a, (int, float, np.generic)) else getattr(a, "size", 0) for a in arguments]
     named = {
@@ -190,7 +190,7 @@ def launch_of(stem: str, kernel: str, macros: dict[str, int], shape: tuple[int, 
 
 @dataclass
 class Cost:
-    """What the launches of a kernel had to do at least; None where nothing is declared for it, or no longer fits it."""
+    """The least work of a kernel's launches; None if no bound is declared, or it no longer matches the kernel."""
 
     bytes: float | None = 0.0
     work: float | None = 0.0

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plugin for pytest that writes each outcome as it comes, so that a run that is cut keeps what it had.
+"""A pytest plugin that writes each outcome at once, so that an interrupted run keeps its results.
 
-One line of JSON each into the file that $OIIOTEX_TEST_REPORT names: {"collected": count}, {"test": id, "outcome": ...}.
+Each is a line of JSON in the file $OIIOTEX_TEST_REPORT: {"collected": count}, {"test": id, "outcome": ...}.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that a machine with a GPU can tell, in one command: what builds, what is right, how fast it is.
+"""Test a machine with a GPU in one command: builds, correctness, speed.
 
 python -m benchmarks.gpu.run [--device gpu] [--minutes 10] [--sizes 1024,4096,16384] [--out gpu.md]
 
-Writes the table of benchmarks/results/gpu.md, and the same as JSON next to it, after every result: a run that is
-cut leaves what it had. Whatever touches a device runs in processes of their own; what fails, crashes or hangs is a row.
-Work is done in the order of its value, what does not fit the time is left out and listed. On a CPU device bits are
-compared with the same device at single lanes, which is the code that GPUs run.
+It writes the table of benchmarks/results/gpu.md, and the same as JSON next to it, after every result, so an interrupted
+run keeps its results. Work on a device runs in separate processes, so a failure, crash or hang is only a row. The most
+valuable work is done first. Work beyond the time limit is skipped and listed. On a CPU, bits are compared with the same
+device at single lanes, which is the code that GPUs run.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ ROOT = Path(__file__).parents[2]
 COMPARED_SIDE = 256  # px
 TESTS_LEAST, TESTS_MOST = 0.15, 0.4  # of the time: kept for the tests, and all that they get
 ONE_MOST = 0.15  # of the time, for one workload of which nothing is known yet
-# Builds of this process are builds: no cache of pyopencl, NVIDIA's driver, AMD's, Intel's or PoCL's.
+# Builds of this process use no cache: neither pyopencl's nor NVIDIA's, AMD's, Intel's or PoCL's.
 NO_CACHES = {
     "PYOPENCL_NO_CACHE": "1",
     "CUDA_CACHE_DISABLE": "1",
@@ -48,7 +48,7 @@ _DEVICE_FIXTURES = re.compile(r"def \w+\([^)]*\b(?:device|any_lanes|narrow_devic
 
 
 class Failed(Exception):
-    """A row's one line."""
+    """The one-line error of a row."""
 
 
 class Worker:
@@ -62,7 +62,7 @@ class Worker:
         self._errors = Path(self._folder.name) / "errors"
 
     def ask(self, seconds: float, **request: Any) -> dict[str, Any]:
-        """The answer to a request; raises `Failed` with one line where there is none in so many seconds."""
+        """The answer to a request; raises `Failed` with one line if there is none in time."""
         if self._process is None:
             self._start()
         try:
@@ -127,22 +127,22 @@ class Run:
 
     def __init__(self, device: str | None, minutes: float, sizes: list[int], out: Path):
         self._begin, self._minutes, self._sizes, self._out = time.monotonic(), minutes, sizes, out
-        self._reserved = 0.0  # seconds, of work that is to come
+        self._reserved = 0.0  # seconds for later work
         self._worker = Worker(device or "")
         self.results: dict[str, Any] = {
             "date": str(datetime.date.today()), "minutes": minutes, "sizes": sizes,
             "facts": {}, "copies": {}, "other": None, "filters": [], "programs": [], "bits": [], "tests": None,
-            "left out": [],
+            "skipped": [],
         }  # fmt: skip
         self.save()
 
     @property
     def left(self) -> float:
-        """Seconds, without those that are kept."""
+        """Remaining seconds, without the reserved ones."""
         return 60 * self._minutes - (time.monotonic() - self._begin) - self._reserved
 
     def everything(self, timed: list[str], every_size: list[str], compared: list[str], tests: bool = True) -> None:
-        """All of it, most wanted first."""
+        """Everything, the most valuable first."""
         self._reserved = 60 * self._minutes * TESTS_LEAST if tests else 0.0
         try:
             self._step("facts", lambda seconds: self._worker.ask(min(seconds, 150), do="facts"))
@@ -170,12 +170,14 @@ class Run:
             self.save()
 
     def _other(self, facts: dict[str, Any]) -> Worker | None:
-        """What bits and times are compared with: a CPU runtime, or, on one, the code of GPUs."""
+        """The device to compare bits and times with: a CPU runtime, or, on one, the code of GPUs."""
         if facts["kind"] == "cpu":
             self.results["other"] = "the same device, single lanes"
             return Worker(str(facts["number"]), lanes=1)
         if facts["cpu"] is None:
-            self.results["left out"].append("all that needs a CPU runtime: there is none (pip install 'oiiotex[cpu]')")
+            self.results["skipped"].append(
+                "everything that requires a CPU runtime: none is installed (pip install 'oiiotex[cpu]')"
+            )
             return None
         self.results["other"] = facts["devices"][facts["cpu"]]
         return Worker(str(facts["cpu"]))
@@ -214,7 +216,7 @@ class Run:
         builder.stop()
 
     def time(self, worker: Worker, where: str, workload: str, side: int) -> None:
-        """Time a workload; left out where a smaller size says that it does not fit."""
+        """Time a workload; skipped if a smaller size shows that it takes too long."""
         smaller = [
             r for r in self.results["filters"] if (r["where"], r["workload"]) == (where, workload) and "seconds" in r
         ]
@@ -268,11 +270,11 @@ class Run:
         self.save()
 
     def _is_late(self, what: str, seconds: float = 0.0) -> bool:
-        """Whether that does not fit any more; then it is listed."""
+        """Whether that does not fit the remaining time; then it is listed."""
         if self.left > max(seconds, 1.0):
             return False
         needed = f" (some {seconds:.0f} s)" if seconds >= 1 else ""
-        self.results["left out"].append(f"{what}{needed}")
+        self.results["skipped"].append(f"{what}{needed}")
         self.save()
         return True
 
@@ -293,7 +295,9 @@ def differences(first: str, second: str) -> dict[str, Any]:
             if name not in mine or name not in theirs or mine[name].shape != theirs[name].shape:
                 parts[name] = None
                 continue
-            a, b = (side[name].view(f"u{side[name].itemsize}") for side in (mine, theirs))  # to the bit, NaN as well
+            a, b = (
+                side[name].view(f"u{side[name].itemsize}") for side in (mine, theirs)
+            )  # bits, so that NaN compares equal
             apart = a != b
             parts[name] = float((apart.any(-1) if apart.ndim > 2 else apart).mean())
     return parts
@@ -308,7 +312,7 @@ def kernel_tests() -> list[str]:
 
 
 def run_tests(files: list[str], device: str, seconds: float) -> dict[str, Any]:
-    """Counts of outcomes, and the failures with one line each, of what could be run in so many seconds."""
+    """Counts of outcomes, and one line for each failure, of the tests that ran within the time limit."""
     if util.find_spec("pytest") is None:
         return {"error": "pytest is not installed"}
     with tempfile.TemporaryDirectory(prefix="oiiotex-gpu-") as folder:
@@ -351,7 +355,7 @@ def run_tests(files: list[str], device: str, seconds: float) -> dict[str, Any]:
 def _sizes(text: str) -> list[int]:
     sizes = sorted({int(size) for size in text.split(",")})
     if sizes[0] < 64:
-        raise argparse.ArgumentTypeError("sizes are 64 px or more")
+        raise argparse.ArgumentTypeError("expected sizes >= 64 px")
     return sizes
 
 
@@ -360,10 +364,10 @@ def main() -> None:
     from benchmarks.gpu import workloads
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--device", help="as oiiotex takes it; $OIIOTEX_DEVICE or the first GPU when left out")
-    parser.add_argument("--out", type=Path, default=Path("gpu.md"), help="the table; JSON goes beside it")
+    parser.add_argument("--device", help="as for oiiotex; default: $OIIOTEX_DEVICE or the first GPU")
+    parser.add_argument("--out", type=Path, default=Path("gpu.md"), help="the table; JSON is written next to it")
     parser.add_argument("--minutes", type=float, default=10.0)
-    parser.add_argument("--sizes", type=_sizes, default="1024,4096,16384", help="sides of what filters make, px")
+    parser.add_argument("--sizes", type=_sizes, default="1024,4096,16384", help="sides of the results, px")
     arguments = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # through what ends other processes
     run = Run(arguments.device, arguments.minutes, arguments.sizes, arguments.out.resolve())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The results of `benchmarks.gpu.run` as Markdown, whatever there is of them yet."""
+"""The results of `benchmarks.gpu.run` as Markdown, complete or not."""
 
 from __future__ import annotations
 
@@ -143,14 +143,14 @@ def _kernels(results: dict[str, Any]) -> list[str]:
         rows.append([f"`{name}`", workload, *figures])
     head = "| kernel | in | px | calls | ms | µs a call | MB at least | of the bandwidth | looks at, at most |"
     note = (
-        "MB: what must be read and written once (benchmarks/gpu/bounds.py), beside the"
-        " bandwidth of a copy in this run; above 100 % a cache holds it."
+        "MB: what must be read and written once (benchmarks/gpu/bounds.py), compared with the"
+        " bandwidth of a copy in this run; above 100 %, a cache holds it."
     )
     return [*_rows(head, rows), note, ""] if rows else []
 
 
 def said(log: str) -> str:
-    """What a compiler said: its first warning and how many, or the registers that NVIDIA's gives each kernel."""
+    """A compiler's first warning and their number, or the registers of each kernel by NVIDIA's compiler."""
     log = re.sub(r"/\S*/", "", log)  # folders of temporary files
     registers, kernel = {}, ""
     for line in log.splitlines():
@@ -203,6 +203,6 @@ def _tests(results: dict[str, Any]) -> list[str]:
 
 
 def _left_out(results: dict[str, Any]) -> list[str]:
-    if not results["left out"]:
+    if not results["skipped"]:
         return []
-    return ["Left out, for there was no time or no device: " + "; ".join(results["left out"]) + ".", ""]
+    return ["Skipped, because of the time limit or a missing device: " + "; ".join(results["skipped"]) + ".", ""]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The part of `benchmarks.gpu.run` that touches a device: a process of its own, which a driver may break.
+"""The part of `benchmarks.gpu.run` that touches a device: a separate process, because a driver may crash it.
 
 python -m benchmarks.gpu.worker DEVICE LANES LAST: a line of JSON in, a line of JSON out. LANES 0: the device's own.
-The file LAST always names the kernel that was launched last, also when the process does not live to say so.
+The file LAST names the kernel that was launched last, so that it is known after a crash.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Watch:
 
 
 def opened(name: str, lanes: int, watch: Watch) -> devices.Device:
-    """The device, watched; with so many lanes where that is not 0."""
+    """The device, with its launches recorded; `lanes` is used unless it is 0."""
 
     class WatchedDevice(devices.Device):
         def program(self, stem: str, **macros: int) -> Any:
@@ -77,7 +77,7 @@ def opened(name: str, lanes: int, watch: Watch) -> devices.Device:
 
 
 class Worker:
-    """What can be asked for, a method each; they return what JSON can say."""
+    """Requests, a method for each; they return values for JSON."""
 
     def __init__(self, name: str, lanes: int, last: Path):
         self._watch = Watch(last)
@@ -86,7 +86,7 @@ class Worker:
         self._warmed: set[str] = set()
 
     def facts(self) -> dict[str, Any]:
-        """The device, its driver, and what bits hang on."""
+        """The device, its driver, and the properties that bits depend on."""
         import pyopencl as cl
 
         info, handle = self._device.info, self._device.info.handle

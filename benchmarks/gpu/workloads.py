@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `benchmarks.gpu.run` runs: filters on procedural photos, so that no file is needed.
+"""Workloads of `benchmarks.gpu.run`: filters on procedural photos, so that no file is needed.
 
-A workload takes a session and a side in px, does what is not to be timed, and returns the work. The work returns
-ImageBufs, dicts or lists of them, or arrays.
+A workload takes a session and a side in px, prepares what is not timed, and returns the function to time. That
+function returns ImageBufs, dicts or lists of them, or arrays.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def photo() -> np.ndarray:
 
 
 def exemplar(side: int = EXEMPLAR) -> oiio.ImageBuf:
-    """The photo, cut where less is wanted."""
+    """The photo, cropped if a smaller one is needed."""
     return buffer_of(photo()[:side, :side])
 
 

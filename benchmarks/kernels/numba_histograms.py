@@ -21,7 +21,7 @@ ZERO, HALF, ONE, TOP = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.flo
 SHARES = np.float32(INVERSE)
 
 
-# min, max and floor of floats mind what is no number, which takes a third of the time of `match`
+# min, max and floor of floats handle NaN, which takes a third of the time of `match`
 
 
 @serial

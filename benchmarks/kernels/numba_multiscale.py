@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bound for cl/multiscale.cl in benchmarks/kernels/test_kernels.py: the same correction as compiled numba loops.
 
-What a good loop in Python reaches on the CPU, parallel over rows, on the same data: `BoundCorrection.correct` does what
-the subpasses of `Synthesizer` do on one level, candidate for candidate.
+This is the speed of a good Python loop on the CPU, parallel over rows, on the same data: `BoundCorrection.correct` has
+the same candidates as the subpasses of `Synthesizer` on one level.
 """
 
 from __future__ import annotations

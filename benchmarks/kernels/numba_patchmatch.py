@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bound for cl/patchmatch.cl in benchmarks/kernels/test_kernels.py: the same work as compiled numba loops.
 
-What a good loop in Python reaches on the CPU, parallel over rows, on the same data: `BoundMatcher` does what
+This is the speed of a good Python loop on the CPU, parallel over rows, on the same data: `BoundMatcher` does what
 `Matcher.improve` does, candidate for candidate. Only the toroidal case is written out, and the patch size is a
 constant, as it is in the compiled kernels.
 """
@@ -21,7 +21,7 @@ SPAN = 2 * PATCH - 1  # of the triangle by which uses are counted
 INT_MAX = 2**31 - 1
 
 # Inner loops index with unsigned integers: numba then leaves out the test for places that count from the end. The index
-# of a prange is unsigned, too; where it meets signed ones it is made signed, for the sum of both is a float to numba.
+# of a prange is also unsigned; it is cast to signed, because numba makes a float of the sum of both.
 TOP_ROWS, OTHER_ROWS = (np.uint64(0), np.uint64(3)), (np.uint64(3), np.uint64(PATCH))
 MOST_COLUMNS, LAST_COLUMN = (np.uint64(0), np.uint64(ROW - 1)), (np.uint64(ROW - 1), np.uint64(ROW))
 
@@ -52,7 +52,7 @@ def squares(total, t, t_at, t_row, e, e_at, e_row, rows, columns):
 def patch_distance(t, t_at, t_row, e, e_at, e_row, limit):
     """Sum of squared differences of two patches; given up after three rows where it reaches `limit` there.
 
-    A row of 33 values is a whole number of registers and one value: the loop over 33 took 1.3 times as long, all of
+    A row of 33 values fills its registers and has one more value: the loop over 33 took 1.3 times as long, all of
     `improve` counted. One slice of each image per row, as one would write it first, took 4 times as long, this alone.
     """
     patches = (t, np.uint64(t_at), np.uint64(t_row), e, np.uint64(e_at), np.uint64(e_row))

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which share of a filter's CPU seconds its kernels take. `python -m benchmarks.kernels.share [--runs N] [NAME ...]`.
+"""The share of kernels in a filter's CPU time. `python -m benchmarks.kernels.share [--runs N] [NAME ...]`.
 
-Linux and a CPU runtime alone: what the runtime's own threads use is the kernels' (and the runtime's copies, which are
-taken off by their events). Each line runs N times in a process of its own; medians of CPU seconds (user and system, all
-threads) are printed:
+It requires Linux and a CPU runtime: the time of the runtime's threads is that of the kernels, plus the runtime's
+copies, which are subtracted by their events. Each line runs N times in a separate process. Medians of CPU seconds (user
+and system, all threads) are printed:
 
-start: the interpreter, imports, parsing, opening the device and its programs: what any line pays.
-op: from the first word on until all pixels are there: reading the exemplar, color, analysis, kernels, gathers.
+start: the interpreter, imports, parsing, opening the device and its programs, as in any line.
+op: from the first word until all pixels are computed: reading the exemplar, color, analysis, kernels, gathers.
 kernels: the part of `op` that the runtime's threads used.
-whole: the line as it is typed, `start` and encoding to EXR included.
+whole: the whole line, including `start` and encoding to EXR.
 
 Shares are of `op`, of `start` and `op`, and of the whole.
 """

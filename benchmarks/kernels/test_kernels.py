@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Our kernels beside numba loops that do the same work, checked to give the same result; the ratio is in brackets.
+"""Our kernels compared with numba loops that do the same work and give the same result; the ratio is in brackets.
 
 python -m pytest benchmarks/kernels/test_kernels.py
 
-The exemplar is the demo's photo at 512x512, with the defaults of --texstationarize. The device is the CPU, for that is
-where the bound runs; $OIIOTEX_DEVICE names another.
+The exemplar is the demo's photo at 512x512, with the defaults of --texstationarize. The device is the CPU, because
+the bound runs there; $OIIOTEX_DEVICE names another.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Labels of photos under several settings of the CPU, the BLAS and its threads: are they the same bits?
+"""Verify that labels of photos are bit-identical under several settings of the CPU, the BLAS and its threads.
 
 python -m benchmarks.labels.bits [--side 400] [PHOTO ...]
 
-Each setting is a process of its own. What is printed of a photo: one digest for each level, finest first, of the first
-setting; and, of the others, which levels differ.
+Each setting runs in a separate process. For each photo it prints the digests of all levels, finest first, under the
+first setting, and the levels that differ under the others.
 """
 
 from __future__ import annotations

@@ -6,9 +6,9 @@ python -m benchmarks.labels.curves [--name PART] [--superpixels 400,100] [--plot
 
 Figure 3c: every kind of features, labels by nmf. Figure 3d: the first of the features, every kind of clusters; k-means
 and spectral clustering get the number of labels that nmf finds, as in the paper. Labels are those of one scale (C~, the
-paper's section 4.2): the hierarchy's level of about so many superpixels. How many labels there are follows from the
+paper's section 4.2): the hierarchy's level with about that number of superpixels. The number of labels depends on the
 persistence of the walk, which is swept. Rand index; covering of true regions by labels (`cover`) and of labels by true
-regions (`back`). Means are over those images alone for which every curve of the figure reaches the number of labels.
+regions (`back`). Means include only images for which every curve of the figure reaches the number of labels.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Series(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """What one image gives: metrics (n, 3) over rising numbers of labels (n,)."""
+    """Results for one image: metrics (n, 3) over increasing numbers of labels (n,)."""
 
     counts: np.ndarray
     metrics: np.ndarray
@@ -62,7 +62,7 @@ def curve(
 ) -> Curve:
     """Labels of one partition over the persistence; where several give as many labels, their mean."""
     points = described(groups)
-    # spectral clustering warns of graphs in pieces, which ours may be: that is no fault of the comparison
+    # spectral clustering warns of disconnected graphs, which are expected here
     warnings.filterwarnings("ignore", "Graph is not fully connected")
     found: dict[int, list[tuple[float, float, float]]] = {}
     for persistence in PERSISTENCES:
@@ -74,7 +74,7 @@ def curve(
 
 
 def partition_near(levels: Hierarchy, count: int) -> np.ndarray:
-    """The partition into so many superpixels, or the nearest there is."""
+    """The partition with that number of superpixels, or the nearest."""
     return levels.partition_of(int(np.clip(count, levels.counts[-1], levels.counts[0])))
 
 
@@ -186,8 +186,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--features", default="textons,moments,gabor,quadtree")
     parser.add_argument("--cluster", default="nmf,kmeans,spectral")
-    parser.add_argument("--superpixels", default="100", help="of the level that is labeled; several with commas")
-    parser.add_argument("--name", default="", help="images whose names have this in them; several with commas")
+    parser.add_argument("--superpixels", default="100", help="superpixels of the level to label; comma-separated list")
+    parser.add_argument("--name", default="", help="images whose names contain one of these; comma-separated list")
     parser.add_argument("--plots", type=Path)
     given = parser.parse_args()
     kinds, clusters = given.features.split(","), given.cluster.split(",")

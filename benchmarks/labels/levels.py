@@ -7,8 +7,8 @@ python -m benchmarks.labels.levels [--features textons,moments,gabor,quadtree] [
 LSA16 figures 3c and 3d, with curves over the number of labels, are redrawn by benchmarks.labels.curves.
 
 Best level: the one of the best covering of the truth. `truth by labels` is the covering of true regions by labels,
-`labels by truth` the other way; UE: share of superpixels' pixels beyond the region that has most of them, at the best
-level's superpixels. Synthetic pictures have exact truth: bricks, pebbles and moss behind wavy borders.
+`labels by truth` the reverse; UE: share of superpixels' pixels beyond the region that has most of them, at the best
+level's superpixels. Synthetic pictures have exact truth: bricks, pebbles and moss with wavy borders.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def main() -> None:
     parser.add_argument("--persistence", type=float, default=LabelSettings.persistence)
     parser.add_argument("--share", type=float, default=LabelSettings.share)
     parser.add_argument("--name", default="")
-    parser.add_argument("--levels", action="store_true", help="every level, not the best alone")
+    parser.add_argument("--levels", action="store_true", help="print every level, not only the best")
     parser.add_argument("--pictures", type=Path)
     arguments = parser.parse_args()
     session = Session()

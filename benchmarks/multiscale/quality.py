@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Quality of --texsynth in numbers (HRRG08): what a zoom keeps, how like the exemplars it is, how coherent its scales.
+"""Quality of --texsynth in numbers (HRRG08): contrast in a zoom, similarity to the exemplars, coherence of scales.
 
 python -m benchmarks.multiscale.quality [--side 128] [zooms] [graphs]
 """
@@ -50,7 +50,7 @@ def prepared(path: Path, session: Session, side: int, correct: bool = True) -> t
 
 
 def lab(plane: Plane, maker: Synthesizer, level: int, window: Window) -> np.ndarray:
-    """What pixels look like, L, a and b away from the root's mean: (h, w, 3)."""
+    """Pixels as L, a and b minus the root's mean: (h, w, 3)."""
     state = maker.window(level, window)
     planes = plane.analysis.stacks.planes.reshape(-1, 4)
     return (planes[state.texel][..., :3] + state.offset[..., :3].astype(float)) / FINE_STEPS
@@ -138,9 +138,7 @@ def graphs(folder: Path, session: Session, side: int) -> None:
         taken = ", ".join(f"{plane.graph.names[n]} {100 * s:.0f} %" for n, s in shares(plane.graph, plane.analysis))
         lost = ", ".join(f"{plane.graph.names[u.exemplar]} {100 * u.share:.0f} %" for u in unmatched(plane.analysis))
         notes.append(f"| {name} | {taken} | {lost} |")
-    print(
-        "\n| graph | candidate of so many of the texels that it may replace | nothing finer is like |", *notes, sep="\n"
-    )
+    print("\n| graph | share of replaceable texels where it is a candidate | without a finer match |", *notes, sep="\n")
 
 
 def _levels(plane: Plane) -> Iterator[int]:

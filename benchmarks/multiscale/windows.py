@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texsynth: what windows, their start, and the analysis cost; how near its candidates come to the exact ones.
+"""--texsynth: cost of windows, of their start, and of the analysis; distance of its candidates from the exact ones.
 
 python -m benchmarks.multiscale.windows [--graph GRAPH.json] [--photo PHOTO] [--runs 7]
 
-Modes take turns round by round, so that a slow spell of the machine falls on all; figures are medians. CPU seconds are
-those of all threads. Wall times are the machine's only where nothing else runs on it.
+Modes alternate, so that a slow phase of the machine affects all of them. Numbers are medians. CPU seconds are
+those of all threads. Wall times are meaningful only on an idle machine.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def timed(work: Callable[[], object]) -> tuple[float, float]:
 
 
 def modes(session: Session, graph: Path, photo: Path) -> dict[str, tuple[Synthesizer, Plane, int]]:
-    """What is compared: a maker, its plane, and the level of its windows."""
+    """A case: a maker, its plane, and the level of its windows."""
     found = {}
     known, images = graph_images(graph, session.resources)
     root = images[known.root]
@@ -115,7 +115,7 @@ def print_start(graph: Path, runs: int) -> None:
 
 
 def print_analysis(session: Session, photo: Path, runs: int) -> None:
-    """The analysis of one exemplar, nothing cached, and its candidates beside the exact ones."""
+    """The analysis of one exemplar without a cache, and its candidates compared with the exact ones."""
     given = Graph.single("photo"), (read(photo, session.resources.cache),), "photo"
     plane = opened(session.resources, session.progress, *given, side=256, dims=DIMS, correct=True, **LAB)
     stacks = plane.analysis.stacks
@@ -148,7 +148,7 @@ def distances(plane: Plane) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         pieces = []
         for piece in np.array_split(np.arange(SAMPLED), 10):
             own = all_of[texels[piece]]
-            squared = (own**2).sum(1)[:, None] + (all_of**2).sum(1) - 2 * own @ all_of.T  # exact: whole numbers
+            squared = (own**2).sum(1)[:, None] + (all_of**2).sum(1) - 2 * own @ all_of.T  # exact: integers
             mine, every = (np.stack(np.divmod(of, side)) for of in (texels[piece], np.arange(side * side)))
             apart = np.abs(mine[:, :, None] - every[:, None])
             apart = np.minimum(apart, side - apart)

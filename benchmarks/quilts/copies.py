@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a synthesized image is copied from its exemplar, by the looks of both: whoever made it."""
+"""The copied share of a synthesized image, from the pixels of image and exemplar alone."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def copies(made: np.ndarray, exemplar: np.ndarray) -> tuple[Copies, float]:
 
 
 def _exact(made: np.ndarray, exemplar: np.ndarray) -> SourceMap:
-    """The source of every pixel in a block that is there to the bit, by hashes of 64 bits; `NONE` for the others."""
+    """The source of every pixel in a block with a bit-identical copy, by 64-bit hashes; `NONE` for the others."""
     there, here = _hashes(exemplar), _hashes(made)
     known, first = np.unique(there, return_index=True)
     at = np.minimum(np.searchsorted(known, here), len(known) - 1)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Minimum cuts of patches by the libraries that have wheels and a license that we may use.
+"""Minimum cuts of patches by libraries with wheels and a compatible license.
 
-python -m benchmarks.quilts.cuts   (OR-tools and networkx are timed where they are installed)
+python -m benchmarks.quilts.cuts   (OR-tools and networkx are timed if installed)
 """
 
 from __future__ import annotations

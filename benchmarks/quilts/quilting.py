@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """--texquilt: how fast, how wide, how good. `python -m benchmarks.quilts.quilting [NAME ...]`.
 
-speed: 1024 x 1024 from a 256 x 256 crop, the whole command, beside the peers that synthesize (shared/peers.py).
+speed: 1024 x 1024 from a 256 x 256 crop, the whole command, compared with peers that synthesize (shared/peers.py).
 wide: CPU seconds per output megapixel from 4096 to 65536 columns.
 guided: LSA16 figure 12: an exemplar of 2560 x 1920 and a guide to 16638 x 11776, written as tiled EXR with zip.
 quality: seams, verbatim copies and the most repeated region on test photos.
 patches: the same on three photos that are smooth between large edges, by the side of a patch.
-peers: 1024 x 1024 from 256 x 256 crops of four photos, beside all the tools that synthesize and are installed: time,
-verbatim copies and the most repeated region, by where the exemplar has each block of the result
-(benchmarks/quilts/copies.py).
-fidelity: how much of a guide is found again, on six photos: in the labels of the sources, and in what the result looks
-like (benchmarks/quilts/relabel.py).
+peers: 1024 x 1024 from 256 x 256 crops of four photos, compared with all installed synthesis tools: time, verbatim
+copies and the most repeated region, from the place of each block in the exemplar (benchmarks/quilts/copies.py).
+fidelity: agreement with a guide, on six photos: by the labels of the sources, and by the result's appearance
+(benchmarks/quilts/relabel.py).
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ def oiiotex(*words: object, cwd: Path) -> tuple[float, float, int]:
 
 
 def speed(folder: Path) -> None:
-    """The whole command from a 256 x 256 crop, best of three, beside peers in turn."""
+    """The whole command from a 256 x 256 crop, best of three, alternating with peers."""
     crop = folder / "crop.png"
     oiiotex(PHOTOS / "pebbles_beach_shadow.jpg", "--crop", "256x256+200+150", "--fullpixels", "-o", crop, cwd=folder)
     oiiotex(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Labels of a synthesized image by what it looks like: by the features of the exemplar's labeled superpixels."""
+"""Labels of a synthesized image by its appearance: the features of the exemplar's labeled superpixels."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def relabeled(exemplar: np.ndarray, ids: np.ndarray, made: np.ndarray, rho: floa
         return votes.argmax(1)
 
     distances, near = tree.query(points, max(NEAREST) + 1)
-    apart = near.copy()  # a superpixel of the exemplar is no neighbor of its own
+    apart = near.copy()  # a superpixel of the exemplar is not its own neighbor
     own = np.full(len(points), -1)
     own[known] = np.arange(len(known))
     for n in known:

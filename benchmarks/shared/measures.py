@@ -42,7 +42,7 @@ def machine() -> str:
 
 
 class Spent(NamedTuple):
-    """What a process took: seconds by the clock and of CPU (user and system, all threads), peak resident megabytes."""
+    """Cost of a process: wall-clock and CPU seconds (user and system, all threads), peak resident megabytes."""
 
     wall: float
     cpu: float
@@ -68,8 +68,8 @@ def luma(rgb: np.ndarray) -> np.ndarray:
 def tile_figures(rgb: np.ndarray, clean: np.ndarray) -> tuple[float, ...]:
     """(wrap percentile x, y, LowF, sharpness and contrast relative to the clean photo) of 8-bit pixels.
 
-    The clean photo is luma. LowF says how much drift repeats when textures are alike; it is no goal: crushed structure
-    lowers it, too.
+    The clean photo is luma. LowF measures how much low-frequency variation repeats in similar textures. It is not a
+    goal: lost structure also lowers it.
     """
     gray = luma(rgb)
     return (

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mosaics of 2 to 12 textures with exact truth, drawn by lot: two halves, one to set parameters on, one to judge them.
+"""Mosaics of 2 to 12 textures with exact truth, drawn at random: one half to tune parameters, one to judge them.
 
-Kinds take turns: photos in color, photos in gray, textures drawn by code in gray, drawn and photographed ones
-together in color, two photos in many small patches (behind fine or soft borders), one photo in four versions (turned,
-at other scales), and five photos in gray. The halves share no photo and no drawn texture. Photos come from
+Kinds alternate: photos in color, photos in gray, procedural textures in gray, procedural and photographed ones in
+color, two photos in many small patches (with fine or soft borders), one photo in four versions (rotated, scaled), and
+five photos in gray. The halves have no photo and no procedural texture in common. Photos come from
 `$OIIOTEX_TEST_DATA` and from scikit-image's wheel. Fields are Voronoi cells with straight or wavy borders, or four
 quarters around a disc; patches are where smooth noise is above a level.
 """
@@ -230,7 +230,7 @@ def _spots(random: np.random.Generator) -> np.ndarray:
 
 
 def _wall(random: np.random.Generator) -> np.ndarray:
-    """Courses of bricks or tiles, each of its own shade."""
+    """Courses of bricks or tiles, each with another shade."""
     v, u = _turned(random, random.uniform(0, 1.5))
     high, wide = random.uniform(6, 20), random.uniform(8, 40)
     row = np.floor(v / high)

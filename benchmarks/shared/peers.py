@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Other tools that make a photo tile, or synthesize texture from it: what to install, how to call and to time them.
+"""Other tools that make a photo tile, or synthesize texture from it: installation, calls and timing.
 
-Each is a program of its own, started from a command line with a photo and the PNG to write, and timed from start to
-exit, so that loading, computing and saving all count. None is ever imported here or needed by oiiotex: those that are
-Python packages run under the interpreter that $PEERS_PYTHON names, by default the one that runs this::
+Each is a separate program, started with a photo and the PNG to write, and timed from start to exit, including loading
+and saving. None is imported here or required by oiiotex. Python packages run under the interpreter $PEERS_PYTHON, by
+default the current one::
 
     apt-get install --no-install-recommends gmic gegl
     python3 -m venv /tmp/peers
     /tmp/peers/bin/pip install resynthesizer PyPatchMatch img2texture numpy pillow
     PEERS_PYTHON=/tmp/peers/bin/python python -m benchmarks.speed.tile
 
-`pip install gmic` does for G'MIC where there is no `gmic` program; the program is preferred. gimp-texturize is a
+`pip install gmic` is used for G'MIC if there is no `gmic` program. gimp-texturize is a
 plug-in of GIMP 2.10 (`apt-get install gimp-texturize`), run by `gimp-console`; Embark's texture-synthesis comes by
 `cargo install texture-synthesis-cli`.
 
-`SYNTHESIZERS` make an image of the size asked for, which does not tile. The others keep the size of the photo, except
-img2texture, which gives up the fifth of each side that it blends.
+`SYNTHESIZERS` make an image of the requested size, which does not tile. The others keep the size of the photo, except
+img2texture, which loses the fifth of each side that it blends.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ image = inpaint(image, hole, patch_size=3)
 Image.fromarray(np.roll(image, (-(h // 2) - h // 4, -(w // 2) - w // 4), (0, 1))).save(out)
 """
 
-# The photo stands beside the place to fill, and under the photo, too, there is something to fill: the image is a
+# The photo is next to the area to fill, and there is also an area to fill below the photo: the image is a
 # rectangle. What is under the photo is thrown away.
 _RESYNTHESIZE = """
 import sys

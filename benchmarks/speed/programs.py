@@ -4,7 +4,7 @@
 python -m benchmarks.speed.programs [--runs 2] [--large] [--only PART]
 
 Each line runs once to fill caches (not with --large), then `--runs` times; the best of each figure is printed. Memory
-is the peak; what is below 110 MB is that of the program which measures. Photos are clover_lawn.jpg, resized, and the
+is the peak; values below 110 MB are those of the measuring program. Photos are clover_lawn.jpg, resized, and the
 map of Mars of 33 megapixels.
 """
 
@@ -66,7 +66,7 @@ def main() -> None:
     parser.add_argument("--large", action="store_true", help="the lines that take minutes")
     parser.add_argument("--only", default="", help="lines that contain this")
     given = parser.parse_args()
-    print("| line | s by the clock | CPU s | MB |\n|---|---|---|---|")
+    print("| line | wall-clock s | CPU s | MB |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_photos(folder, given.large)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo's photo at 512x512, from the command line to the written tile, beside other tools (shared/peers.py).
+"""The demo's photo at 512x512, from the command line to the written tile, compared with other tools (shared/peers.py).
 
 python -m benchmarks.speed.tile [--runs 5]
 
-Every tool is run once to warm up (it fills caches of files and of built kernels), then all of them in turn, round by
-round, so that a slow spell of the machine falls on all. Other tools solve a smaller problem: most only mend the borders
-and leave the light and the stain as they are, which LowF shows.
+Every tool runs once to warm up (caches of files and kernels). Then all of them alternate, so that a slow phase of the
+machine affects all. Other tools solve a smaller problem: most fix only the borders and keep light and stain, which LowF
+shows.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ NUMBERS = "{:9.1f} {:9.1f} {:6.2f} {:6.3f} {:9.3f}"
 
 
 def pixels(path: Path) -> np.ndarray:
-    """(h, w, 3) uint8 of an image file; gray is repeated, alpha left out."""
+    """(h, w, 3) uint8 of an image file; gray is repeated, alpha omitted."""
     values = oiio.ImageBuf(str(path)).get_pixels(oiio.UINT8)
     return values[..., :3] if values.shape[2] >= 3 else values[..., :1].repeat(3, axis=2)
 
 
 def measure(tools: list[Tool], photo: Path, folder: Path, runs: int) -> dict[str, list[float]]:
-    """Seconds of every run of every tool, by name; results stay in `folder`. A tool that fails is told and left out."""
+    """Seconds of every run of every tool, by name; results stay in `folder`. Tools that fail are skipped."""
     seconds: dict[str, list[float]] = {tool.name: [] for tool in tools}
     for number in range(runs + 1):
         for tool in tools:

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A line on a farm: what tasks cost here, on 1 and 2 workers; what 1,000 workers would make of it; a plan for 1 Tpix.
+"""A line on a farm: cost of tasks on 1 and 2 workers here, a model of 1,000 workers, and a plan for 1 Tpix.
 
 `python -m benchmarks.studio.farm [--size 3000x6000] [--disk 2000]`
 
-Costs are measured: every share of a line alone, the join, what Dask takes for a task that does nothing. A model of the
-scheduler and of a disk that all share replays them: the scheduler hands out one task after another, the disk takes one
-byte after another, workers compute in between. So it leaves out what a real farm has beside it: networks that drop,
-machines that differ, other people's jobs.
+Measured costs are every share of a line alone, the join, and an empty task of Dask. A model of the scheduler and of a
+shared disk replays them: the scheduler hands out tasks one after another, the disk transfers bytes one after another,
+and workers compute in between. The model ignores network failures, differing machines and other jobs.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ class Costs(NamedTuple):
     Attributes
     ----------
     tasks : list of float
-        s of CPU of each share of one cell, one thread: by the clock they would say what else the machine did.
+        s of CPU of each share of one cell, one thread. Wall-clock times would include the load of the machine.
     fixed : float
         Of a share of no cell: what every task costs before it makes a pixel.
     join : float
@@ -67,7 +66,7 @@ def nothing(job: int) -> int:
 
 
 def timed(job: Job) -> tuple[str, float, float]:
-    """Do a share: (its error, s by the clock, s of CPU)."""
+    """Do a share: (its error, wall-clock s, s of CPU)."""
     start, cpu = time.perf_counter(), time.process_time()
     _, error, _ = work(job)
     return error, time.perf_counter() - start, time.process_time() - cpu
@@ -105,7 +104,7 @@ def measured(folder: Path, size: str, count: int) -> Costs:
 
 
 class OnDask(NamedTuple):
-    """Shares done by workers that were warm: s by the clock, s that all workers were at work, s of CPU in shares."""
+    """Shares done by warm workers: wall-clock s, busy s of all workers, s of CPU in shares."""
 
     wall: float
     busy: float
@@ -134,7 +133,7 @@ def on_dask(folder: Path, size: str, count: int, workers: int) -> OnDask:
 def simulated(
     costs: Costs, workers: int, tasks: int, scale: float, disk: float, seed: int = 1
 ) -> tuple[float, float, str]:
-    """Replay measured tasks on so many workers.
+    """Replay measured tasks on that number of workers.
 
     Parameters
     ----------
@@ -178,7 +177,7 @@ def simulated(
 
 
 def table(costs: Costs, disk: float) -> None:
-    """What the model says of more workers, 16 tasks each of which takes 30 s."""
+    """The model for more workers, 16 tasks of 30 s for each."""
     scale = 30 / (sum(costs.tasks) / len(costs.tasks) - costs.fixed)
     print("\n| workers | tasks | s | efficiency | waited for most |\n|---|---|---|---|---|")
     for workers in (1, 2, 10, 100, 300, 1000, 3000, 10000):
@@ -209,7 +208,7 @@ def plan(costs: Costs, disk: float) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--size", default="3000x6000", help="of the image whose shares are timed")
+    parser.add_argument("--size", default="3000x6000", help="size of the image whose shares are timed")
     parser.add_argument("--disk", type=float, default=2000.0, help="MB/s of the shared disk in the model")
     given = parser.parse_args()
     disk = given.disk * 1e6
@@ -222,7 +221,7 @@ def main() -> None:
         least, most, pure = min(costs.tasks), max(costs.tasks), total - count * costs.fixed
         print(f"{given.size}, {count} shares of a cell: {least:.2f} to {most:.2f} s of CPU each, {total:.1f} s in all")
         print(f"of which {costs.fixed:.2f} s before a task makes a pixel: 5 % of tasks of {20 * costs.fixed:.0f} s")
-        print(f"{costs.pixels / pure / 1e6:.2f} Mpix/s of a thread otherwise; the join {costs.join:.1f} s by the clock")
+        print(f"{costs.pixels / pure / 1e6:.2f} Mpix/s of a thread otherwise; the join {costs.join:.1f} wall-clock s")
         print(f"{costs.written / 1e6:.0f} MB of shares, {costs.result / 1e6:.0f} MB of file")
         for workers in (1, 2):
             dask = on_dask(folder, given.size, count, workers)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A library from a folder: how much of two cores it uses, and how fast a catalog of 10,000 assets answers.
+"""A library from a folder: its use of two cores, and the response time of a catalog of 10,000 assets.
 
 `python -m benchmarks.studio.library [--photos 12] [--size 512] [--assets 10000] [--only run|catalog] [--keep FOLDER]`
 """
@@ -65,7 +65,7 @@ def write_photos(folder: Path, count: int, size: int) -> None:
 
 
 def single_times(folder: Path) -> list[tuple[float, float]]:
-    """Seconds of each material's lines alone, by the clock and of CPU: one thread, in a process that has begun."""
+    """Wall-clock and CPU seconds of each material's lines alone: one thread, in a running process."""
     recipe = load_recipe(folder / "recipe.toml")
     found, times = materials(folder / "photos", recipe), []
     for number, material in enumerate([found[0], *found]):
@@ -105,7 +105,7 @@ def run_of_photos(folder: Path, count: int, size: int) -> None:
     print(f"{count} photos of {size}², lines alone, one thread: {alone:.1f} s, {alone_cpu:.1f} s of CPU in all")
     print(f"ingest by {workers} workers: {wall:.1f} s, {cpu:.1f} s of CPU, start of the programs and all")
     print(f"lines' share of the CPU: {alone_cpu / cpu:.2f}; workers at work {busy / workers / wall:.2f} of the time")
-    print(f"sum of lines over {workers} x the clock: {alone / wall / workers:.2f} (goal .9; means nothing under load)")
+    print(f"sum of lines over {workers} x wall-clock: {alone / wall / workers:.2f} (goal .9; meaningless under load)")
     print(f"again, nothing changed: {again:.1f} s")
 
 
@@ -168,7 +168,7 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--assets", type=int, default=10_000)
     parser.add_argument("--only", choices=("run", "catalog"))
-    parser.add_argument("--keep", type=Path, help="where to leave the libraries")
+    parser.add_argument("--keep", type=Path, help="folder to keep the libraries in")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = (given.keep or Path(scratch)).resolve()

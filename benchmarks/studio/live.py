@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How long the page lets one wait: slider to the first tile, stroke to texture, tiles a second, memory after strokes.
+"""Response times of the page: slider to first tile, stroke to texture, tiles per second, memory after strokes.
 
 `python -m benchmarks.studio.live [--photo 512] [--painting 2048] [--runs 20] [--strokes 500]`: in Chromium.
 

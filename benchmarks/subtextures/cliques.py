@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clique partitioning on the random instances of CZF02 tables I, II and figure 4, beside the paper's figures.
+"""Clique partitioning on the random instances of CZF02 tables I, II and figure 4, compared with the paper's.
 
 python -m benchmarks.subtextures.cliques [--instances 100] [--large]
 """
@@ -60,7 +60,7 @@ def main() -> None:
     """Measure and print tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--instances", type=int, default=100)
-    parser.add_argument("--large", action="store_true", help="20,000 vertices, too")
+    parser.add_argument("--large", action="store_true", help="also 20,000 vertices")
     arguments = parser.parse_args()
     print("| vertices | cliques | noise | paper exact | exact | paper heuristic | heuristic | s.e. | refined | CPU ms"
           " heuristic | refined | score lost by heuristic, refined | paper diff | diff |")  # fmt: skip

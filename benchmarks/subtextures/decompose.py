@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subtextures against ground truth: the mosaics at hand, and mosaics drawn by lot, by setting.
+"""Subtextures against ground truth: fixed and random mosaics, by setting.
 
 python -m benchmarks.subtextures.decompose [--mosaics 20] [--label] [--groups mosaics,judge,photos]
                                            [--only NAME] [--each]
 
-Settings: the default, and with the number told; clique partitioning, and without shifts; the paper's features and
-assignment with and without shifts. The default was set on the half "tune" of shared/mosaics.py; "judge" was not looked
-at before. k-means (on the histograms of the samples) and normalized cuts (on their similarities, CZF02 figure 5d) stand
-where clique partitioning does; they are told the true number of subtextures, which it is not. Factorization
+Settings: the default, and with the number given; clique partitioning, and without shifts; the paper's features and
+assignment with and without shifts. The default was tuned on the half "tune" of shared/mosaics.py, never on "judge".
+k-means (on the histograms of the samples) and normalized cuts (on their similarities, CZF02 figure 5d) replace clique
+partitioning. They get the true number of subtextures, which clique partitioning does not. Factorization
 (factorization.py) is a peer by itself, run without the number and with it. `border`: of the pixels within
-8 px of a true border, the share that is not of the true texture its subtexture mostly covers. `correct`: of the true
+8 px of a true border, the share outside the true texture that its subtexture mostly covers. `correct`: of the true
 textures, those that share three quarters of their pixels with one label, and it with them (CS of the Prague benchmark
 of texture segmentation). `accuracy`: of pixels, when every texture has the label of the best assignment of one to one.
 """
@@ -122,13 +122,13 @@ def by_factorization(case: Case, told: bool) -> list[np.ndarray]:
 def main() -> None:
     """Measure and print tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--mosaics", type=int, default=20, help="of a half of benchmarks.shared.mosaics")
     parser.add_argument(
-        "--label", action="store_true", help="--texlabel beside them: its best level, chosen with the truth"
+        "--mosaics", type=int, default=20, help="number of mosaics of each half of benchmarks.shared.mosaics"
     )
+    parser.add_argument("--label", action="store_true", help="also --texlabel: its best level, chosen with the truth")
     parser.add_argument("--groups", default="mosaics,judge,photos")
-    parser.add_argument("--only", default="", help="settings with this in their name")
-    parser.add_argument("--each", action="store_true", help="every image, not the means alone")
+    parser.add_argument("--only", default="", help="settings whose names contain this")
+    parser.add_argument("--each", action="store_true", help="print every image, not only means")
     arguments = parser.parse_args()
     groups = {
         "mosaics": lambda: list(cases("mosaic")),

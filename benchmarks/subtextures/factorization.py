@@ -2,14 +2,14 @@
 """Segmentation by factorization, a peer of --texdecompose, written from the equations of its paper.
 
 Yuan, Wang, Cheriyadat: Factorization-Based Texture Segmentation, IEEE Transactions on Image Processing 24(11), 2015.
-Every pixel's local spectral histogram is taken for a mixture, by area, of those of the textures in its window:
+Every pixel's local spectral histogram is modeled as a mixture, by area, of those of the textures in its window:
 Y = Z beta. Representatives Z are found in the subspace of the largest singular vectors of Y, beta is solved by least
 squares, a pixel has the label whose share is largest. The number of textures is the rank of Y up to a residual.
 
-What the paper leaves open or is otherwise here: color is three intensity bands beside the filters on their mean;
-histograms are of values between the 0.5 and 99.5 percentiles; places where opposite windows differ more than at the
-median are borders, where no representatives are looked for; alternating least squares with non-negative factors ends
-after ten rounds; labels of less than 2 % of the image are given up. Window and residual were set on the half "tune" of
+Departures from the paper, and choices that it leaves open: color is three intensity bands in addition to the filters on
+their mean. Histograms are of values between the 0.5 and 99.5 percentiles. Places where opposite windows differ more
+than the median are borders, without representatives. Alternating least squares with non-negative factors ends after ten
+rounds. Labels of less than 2 % of the image are dropped. Window and residual were set on the half "tune" of
 benchmarks.shared.mosaics.
 """
 
@@ -91,7 +91,7 @@ def segmented(
     rgb : (h, w, 3) array
         0 to 1.
     count : int, optional
-        Of textures; the rank of Y up to `residual` when left out.
+        Number of textures. Default: the rank of Y up to `residual`.
     window : int
         Side of the windows, px, odd.
     residual : float

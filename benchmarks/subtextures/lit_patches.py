@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How like two patches of one texture are under different light, by hard and by weighted histograms: CZF02 figure 1.
+"""Similarity of two patches of one texture under different light, by hard and weighted histograms (CZF02 figure 1).
 
 python -m benchmarks.subtextures.lit_patches
 
 The figure is of one Brodatz texture; here two halves of a photo, one of them darker, are compared for ten photos by
-Bhattacharyya's coefficient (eq. 3): of histograms in which every pixel belongs to its nearest bin alone, and of the
-paper's, in which it belongs to all of them by weights (eq. 1). Bins are of color and of Haar details, eight each,
-learned on both halves together. Beside it the coefficient of two different photos, which weights should not raise.
+Bhattacharyya's coefficient (eq. 3): with histograms in which every pixel belongs to its nearest bin alone, and with
+the paper's, in which it belongs to all of them by weights (eq. 1). Bins are of color and of Haar details, eight each,
+learned on both halves together. The coefficient of two different photos is also printed; weights should not raise it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Superpixels and their hierarchy: time and memory beside peers, under-segmentation on the maps of ground truth.
+"""Superpixels and their hierarchy: time and memory compared with peers, under-segmentation on the maps of ground truth.
 
 python -m benchmarks.superpixels.quality [speed] [memory] [quality] [pictures FOLDER]
-python -m benchmarks.superpixels.quality quality-of PART,PART   (images whose names have one of these in them)
+python -m benchmarks.superpixels.quality quality-of PART,PART   (images whose names contain one of these)
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def best(work: Callable[[], object], repeats: int = 5) -> float:
 
 
 def speed() -> None:
-    """Ten iterations at 2560 x 1920 with about 2500 seeds, beside OpenCV and scikit-image; then the whole way."""
+    """Ten iterations at 2560 x 1920 with about 2500 seeds, and by OpenCV and scikit-image; then all stages."""
     import cv2
     from skimage.color import rgb2lab
 
@@ -104,9 +104,9 @@ def speed() -> None:
     for name, seconds in rows.items():
         print(f"  {name:30s} {seconds:6.3f} s   {seconds / mine:5.1f} x ours")
     found = superpixels(image, lens, resources)
-    print(f"the whole way, {found.count} superpixels")
+    print(f"the whole computation, {found.count} superpixels")
     whole = best(lambda: superpixels(image, lens, resources), 3)
-    print(f"  superpixels until nothing moves {whole:6.3f} s")
+    print(f"  superpixels until converged     {whole:6.3f} s")
     ten = best(lambda: superpixels(image, lens, resources, iterations=10), 3)
     print(f"  ten iterations only             {ten:6.3f} s")
     levels = hierarchy(found, resources)
@@ -114,7 +114,7 @@ def speed() -> None:
 
 
 def memory() -> None:
-    """100 megapixels: seconds and peak memory of a process of its own."""
+    """100 megapixels: seconds and peak memory of a separate process."""
     code = "from benchmarks.superpixels.quality import hundred; hundred()"
     print(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout, end="")
 
@@ -146,7 +146,7 @@ def hundred() -> None:
 
 
 def truths() -> list[tuple[str, Path, np.ndarray]]:
-    """(name, photo, regions) of the ground truth; regions are connected and from 0 on, -1 where nothing is said."""
+    """(name, photo, regions) of the ground truth; regions are connected and numbered from 0, -1 is unknown."""
     found = []
     for path in sorted((data_folder() / "gt").glob("*_gt.png")):
         name = path.stem.removesuffix("_gt")
@@ -174,7 +174,7 @@ def under_segmentation(labels: np.ndarray, regions: np.ndarray) -> float:
 
 
 def at_counts(found: Superpixels, session: Session) -> dict[int, np.ndarray]:
-    """The hierarchy's label maps of so many superpixels."""
+    """The hierarchy's label maps of these numbers of superpixels."""
     area = found.sizes.sum()
     last = max(found.sigma + 6, float(np.sqrt(area / (min(COUNTS) - 1))))
     levels = hierarchy(found, session.resources, np.arange(found.sigma, last + 3, 3.0))

@@ -3,10 +3,10 @@
 
 The latter stand in for Arbelaez's (LSA16 figure 3b), whose code does not install. Both begin with all basins of the
 gradient's watershed and merge neighbors with scikit-image's `merge_hierarchical` until one is left, so that partitions
-of all counts fit into each other. `by_boundary` merges where the mean gradient along the common border is least, which
+of all counts are nested. `by_boundary` merges where the mean gradient along the common border is least, which
 is Arbelaez's construction (an ultrametric contour map) without his learned boundaries. `by_color` merges where the sum
-of squared distances to mean colors grows least (Ward), which knows sizes: far the stronger of the two at counts like
-ours. Felzenszwalb's segments at several scales are left out, as they are no hierarchy: a coarse one may cut a fine one.
+of squared distances to mean colors grows least (Ward), which depends on sizes: by far the better of the two at our
+counts. Felzenszwalb's segments are omitted: they form no hierarchy, because a coarse one may cut a fine one.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Dendrogram:
     merges: np.ndarray
 
     def partition_of(self, count: int) -> np.ndarray:
-        """The partition (h, w) into so many regions."""
+        """The partition (h, w) into `count` regions."""
         parent = np.arange(self.basins.max() + 1)
         for a, b in self.merges[: max(0, len(self.merges) + 1 - count)][::-1].tolist():
             parent[a] = parent[b]

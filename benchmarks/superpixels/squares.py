@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Superpixels that settle on means of squares, beside those that settle on pixels, on large mosaics with exact truth.
+"""Superpixels refined on means of squares, compared with those on pixels, on large mosaics with exact truth.
 
 python -m benchmarks.superpixels.squares [--half tune|judge] [--mosaics 8] [--labels]
 
 Mosaics of benchmarks.shared.mosaics, drawn at 512 px and enlarged 8 times, and drawn at 3300 px with the textures' own
-pixels. Nothing was set on the half "judge". Columns, squares / pixels: eq. 3 of LSA16 (a ratio); the share of the
+pixels. The half "judge" was not used for tuning. Columns, squares / pixels: eq. 3 of LSA16 (a ratio); the share of the
 truth's borders that lie within 2 and within 8 px of a superpixel's; under-segmentation, per cent; runs of rows; CPU s;
 with --labels the covering of the truth by the best level of labels.
 """

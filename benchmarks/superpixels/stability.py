@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How little a partition moves for another scale or other seeds, beside SLIC (LSA16 section 3.2).
+"""Stability of a partition for another scale or other seeds, compared with SLIC (LSA16 section 3.2).
 
 python -m benchmarks.superpixels.stability [--counts 33,100] [--photos NAME,NAME] [--seeds 3]
 
 Two partitions A and B differ by the mean of two under-segmentation errors, that of A with B's regions as the truth and
-that of B with A's, in percent: 0 for equal ones, and of a partition and its refinement one of the two is 0. Beside it
-the variation of information, in bits. `sigma`: the partition at sigma beside those at sigma - 3 and sigma + 3 px, of
-which there are more and fewer superpixels whatever one does; mean over four sigmas. `seeds`: beside as many superpixels
-from seeds that were moved at random by up to a quarter of a cell. The hierarchy's scale and seeds are its finest
-superpixels' for `seeds`, and for `sigma` its levels'; scikit-image's SLIC takes no seeds.
+that of B with A's, in percent: 0 for equal ones. For a partition and its refinement one of the two is 0. The variation
+of information is in bits. `sigma`: the partition at sigma compared with those at sigma - 3 and sigma + 3 px, which
+always have more and fewer superpixels; mean over four sigmas. `seeds`: compared with the same number of superpixels
+from seeds that were moved at random by up to a quarter of a cell. For `seeds` the hierarchy's finest superpixels
+change, for `sigma` its levels. scikit-image's SLIC takes no seeds.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Photo:
             return superpixels(self.image, self.lens, self.session.resources, sigma=sigma)
 
     def hierarchy(self, count: int, seed: int = 0) -> np.ndarray:
-        """The hierarchy's partition into so many."""
+        """The hierarchy's partition into `count` superpixels."""
         found = self._finest.setdefault(seed, None) or self.ours(None, seed)
         self._finest[seed] = found
         last = np.sqrt(self.shape[0] * self.shape[1] / (count - 1))

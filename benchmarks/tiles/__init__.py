@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tiles of one photo: what they keep, lose and repeat."""
+"""Tiles of one photo: texture kept and lost, and repetition."""

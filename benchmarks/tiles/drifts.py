@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Even textures, known drifts to add to them, and how much of texture and drift a tile has.
+"""Even textures, known low-frequency variation to add to them, and measures of both in a tile.
 
-A clean texture with a known drift has a known answer: a good tile of the drifted photo has the energies of the clean
-texture, and none of the drift. All is measured in CIE Lab. L is the longer side of the clean texture, in px.
+With a known drift (a gradient or stain) the right result is known: a good tile has the energies of the clean texture,
+and none of the drift. Everything is measured in CIE Lab. L is the longer side of the clean texture, in px.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def textures(half: str | None = None) -> list[Path]:
     for name in EVEN:
         path = inside / Path(name).name if name.startswith("skimage/") else data_folder() / name
         if not path.is_file():
-            print(f"NOT FOUND, left out: {path}")
+            print(f"NOT FOUND, skipped: {path}")
         elif half in (None, half_of(name)):
             found.append(path)
     return found
@@ -244,7 +244,7 @@ def spread(lab: np.ndarray) -> float:
 
 
 class Clean(NamedTuple):
-    """What is known of a clean texture: Lab, L, and its own figures."""
+    """Known facts of a clean texture: Lab, L, and its measures."""
 
     lab: np.ndarray
     side: int

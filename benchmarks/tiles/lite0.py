@@ -3,7 +3,7 @@
 
 FEATURES_PYTHON benchmarks/tiles/lite0.py FOLDER
 
-Of every FOLDER/PHOTO--WAY.png, beside FOLDER/PHOTO.png, prints a JSON object of
+For every FOLDER/PHOTO--WAY.png it compares with FOLDER/PHOTO.png and prints a JSON object of
 
 unlike: distance of Gram matrices (Gatys, Ecker, Bethge 2015), Frobenius, over the photo's, the mean of four blocks.
 uneven: deviation of features of block 4 (stride 8) pooled over 48 px from place to place, over the photo's.

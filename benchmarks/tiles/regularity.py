@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much of a photo's lattice its tile keeps, beside the tile without `structure` and toroidal PatchMatch's cost.
+"""How much of a photo's lattice its tile keeps, with and without `structure`, and the cost over toroidal PatchMatch's.
 
 python -m benchmarks.tiles.regularity [FILE ...] [--side 256] [--seeds 2]
 
 Without files: photos of $OIIOTEX_TEST_DATA, scikit-image's brick, and the procedural lattices of the tests. Peaks are
 the normalized autocorrelation over its floor at the lattice's first three vectors; of tiles, wrapped, as a share of the
 photo's, the mean over seeds. The cost of MJH17 eq. 1 is measured at half the longest period where that is more than
-the default sigma: below it a lattice is what looks different from place to place, drift or not (a tile of one cell of
+the default sigma: below it the lattice itself looks different from place to place (a tile of one cell of
 the gingham, repeated, has 0.77 of PatchMatch's cost at the default sigma, and 0.10 at half its period).
 
 --op quilt, cut or synth: the least of the three peaks of that op's result, without -> with `structure`, and how often

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What prices of use do: how often a tile shows the same region, what of the texture it loses, and what that costs.
+"""Effect of the reuse penalty: how often a tile shows the same region, lost texture, and cost.
 
 python -m benchmarks.tiles.repetition [PHOTO ...] [--side 256] [--seed 1]
 
 Photos (all of the test data when none is named): the most repeated 32 x 32 px region, and texture cost, stationarity
-cost, low-frequency energy, sharpness and CPU seconds of --texstationarize with its prices of use over those without.
+cost, low-frequency energy, sharpness and CPU seconds of --texstationarize with its reuse penalty over those without.
 Then photos of which a part is painted flat: the share of texture in photo and tile.
 """
 

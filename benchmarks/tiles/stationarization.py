@@ -4,14 +4,14 @@
 python -m benchmarks.tiles.stationarization OUT [--photos FOLDER] [--side 256] [--seeds 10] [--moments N]
                                                 [--steerable N]
 
-It appends to OUT/costs.csv and OUT/traces.csv, and goes on where it was stopped. Then it makes figure3.png, figure4.png
-and table.md of them (matplotlib is in the extra 'benchmark'). Tiles are made with paper=1.
+It appends to OUT/costs.csv and OUT/traces.csv, and resumes where it was stopped. Then it makes figure3.png, figure4.png
+and table.md from them (matplotlib is in the extra 'benchmark'). Tiles are made with paper=1.
 
-The protocol is that of MJH17 section 5.2: the same seeds for all variants, and beside it the one seed of ten with which
+The protocol is that of MJH17 section 5.2: the same seeds for all variants, and in addition the seed of ten with which
 toroidal PatchMatch is most stationary by the variant's own measure, used for both. Costs: stationarity by eq. 1 at
 sigma = longer side / 32, the photo's own units for moments; texture by eq. 5, an upper bound by eight passes of
-PatchMatch. The combined cost of figure 3a is c_stat / s + c_text / s^2 with s the photo's deviation in Lab: the paper
-adds what has different units.
+PatchMatch. The combined cost of figure 3a is c_stat / s + c_text / s^2 with s the photo's deviation in Lab, because
+the paper adds different units.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def main() -> None:
     parser.add_argument("--side", type=int, default=256)
     parser.add_argument("--seeds", type=int, default=10)
     for measure in MEASURES[1:]:
-        parser.add_argument(f"--{measure}", type=int, help="seeds of that measure, where fewer than of the others")
+        parser.add_argument(f"--{measure}", type=int, help="number of seeds for that measure, if fewer")
     given = parser.parse_args()
     seeds = {v: getattr(given, v, None) or given.seeds for v in (BASELINE, *MEASURES)}
     run(given.photos, given.out, given.side, seeds)

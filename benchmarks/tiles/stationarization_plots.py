@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures 3 and 4 of MJH17, and a table, from what stationarization.py has measured."""
+"""Figures 3 and 4 of MJH17, and a table, from the results of stationarization.py."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Costs = dict[tuple[str, int, str, str], float]  # photo, seed, variant, measure
 
 
 def plot(out: Path) -> None:
-    """Write figure3.png, figure4.png and table.md beside the CSV files."""
+    """Write figure3.png, figure4.png and table.md next to the CSV files."""
     table = rows(out / "costs.csv")
     costs = {(r["photo"], int(r["seed"]), r["variant"], r["measure"]): float(r["cost"]) for r in table}
     _figure_3(costs, rows(out / "traces.csv"), out / "figure3.png")
@@ -69,7 +69,7 @@ def _figure_3(costs: Costs, traces: list[dict[str, str]], path: Path) -> None:
                 deviation = float(r["deviation"])
                 combined = float(r["stationarity"]) / deviation + float(r["texture"]) / deviation**2
                 curves[int(r["iteration"])].append(combined)
-        # the number of iterations hangs on a photo's shape: as far as most go
+        # the number of iterations depends on a photo's shape: plot as far as most go
         most = max((len(v) for v in curves.values()), default=0)
         iterations = sorted(n for n, v in curves.items() if len(v) > most / 2)
         if not iterations:
@@ -171,7 +171,7 @@ def _table(costs: Costs, table: list[dict[str, str]]) -> str:
             seen = [c for c in over_seeds(costs, variant, measure).values() if len(c) > 1]
             if not seen:
                 continue
-            # the variance is a mean, too: of squared distances from the mean
+            # the variance is also a mean: of squared distances from the mean
             squares = [(c - c.mean()) ** 2 * len(c) / (len(c) - 1) for c in seen]
             figures = (
                 np.mean([c.mean() for c in seen]), np.mean([t_width(c) for c in seen]),

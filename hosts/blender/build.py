@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Make the extension's zip: `python hosts/blender/build.py oiiotex_blender.zip`.
+"""Build the extension: `python hosts/blender/build.py oiiotex_blender.zip`.
 
-Blender's Python cannot have our package, whose numpy is newer than its own. What speaks to the resident process goes
-into the zip as it is: three modules that import nothing but numpy.
+Blender's Python cannot import oiiotex, which requires a newer numpy. The zip contains copies of the three modules that
+connect to the resident process, which import only numpy.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ LINK = ("errors.py", "deferred.py", "service/messages.py")
 
 
 def build(target: Path) -> None:
-    """Write the zip."""
+    """Write the zip file."""
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in sorted((HERE / "oiiotex_blender").glob("*.*")):
             archive.write(path, path.name)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build the plugin for the OpenImageIO of this Python's environment: `python hosts/openimageio/build.py`.
 
-The wheel of OpenImageIO brings no headers, so they are taken from its source at PyPI. CMake, a C++ compiler and the
-headers of fmt, Imath and nlohmann-json are the system's; `SYSTEM` names Debian's packages of them.
+The wheel of OpenImageIO has no headers, so they are taken from its source on PyPI. CMake, a C++ compiler and the
+headers of fmt, Imath and nlohmann-json must be installed; `SYSTEM` lists their Debian packages.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ HERE = Path(__file__).resolve().parent
 
 
 def source_of(version: str, folder: Path) -> Path:
-    """The headers of a version of OpenImageIO, unpacked in `folder`, where they are looked for first."""
+    """The headers of a version of OpenImageIO in `folder`, downloaded if necessary."""
     unpacked = folder / f"openimageio-{version}"
     if not (unpacked / "CMakeLists.txt").exists():
         folder.mkdir(parents=True, exist_ok=True)
@@ -35,21 +35,21 @@ def source_of(version: str, folder: Path) -> Path:
 
 
 def build(into: Path, work: Path, source: Path | None = None) -> Path:
-    """Build and install; the folder that OPENIMAGEIO_PLUGIN_PATH names.
+    """Build and install the plugin; returns the folder for OPENIMAGEIO_PLUGIN_PATH.
 
     Parameters
     ----------
     into : path
-        The plugin goes to its lib/oiiotex.
+        Install prefix: the plugin is installed in its lib/oiiotex.
     work : path
-        Where it is built.
+        Build folder.
     source : path, optional
-        Of OpenImageIO, unpacked.
+        Unpacked source of OpenImageIO. Default: downloaded.
 
     Raises
     ------
     subprocess.CalledProcessError
-        Something cannot be fetched or built; it has been printed.
+        A download or build failed; its output has been printed.
     """
     installed = metadata.distribution("OpenImageIO")
     source = source or source_of(installed.version, work)
@@ -66,18 +66,18 @@ def build(into: Path, work: Path, source: Path | None = None) -> Path:
 
 
 def main() -> None:
-    """Build as the words say."""
+    """Build with the options of the command line."""
     words = argparse.ArgumentParser(description=__doc__)
-    words.add_argument("--into", type=Path, default=Path(sys.prefix), help="lib/oiiotex of it; this environment")
-    words.add_argument("--source", type=Path, help="unpacked source of OpenImageIO; fetched when left out")
-    words.add_argument("--work", type=Path, default=HERE / "build", help="where it is built; build beside this file")
+    words.add_argument("--into", type=Path, default=Path(sys.prefix), help="install prefix (default: this environment)")
+    words.add_argument("--source", type=Path, help="unpacked source of OpenImageIO (default: downloaded)")
+    words.add_argument("--work", type=Path, default=HERE / "build", help="build folder (default: build in this folder)")
     asked = words.parse_args()
     if not shutil.which("cmake"):
-        sys.exit(f"cmake is not there (Debian: apt install {SYSTEM})")
+        sys.exit(f"cmake not found; on Debian: apt install {SYSTEM}")
     try:
         print(build(asked.into.resolve(), asked.work.resolve(), asked.source and asked.source.resolve()))
     except subprocess.CalledProcessError as error:
-        sys.exit(f"not built: {error.cmd[0]} ended with {error.returncode} (it needs Debian's {SYSTEM}, or their like)")
+        sys.exit(f"build failed: {error.cmd[0]} exited with {error.returncode}; required Debian packages: {SYSTEM}")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `wall.oiiotex` as an image of OpenImageIO: endless texture, tiled and MIP-mapped, made where it is looked at.
+// `wall.oiiotex` as an OpenImageIO image: an unbounded texture, tiled and MIP-mapped, computed on demand.
 
 #include "resident.h"
 
@@ -17,7 +17,7 @@ class OiiotexInput final : public ImageInput {
 public:
     const char* format_name() const override { return "oiiotex"; }
 
-    // "procedural": what stands behind '?' is ours, so hosts look for no file of that name.
+    // "procedural": the name may have a query after '?', so hosts do not check whether the file exists.
     int supports(string_view feature) const override { return feature == "procedural" || feature == "mipmap"; }
 
     bool valid_file(const std::string& name) const override { return is_ours(name); }
@@ -25,13 +25,13 @@ public:
     bool open(const std::string& name, ImageSpec& newspec) override
     {
         close();
-        if (!is_ours(name)) {  // hosts ask every reader for a file that nobody knows
-            errorfmt("\"{}\" is no .oiiotex file", name);
+        if (!is_ours(name)) {  // hosts try every reader for an unknown file
+            errorfmt("\"{}\" is not an .oiiotex file", name);
             return false;
         }
         return guarded([&] {
-            if (std::getenv("OIIOTEX_RESIDENT"))  // which would wait for itself
-                throw oiiotex::Error(name + " is a texture already: name the photo or graph that it is made from");
+            if (std::getenv("OIIOTEX_RESIDENT"))  // it would wait for itself
+                throw oiiotex::Error(name + " is already a texture: expected the photo or graph that it is made from");
             auto texture                = std::make_unique<oiiotex::Texture>(name);
             const oiiotex::Reply answer = texture->ask("texture");
             ImageSpec spec;
@@ -39,7 +39,7 @@ public:
             const int64_t levels = answer.facts.at("levels");
             if (spec.width < 1 || spec.height < 1 || spec.nchannels < 1 || spec.tile_width < 1 || spec.tile_height < 1
                 || spec.format == TypeUnknown || levels < 1 || levels > 31)
-                throw oiiotex::Error("the oiiotex process says what is no image");
+                throw oiiotex::Error("the oiiotex process sent an invalid image spec");
             spec.depth = spec.full_depth = spec.tile_depth = 1;
             m_texture                                      = std::move(texture);
             m_levels  = int(levels);
@@ -68,7 +68,7 @@ public:
         return true;
     }
 
-    // Neither of these changes where we are, so that threads need not wait for each other.
+    // Neither of these changes the current position, so threads need not wait for each other.
     ImageSpec spec(int subimage, int miplevel) override
     {
         return subimage == 0 && miplevel >= 0 && miplevel < m_levels ? level_spec(miplevel) : ImageSpec();
@@ -85,7 +85,7 @@ public:
     {
         const ImageSpec level = spec_dimensions(subimage, miplevel);
         if (!m_texture || level.undefined()) {
-            errorfmt("there is no level {} of image {}", miplevel, subimage);
+            errorfmt("no MIP level {} in subimage {}", miplevel, subimage);
             return false;
         }
         return guarded([&] {
@@ -97,7 +97,7 @@ public:
 
     bool read_native_scanline(int /*subimage*/, int /*miplevel*/, int /*y*/, int /*z*/, void* /*data*/) override
     {
-        errorfmt("an .oiiotex file is read by tiles");
+        errorfmt("an .oiiotex file must be read by tiles");
         return false;
     }
 
@@ -120,14 +120,14 @@ private:
         return spec;
     }
 
-    // Whether it was done; else the host is told why, and nothing passes into it.
+    // Whether `work` succeeded; otherwise its error is reported to the host, and no exception leaves.
     template<typename Work> bool guarded(const Work& work)
     {
         try {
             work();
             return true;
         } catch (const oiiotex::Json::exception&) {
-            errorfmt("oiiotex ERROR: what came from the oiiotex process is no message");
+            errorfmt("oiiotex ERROR: invalid message from the oiiotex process");
         } catch (const std::exception& error) {
             errorfmt("oiiotex ERROR: {}", error.what());
         }

@@ -29,13 +29,13 @@ namespace {
 constexpr char magic[4]      = { 'o', 'x', 's', 1 };  // VERSION of messages.py
 constexpr uint32_t most_text = 16 << 20;              // bytes of a message
 constexpr int most_memories  = 64;                    // of a message
-constexpr size_t most_word   = 64 << 10;              // bytes of what the door is asked; Linux takes 128 KB
-constexpr int start_seconds  = 60;                    // that the process may take until it listens
-constexpr int reply_seconds  = 600;                   // without a sign of life
+constexpr size_t most_word   = 64 << 10;              // bytes of a request to the door; Linux allows 128 KB
+constexpr int start_seconds  = 60;                    // until the process must listen
+constexpr int reply_seconds  = 600;                   // without any message
 
-// The process is gone, as opposed to what it says of a request.
+// The process has ended, as opposed to an error of a request.
 struct Ended : Error {
-    Ended() : Error("the oiiotex process has ended: what is read next starts another one") {}
+    Ended() : Error("the oiiotex process has ended; the next read starts another one") {}
 };
 
 std::string in_words(const char* task)
@@ -46,7 +46,7 @@ std::string in_words(const char* task)
 // A connection. One thread at a time uses it.
 class Link {
 public:
-    // nullptr where nobody listens.
+    // nullptr if no process listens.
     static std::unique_ptr<Link> to(const std::string& path)
     {
         sockaddr_un address {};
@@ -62,13 +62,13 @@ public:
         ucred other {};
         socklen_t size = sizeof other;
         if (getsockopt(socket.number(), SOL_SOCKET, SO_PEERCRED, &other, &size) || other.uid != geteuid())
-            throw Error(path + " is another user's: remove it, or set XDG_RUNTIME_DIR to a folder of yours");
+            throw Error(path + " belongs to another user: remove it, or set XDG_RUNTIME_DIR to a private folder");
         const timeval patience { reply_seconds, 0 };
         setsockopt(socket.number(), SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
         return std::unique_ptr<Link>(new Link(std::move(socket)));
     }
 
-    // A host that forks shares the socket with its child, who would take answers that are not its own.
+    // A host that forks shares the socket with its child, which would read the parent's answers.
     bool usable() const { return m_owner == getpid(); }
 
     Reply ask(const std::string& request)
@@ -82,7 +82,7 @@ public:
             if (state == "failed")
                 throw Error(reply.facts.at("text"));
             if (state == "canceled")
-                throw Error("the oiiotex process has canceled it");
+                throw Error("the oiiotex process canceled the request");
         }
     }
 
@@ -114,13 +114,13 @@ private:
         uint32_t length;
         std::memcpy(&length, header + sizeof magic, sizeof length);
         if (std::memcmp(header, magic, sizeof magic) || length > most_text)
-            throw Error("the oiiotex process is of another version: build the plugin again");
+            throw Error("the oiiotex process has another version: rebuild the plugin");
         std::string text(length, 0);
         exactly(text.data(), length, &memories);
         Reply reply;
         reply.facts = Json::parse(text);
         if (memories.size() != reply.facts.at("arrays").size())
-            throw Error("a message of the oiiotex process has lost its pixels");
+            throw Error("a message of the oiiotex process lacks its pixels");
         if (!memories.empty())
             reply.memory = std::move(memories.front());
         return reply;
@@ -140,7 +140,7 @@ private:
             if (count < 0 && errno == EINTR)
                 continue;
             if (count < 0 && (errno == EAGAIN || errno == EWOULDBLOCK))
-                throw Error("the oiiotex process does not answer");
+                throw Error("the oiiotex process does not respond");
             if (count <= 0)
                 throw Ended();
             at += count;
@@ -152,12 +152,12 @@ private:
                         memories->emplace_back(number);
                     }
             if (memories->size() > most_memories)
-                throw Error("the oiiotex process sends what is no message");
+                throw Error("invalid message from the oiiotex process");
         }
     }
 };
 
-// Connections that nobody uses just now, by socket. Never destroyed: hosts read while they end.
+// Idle connections, by socket. Never destroyed: hosts may read while they exit.
 struct Pool {
     std::mutex lock;
     std::map<std::string, std::vector<std::unique_ptr<Link>>> idle;
@@ -194,7 +194,7 @@ struct Pool {
     }
 };
 
-// What a program prints, both of its streams; it is ended where it takes too long.
+// The output of a program, both streams; a program that takes too long is killed.
 std::string printed_by(const std::vector<std::string>& words)
 {
     int ends[2];
@@ -214,7 +214,7 @@ std::string printed_by(const std::vector<std::string>& words)
     const int problem = posix_spawn(&child, arguments[0], &actions, nullptr, arguments.data(), environ);
     posix_spawn_file_actions_destroy(&actions);
     if (problem)
-        throw Error(words[0] + ": " + std::strerror(problem) + ": say in OIIOTEX_PYTHON which Python has oiiotex");
+        throw Error(words[0] + ": " + std::strerror(problem) + ": set OIIOTEX_PYTHON to a Python with oiiotex");
     writing = Descriptor();
     std::string text;
     char piece[4096];
@@ -237,27 +237,27 @@ std::string printed_by(const std::vector<std::string>& words)
     return text;
 }
 
-// The door of oiiotex (oiiotex/service/door.py): it starts the process of a texture where none runs.
+// The door of oiiotex (oiiotex/service/door.py): it starts the process of a texture unless one is running.
 Json ask_door(const Json& question)
 {
     const char* chosen       = std::getenv("OIIOTEX_PYTHON");
     const std::string python = chosen && *chosen ? chosen : OIIOTEX_PYTHON;
-    if (python[0] != '/')  // which would be looked for where the host happens to work
-        throw Error("OIIOTEX_PYTHON=" + python + ": expected the absolute path of a Python that has oiiotex");
+    if (python[0] != '/')  // otherwise searched in the host's current folder
+        throw Error("OIIOTEX_PYTHON=" + python + ": expected the absolute path of a Python with oiiotex");
     std::string word;
     try {
         word = question.dump();
     } catch (const Json::exception&) {
-        throw Error("the name of the file is not UTF-8");
+        throw Error("the file name is not UTF-8");
     }
     if (word.size() > most_word)
-        throw Error("the name of the file is too long: expected 4096 letters at most, and 1000 behind '?'");
+        throw Error("the file name is too long: expected at most 4096 characters, and 1000 after '?'");
     const std::string text   = printed_by({ python, "-I", "-m", "oiiotex.service.door", word });
     const Json answer        = Json::parse(text, nullptr, false);
     if (!answer.is_object()) {
         const size_t end   = text.find_last_not_of('\n') + 1;
         const size_t begin = end ? text.rfind('\n', end - 1) + 1 : 0;
-        throw Error(python + " cannot start oiiotex: " + (end ? text.substr(begin, end - begin) : "it says nothing"));
+        throw Error(python + " cannot start oiiotex: " + (end ? text.substr(begin, end - begin) : "no output"));
     }
     if (answer.contains("error"))
         throw Error(answer["error"]);
@@ -282,13 +282,13 @@ void Reply::copy_pixels(void* to, size_t bytes) const
 {
     struct stat status;
     if (memory.number() < 0 || fstat(memory.number(), &status) || size_t(status.st_size) != bytes)
-        throw Error("the oiiotex process has sent other pixels than it was asked for");
-    for (size_t at = 0; at < bytes;) {  // read, not mapped: nothing that happens to the memory can end the host
+        throw Error("the oiiotex process sent other pixels than requested");
+    for (size_t at = 0; at < bytes;) {  // read, not mapped: truncated memory cannot crash the host
         const ssize_t count = pread(memory.number(), static_cast<char*>(to) + at, bytes - at, at);
         if (count < 0 && errno == EINTR)
             continue;
         if (count <= 0)
-            throw Error(in_words("pixels of the oiiotex process cannot be read"));
+            throw Error(in_words("cannot read pixels of the oiiotex process"));
         at += count;
     }
 }
@@ -307,7 +307,7 @@ Reply Texture::ask(const std::string& what, Json request)
     if (!link)
         link = Link::to(m_socket);
     if (!link) {
-        static std::mutex starting;  // threads that find it ended start it once
+        static std::mutex starting;  // only one thread restarts an ended process
         std::lock_guard<std::mutex> guard(starting);
         link = Link::to(m_socket);
         if (!link) {
@@ -324,7 +324,7 @@ Reply Texture::ask(const std::string& what, Json request)
         pool.give(m_socket, std::move(link));
         return reply;
     } catch (const Ended&) {
-        pool.forget(m_socket);  // the others go to the same process
+        pool.forget(m_socket);  // other connections lead to the same process
         throw;
     }
 }

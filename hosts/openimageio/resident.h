@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The resident process of oiiotex, asked from C++: messages as oiiotex/service/messages.py has them.
+// Client of oiiotex's resident process in C++, with the messages of oiiotex/service/messages.py.
 #pragma once
 
 #include <cstddef>
@@ -10,14 +10,14 @@
 
 namespace oiiotex {
 
-using Json = nlohmann::json;  // throws what is a std::exception where a message is not as it should be
+using Json = nlohmann::json;  // throws a std::exception for an invalid message
 
-// In one line, for who uses the host.
+// An error in one line, for the user of the host.
 struct Error : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-// A descriptor that is closed with it.
+// A file descriptor, closed with the object.
 class Descriptor {
 public:
     explicit Descriptor(int number = -1) : m_number(number) {}
@@ -30,28 +30,28 @@ private:
     int m_number;
 };
 
-// What was answered: facts, and the pixels that came with them.
+// An answer: facts and pixels.
 struct Reply {
     Json facts;
     Descriptor memory;
 
-    // Copy the pixels, which are `bytes` of this numpy type, (height, width, channels).
+    // Copy the pixels: `bytes` of this numpy type, (height, width, channels).
     void copy_pixels(void* to, size_t bytes) const;
 };
 
-// A texture file in the resident process, which is started where none runs. Any thread may ask.
+// A texture file in the resident process, which is started if necessary. Thread-safe.
 class Texture {
 public:
-    // By its name, with what stands behind '?' in it. Throws Error where it, or something in it, is wrong.
+    // By file name, with a query after '?'. Throws Error if the name or the file is invalid.
     explicit Texture(const std::string& name);
 
-    // The answer to a request about this texture, of which `request` are further members.
-    // Throws Error: where the process has ended, what is asked next starts another one.
+    // The answer to a request about this texture, with further members `request`.
+    // Throws Error; if the process has ended, the next request starts another one.
     Reply ask(const std::string& what, Json request = Json::object());
 
 private:
-    std::string m_text;    // by which the process knows the texture
-    std::string m_socket;  // where that process listens; it does not change
+    std::string m_text;    // identifies the texture for the process
+    std::string m_socket;  // of the process; constant
 };
 
 }  // namespace oiiotex

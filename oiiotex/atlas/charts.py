@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pixels of an atlas, the directions on its surface, and the way from a pixel to its neighbors on the surface."""
+"""Pixels of an atlas, directions on its surface, and walks from a pixel to its neighbors on the surface."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from ..deferred import np
 from ..errors import ImageError
 from .mesh import Mesh
 
-_AT_ONCE = 1 << 21  # pixels that are tried at once
-_INSIDE = 1e-9  # in barycentric coordinates: pixels on an edge belong to the face of the lower number
+_AT_ONCE = 1 << 21  # pixels tested at once
+_INSIDE = 1e-9  # in barycentric coordinates: pixels on an edge belong to the face of the lower index
 _OVERLAP = 1e-6
-_MOST_EDGES = 512  # that a way crosses before it stops
-_SMOOTH = 0.25  # of the root of the surface's area: how far directions are evened out
+_MOST_EDGES = 512  # edges that a walk crosses before it stops
+_SMOOTH = 0.25  # in roots of the surface area: distance over which directions are smoothed
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """What a step of one pixel of the photo is on each face.
+    """A step of one pixel of the photo on each face.
 
     Attributes
     ----------
     step : (faces, 3, 2) float64
-        Along the surface, in the mesh's units: x, y, z by the photo's x and y.
+        Along the surface, in units of the mesh: x, y, z by the photo's x and y.
     gradient : (faces, 3, 3) float64
-        How the barycentric coordinate of each corner changes with a step along the surface.
+        Gradient along the surface of the barycentric coordinate of each corner.
     """
 
     step: np.ndarray
@@ -34,7 +34,7 @@ class Frames:
 
     @classmethod
     def of(cls, mesh: Mesh, unit: float) -> Frames:
-        """Directions that follow the charts' u, evened out across charts; `unit` is the width of a pixel."""
+        """Directions along the charts' u, smoothed across charts; `unit` is the width of a pixel of the photo."""
         corners = mesh.corners
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         doubled = np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -47,16 +47,16 @@ class Frames:
         return cls(np.stack([right, down], -1) * unit, gradient)
 
     def in_atlas(self, mesh: Mesh, scale: tuple[float, float]) -> np.ndarray:
-        """What pixels of the atlas, x and y, a pixel of the photo, x and y, is on each face: (faces, 2, 2)."""
+        """Pixels of the atlas, x and y, per pixel of the photo, x and y, on each face: (faces, 2, 2)."""
         change = np.einsum("fck,fkp->fcp", self.gradient, self.step)
         return np.einsum("fcx,fcp->fxp", in_pixels(mesh.uv, scale), change)
 
 
 def _smoothed(mesh: Mesh, normal: np.ndarray, wanted: np.ndarray, opposite: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Unit tangents that are near to wanted ones and, along the surface, to each other: (faces, 3).
+    """Unit tangents close to wanted ones and, along the surface, to each other: (faces, 3).
 
-    A direction is a complex number in a basis of its face; carried over an edge it keeps its angle with it. Least
-    squares, as the smooth fields of Knöppel, Crane, Pinkall and Schröder (SIGGRAPH 2013), held by the charts' tangents.
+    A direction is a complex number in a basis of its face, and keeps its angle with an edge that it is carried across.
+    Least squares, like the smooth fields of Knöppel, Crane, Pinkall and Schröder (SIGGRAPH 2013), with a data term.
     """
     from scipy.sparse import coo_matrix, diags
     from scipy.sparse.linalg import spsolve
@@ -75,7 +75,7 @@ def _smoothed(mesh: Mesh, normal: np.ndarray, wanted: np.ndarray, opposite: np.n
     center = mesh.corners.mean(1)
     apart = np.linalg.norm(center[face] - center[other], axis=-1)
     weight = np.linalg.norm(edge, axis=-1) / np.maximum(apart, 1e-9 * apart.max(initial=1))
-    turn = number(face, edge) * number(other, edge).conj()  # what a direction of `other` is in `face`
+    turn = number(face, edge) * number(other, edge).conj()  # rotation from the basis of `other` to that of `face`
     count = len(every)
     pull = area / (_SMOOTH**2 * area.sum())
     links = coo_matrix((-weight * turn, (face, other)), shape=(count, count))
@@ -86,7 +86,7 @@ def _smoothed(mesh: Mesh, normal: np.ndarray, wanted: np.ndarray, opposite: np.n
 
 
 def covered(mesh: Mesh, width: int, height: int, scale: tuple[float, float], name: str = "") -> np.ndarray:
-    """Which face covers the center of each pixel: (height, width) int32, -1 for none."""
+    """Index of the face that covers the center of each pixel: (height, width) int32, -1 for none."""
     place = in_pixels(mesh.uv, scale)
     owner = np.full(width * height, len(mesh.faces), np.int64)
     times = np.zeros(width * height if name else 0, np.uint8)
@@ -104,13 +104,13 @@ def covered(mesh: Mesh, width: int, height: int, scale: tuple[float, float], nam
             np.add.at(times, y[strictly] * width + x[strictly], 1)
     double = np.count_nonzero(times > 1)
     if double:
-        raise ImageError(f"{name}: charts overlap on {double} pixels of the atlas: unwrap it again, without overlaps")
+        raise ImageError(f"{name}: charts overlap on {double} pixels of the atlas; unwrap the mesh without overlaps")
     owner[owner == len(mesh.faces)] = -1
     return owner.reshape(height, width).astype(np.int32)
 
 
 def in_pixels(uv: np.ndarray, scale: tuple[float, float]) -> np.ndarray:
-    """Places in an atlas whose first row is the top: x, y."""
+    """UVs as places x, y in px of an atlas whose first row is the top."""
     return np.stack([uv[..., 0] * scale[0], (1 - uv[..., 1]) * scale[1]], -1)
 
 
@@ -119,7 +119,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _tried(place: np.ndarray, width: int, height: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """(face, y, x) of all pixels in the boxes around faces, some faces at a time."""
+    """(face, y, x) of all pixels in the bounding boxes of faces, some faces at a time."""
     low = np.clip(np.floor(place.min(1)), 0, (width, height)).astype(np.int64)
     high = np.clip(np.ceil(place.max(1)), 0, (width, height)).astype(np.int64)
     wide, tall = (high - low).T
@@ -140,7 +140,7 @@ def _runs(group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def walk(
     mesh: Mesh, frames: Frames, face: np.ndarray, weights: np.ndarray, step: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Go straight along the surface: over an edge the way goes on in the next face, turned about the edge.
+    """Walk straight along the surface; at an edge the step is rotated into the plane of the next face.
 
     `face` (n,) int; `weights` (n, 3) float64; `step` (n, 3) float64; returns (n,) int64, (n, 3) float64.
     """
@@ -161,7 +161,7 @@ def walk(
         moving, at, exit_, beyond = moving[goes], at[goes], exit_[goes], beyond[goes]
         if not len(moving):
             break
-        # the part of the step along the edge stays, the part across it turns into the next face's plane
+        # the component along the edge is kept, the component across it rotates into the plane of the next face
         edge = corners[at, (exit_ + 2) % 3] - corners[at, (exit_ + 1) % 3]
         edge /= np.linalg.norm(edge, axis=-1, keepdims=True)
         rest = step[moving]
@@ -174,7 +174,7 @@ def walk(
             same = mesh.faces[beyond] == mesh.faces[at, corner][:, None]
             new += np.where(same, old[np.arange(len(at)), corner][:, None], 0)
             third &= ~same
-        inwards = frames.gradient[beyond][third]  # from the edge towards the corner that the next face has alone
+        inwards = frames.gradient[beyond][third]  # from the edge towards the opposite corner of the next face
         step[moving] = ahead + side * inwards / np.linalg.norm(inwards, axis=-1, keepdims=True)
         new = np.maximum(new, 0)
         weights[moving], face[moving] = new / new.sum(-1, keepdims=True), beyond

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Normals that are copied onto a surface, turned from the photo's directions into those of its charts."""
+"""Tangent-space normals copied onto a surface, rotated from the photo's directions to those of its charts."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from .mesh import Mesh
 
 
 def turns(mesh: Mesh, frames: Frames) -> np.ndarray:
-    """What the photo's x (to the right) and y (up) are in each face's tangent space: (faces, 2, 2) float32.
+    """The photo's x (to the right) and y (up) in each face's tangent space: (faces, 2, 2) float32.
 
-    That space is as MikkTSpace has it: the tangent along u, the bitangent at a right angle, to the side of v; mirrored
-    charts have a mirrored one. Renderers even tangents out between faces, which is not followed here.
+    Tangent space is that of MikkTSpace: the tangent along u, the bitangent perpendicular on the side of v, mirrored in
+    mirrored charts. MikkTSpace also interpolates tangents between faces, which is ignored here.
     """
     corners, uv = mesh.corners, mesh.uv
     edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], -1)
     flat = np.stack([uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]], -1)
-    tangent = (edges @ np.linalg.inv(flat))[..., 0]  # how places change with u
+    tangent = (edges @ np.linalg.inv(flat))[..., 0]  # derivative of places by u
     bitangent = np.cross(np.cross(edges[..., 0], edges[..., 1]), tangent) * np.sign(np.linalg.det(flat))[:, None]
     basis = np.stack([tangent, bitangent], 1)
     basis /= np.linalg.norm(basis, axis=-1, keepdims=True)
@@ -33,18 +33,18 @@ def turns(mesh: Mesh, frames: Frames) -> np.ndarray:
 
 
 def turned(part: Part, turn: np.ndarray, encoded: bool, upwards: bool) -> Part:
-    """Tangent-space normals on a surface, in their own type.
+    """Tangent-space normals on a surface, in their original type.
 
     Parameters
     ----------
     part : Part
-        Normals as they were copied from the photo.
+        Normals as copied from the photo.
     turn : (height, width, 2, 2) float32
-        Of each pixel, as `turns` gives it.
+        Rotation of each pixel, from `turns`.
     encoded : bool
-        -1 .. 1 is stored as 0 .. 1.
+        Whether -1 to 1 is stored as 0 to 1.
     upwards : bool
-        Green points up (OpenGL), else down (DirectX).
+        Whether green points up (OpenGL) or down (DirectX).
     """
     x, y = channels_of(part.spec).color[:2]
     signs = np.array([1, 1 if upwards else -1], np.float32)

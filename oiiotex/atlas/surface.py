@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pixels of an atlas at one scale, and who their neighbors on the surface are."""
+"""Pixels of an atlas at one scale, and their neighbors on the surface."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ from ..deferred import np
 from .charts import Frames, covered, in_pixels, walk
 from .mesh import Mesh
 
-FRACTION = 8  # bits: places in the photo are held in 1/256 px, pixel centers at a half
+FRACTION = 8  # bits: places in the photo are held in 1/256 px, with pixel centers at a half
 ONE = 1 << FRACTION
-FARTHEST = 2  # px from where a step leads to the pixel that stands for it
+FARTHEST = 2  # px: greatest distance from the end of a step to the pixel used for it
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The pixels of an atlas whose centers lie in charts, at one level of scale.
+    """Pixels of an atlas whose centers lie in charts, at one level of scale.
 
-    `step` (faces, 2, 2) float64: what pixels of the atlas, x and y, a step in the photo, x and y, is inside of a face.
+    `step` (faces, 2, 2) float64: pixels of the atlas, x and y, per pixel of the photo, x and y, on each face.
     """
 
     mesh: Mesh
     frames: Frames  # Of the photo at this level
     shape: tuple[int, int]  # (height, width)
-    scale: tuple[float, float]  # Pixels that the unit square is wide and high
-    face: np.ndarray  # (n,) int32: that covers the pixel
-    place: np.ndarray  # (n,) int64: of the pixel in the atlas, row by row
-    index: np.ndarray  # (height, width) int32: its inverse; -1 outside of charts
+    scale: tuple[float, float]  # Width and height of the unit square in pixels
+    face: np.ndarray  # (n,) int32: face that covers the pixel
+    place: np.ndarray  # (n,) int64: index of the pixel in the atlas, row by row
+    index: np.ndarray  # (height, width) int32: inverse of `place`; -1 outside of charts
     step: np.ndarray
     inverse: np.ndarray  # (faces, 2, 2) float64
 
     @classmethod
     def of(cls, mesh: Mesh, frames: Frames, width: int, height: int, level: int, name: str = "") -> Surface:
-        """Of an atlas of that size, halved `level` times; raises as `covered` does."""
+        """Surface of an atlas of that size, halved `level` times; raises as `covered` does."""
         half = 2.0**-level
         shape = -(-height // (1 << level)), -(-width // (1 << level))
         scale = width * half, height * half
@@ -47,19 +47,19 @@ class Surface:
         return cls(mesh, coarse, shape, scale, face, place, index.reshape(shape), step, np.linalg.inv(step))
 
     def nearest(self) -> np.ndarray:
-        """The pixel in a chart that is nearest to each pixel of the atlas: (height, width) int32."""
+        """The pixel in a chart nearest to each pixel of the atlas: (height, width) int32."""
         from scipy.ndimage import distance_transform_edt
 
         y, x = distance_transform_edt(self.index < 0, return_distances=False, return_indices=True)
         return self.index[y, x]
 
     def centers(self, pixels: np.ndarray) -> np.ndarray:
-        """Of some pixels of charts, x and y in the atlas."""
+        """Centers of pixels of charts, x and y in the atlas."""
         y, x = np.divmod(self.place[pixels], self.shape[1])
         return np.stack([x, y], -1) + 0.5
 
     def around(self, pixels: np.ndarray, steps: np.ndarray, nearest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels where steps along the surface lead from some pixels, over borders of charts.
+        """Pixels at the end of steps along the surface, across borders of charts.
 
         `pixels` (n,) int; `steps` (n, 3) float64; `nearest` (height, width) int32; returns (n,) int32, (n, 2) float64.
         """
@@ -73,17 +73,17 @@ class Surface:
         return there, self.in_photo(there, self.centers(there) - ends)
 
     def in_photo(self, pixels: np.ndarray, moves: np.ndarray) -> np.ndarray:
-        """What moves (n, ..., 2) in the atlas, in its pixels, are in those of the photo."""
+        """Moves (n, ..., 2) in pixels of the atlas as pixels of the photo."""
         return np.einsum("nij,n...j->n...i", self.inverse[self.face[pixels]], moves, optimize=False)
 
     def gutter_steps(self, pixels: np.ndarray, moves: np.ndarray) -> np.ndarray:
-        """What moves (n, 2) in the atlas, in its pixels, are along the surface: (n, 3)."""
+        """Moves (n, 2) in pixels of the atlas as steps along the surface: (n, 3)."""
         photo = self.in_photo(pixels, moves)
         return np.einsum("nij,nj->ni", self.frames.step[self.face[pixels]], photo, optimize=False)
 
 
 def barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Of places (n, 2) in triangles (n, 3, 2): (n, 3), which add up to 1 and are not negative."""
+    """Barycentric coordinates of places (n, 2) in triangles (n, 3, 2), clipped: (n, 3), nonnegative, of sum 1."""
     a, b, c = np.moveaxis(corners, 1, 0)
     matrix = np.stack([b - a, c - a], -1)
     second, third = np.linalg.solve(matrix, (at - a)[..., None])[..., 0].T
@@ -92,9 +92,9 @@ def barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 class Neighbors:
-    """The pixels around each pixel of a surface, at some offsets in the photo, and how far beside these they lie.
+    """Neighbors of each pixel of a surface at some offsets in the photo, and the remainders of these offsets.
 
-    Inside of a chart both follow from the face alone, since pixels lie on a grid; at its border they are looked up.
+    Inside a chart both follow from the face alone, since pixels lie on a grid; at its border they are looked up.
     """
 
     def __init__(self, surface: Surface, offsets: np.ndarray, at_once: int = 1 << 14):
@@ -132,7 +132,7 @@ class Neighbors:
         self._rests = np.concatenate(rests) if rows else np.empty((0, len(offsets), 2), np.int16)
 
     def of(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The nearest pixels, and from the offset to their centers, x and y in `ONE`ths of a pixel of the photo.
+        """Nearest pixels, and steps from the offsets to their centers, x and y in `ONE`ths of a pixel of the photo.
 
         Returns (n, offsets) int32, (n, offsets, 2) int16.
         """
@@ -143,11 +143,11 @@ class Neighbors:
         return there, rest
 
     def _straight(self, pixels: np.ndarray) -> np.ndarray:
-        """As if the atlas were one chart without end; what is not there is anything."""
+        """Neighbors as if the atlas were one unbounded chart; arbitrary where there are none."""
         place = self._surface.place[pixels, None] + self._move[self._surface.face[pixels]]
         return np.take(self._surface.index.reshape(-1), place, mode="clip")
 
 
 def _fixed(rest: np.ndarray) -> np.ndarray:
-    """In `ONE`ths of a pixel; where a surface ends the last pixel stands for what lies far off."""
+    """Steps in `ONE`ths of a pixel, clipped: at a boundary of the surface the last pixel stands for distant ones."""
     return np.rint(np.clip(rest, -FARTHEST, FARTHEST) * ONE).astype(np.int16)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Texture from coarse to fine on the pixels of a surface: each is a copy of one pixel of the photo.
+"""Coarse-to-fine texture synthesis on the pixels of a surface: each becomes a copy of one pixel of the photo.
 
-As the anisometric synthesis of Lefebvre and Hoppe (Appearance-space texture synthesis, SIGGRAPH 2006, section 5): what
-lies around a pixel is looked up along the surface, turned and scaled, so borders of charts are nothing special.
-Candidates are those of the neighbors, moved on by the step between them, and random ones as PatchMatch has them.
+Follows the anisometric synthesis of Lefebvre and Hoppe (Appearance-space texture synthesis, SIGGRAPH 2006, section 5).
+Neighbors are looked up along the surface, rotated and scaled, so borders of charts need no special treatment.
+Candidates are the sources of neighbors, shifted by the step between them, and random ones as in PatchMatch.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from .charts import Frames
 from .mesh import Mesh
 from .surface import FRACTION, ONE, Neighbors, Surface
 
-REACH = 2  # px that a neighborhood goes to each side
-_DIMENSIONS = 16  # of neighborhoods as they are compared
+REACH = 2  # px: radius of a neighborhood
+_DIMENSIONS = 16  # of projected neighborhoods
 _BASIS_BITS = 12
 _LEVELS = 6
 _LEAST_SIDE = 12  # px of the coarsest photo
-_PASSES = (10, 2)  # over all pixels: of the coarsest level, and of the others
-_RANDOM = 4  # candidates on the coarsest level, each in a fourth of the last one's distance
-_FINER = (8.0, 2.0)  # px that random candidates on finer levels lie away
-_STRANGER = 1.6  # how many times as near a random candidate must be: HRRG08's kappa
-_AT_ONCE = 1 << 12  # pixels: what is looked at together stays in a core's cache
-GUTTER = 8  # px around charts that are taken from beyond the border
+_PASSES = (10, 2)  # on the coarsest level, and on the others
+_RANDOM = 4  # candidates on the coarsest level, each within a quarter of the last one's distance
+_FINER = (8.0, 2.0)  # px: distance of random candidates on finer levels
+_STRANGER = 1.6  # penalty factor of random candidates: HRRG08's kappa
+_AT_ONCE = 1 << 12  # pixels: a batch fits the cache of a core
+GUTTER = 8  # px around charts that show the texture beyond the border
 
 
 def offsets() -> np.ndarray:
-    """Steps x, y of a neighborhood, row by row: (25, 2) int64."""
+    """Offsets x, y of a neighborhood, row by row: (25, 2) int64."""
     side = np.arange(-REACH, REACH + 1)
     y, x = np.meshgrid(side, side, indexing="ij")
     return np.stack([x, y], -1).reshape(-1, 2)
@@ -46,13 +46,13 @@ class PhotoLevel:
     """The photo at one level."""
 
     color: np.ndarray  # (height * width, channels) int16: Lab on the fine grid
-    looks: np.ndarray  # (height * width, dimensions) int32: neighborhoods, projected
-    basis: np.ndarray  # (25 * channels, dimensions) float64: of whole numbers, so that products are exact in any order
-    snap: np.ndarray  # (height, width) int32: the nearest pixel whose whole neighborhood may be taken
+    looks: np.ndarray  # (height * width, dimensions) int32: projected neighborhoods
+    basis: np.ndarray  # (25 * channels, dimensions) float64: integers, so products are exact in any order
+    snap: np.ndarray  # (height, width) int32: the nearest pixel with a complete neighborhood of usable pixels
 
     @classmethod
     def of(cls, lab: np.ndarray, usable: np.ndarray) -> PhotoLevel | None:
-        """None where no whole neighborhood may be taken."""
+        """None if no neighborhood is complete."""
         from scipy.ndimage import binary_erosion, distance_transform_edt
 
         whole = binary_erosion(usable, np.ones((2 * REACH + 1,) * 2, bool), border_value=0)
@@ -70,8 +70,8 @@ class PhotoLevel:
             return flat[at[:, None] + rows].reshape(len(at), -1).astype(np.float64)
 
         sampled = seen(places[:: -(-len(places) // 16384)])
-        centerd = sampled - np.rint(sampled.mean(0))
-        _, vectors = np.linalg.eigh(centerd.T @ centerd)
+        centered = sampled - np.rint(sampled.mean(0))
+        _, vectors = np.linalg.eigh(centered.T @ centered)
         basis = np.rint(vectors[:, ::-1][:, :_DIMENSIONS] * (1 << _BASIS_BITS))
         looks = np.zeros((height * width, basis.shape[1]), np.int32)
         for start in range(0, len(places), _AT_ONCE):
@@ -80,16 +80,16 @@ class PhotoLevel:
         return cls(flat, looks, basis, snap)
 
     def at(self, places: np.ndarray) -> np.ndarray:
-        """The pixels in which places (..., 2) lie, x and y in `ONE`ths; those beyond the photo's border at it."""
+        """Pixels that contain places (..., 2), x and y in `ONE`ths, clamped to the border of the photo."""
         height, width = self.snap.shape
         pixels = places >> FRACTION
         return np.clip(pixels[..., 1], 0, height - 1) * width + np.clip(pixels[..., 0], 0, width - 1)
 
     def taken(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels for places, and these; where none may be taken, the nearest that may and its center."""
+        """Pixels for places, and these places; where a pixel is not valid, the nearest valid one and its center."""
         at = self.at(places)
         pixels = self.snap.reshape(-1)[at]
-        other = pixels != at  # so is all that lies beyond the border, next to which no whole neighborhood is
+        other = pixels != at  # includes all beyond the border, since neighborhoods at the border are incomplete
         y, x = np.divmod(pixels[other], np.int32(self.snap.shape[1]))
         places = places.copy()
         places[other] = np.stack([x, y], -1) * ONE + ONE // 2
@@ -97,17 +97,17 @@ class PhotoLevel:
 
 
 def projected(neighborhoods: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """(n, 25 * channels) whole numbers -> (n, dimensions) int32."""
+    """(n, 25 * channels) integers -> (n, dimensions) int32."""
     return np.rint((neighborhoods @ basis) / (1 << _BASIS_BITS)).astype(np.int32)
 
 
 def stack(values: np.ndarray, usable: np.ndarray | None) -> list[PhotoLevel]:
-    """The photo, finest first, as long as it has enough to take.
+    """Levels of the photo, finest first, as long as they have enough valid pixels.
 
     Raises
     ------
     ImageError
-        Not one whole neighborhood may be taken.
+        No neighborhood is complete.
     """
     usable = np.ones(values.shape[:2], bool) if usable is None else usable
     levels: list[PhotoLevel] = []
@@ -121,7 +121,7 @@ def stack(values: np.ndarray, usable: np.ndarray | None) -> list[PhotoLevel]:
         values = quads.mean((1, 3), dtype=np.float32)
         usable = np.logical_and.reduce(usable[:height, :width].reshape(height // 2, 2, width // 2, 2), (1, 3))
     if not levels:
-        raise ImageError(f"no {2 * REACH + 1}x{2 * REACH + 1} px of the photo may be taken whole")
+        raise ImageError(f"no {2 * REACH + 1}x{2 * REACH + 1} px neighborhood of the photo is usable")
     return levels
 
 
@@ -135,39 +135,39 @@ def synthesize(
     spread: Callable[..., Iterable[np.ndarray]] = map,
     advance: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[SourceMap, np.ndarray]:
-    """Where every pixel of an atlas comes from.
+    """Source of each pixel of an atlas.
 
     Parameters
     ----------
     frames : Frames
-        Of the photo at full size.
+        Of the photo at full resolution.
     size : (width, height)
         Of the atlas.
     levels : list of PhotoLevel
-        As `stack` gives them.
+        From `stack`.
     name : str
-        Of the mesh, for errors.
+        Name of the mesh, for errors.
     spread : callable
         `map`, on threads.
     advance : callable
-        Told how far it has come.
+        Called with (done, total).
 
     Returns
     -------
     source : SourceMap
-        Of all pixels, those outside of charts, too.
+        Source of each pixel, also outside of charts.
     face : (height, width) int32
-        Of the mesh, in or next to which each pixel lies.
+        Index of the face of the mesh in which, or next to which, each pixel lies.
 
     Raises
     ------
     ImageError
-        Charts overlap, or cover not one pixel.
+        Charts overlap, or do not cover any pixel.
     """
     width, height = size
     finest = Surface.of(mesh, frames, width, height, 0, name)
     if not len(finest.place):
-        raise ImageError(f"{name}: its charts cover not one pixel of {width}x{height}: make the atlas larger")
+        raise ImageError(f"{name}: its charts cover no pixel of {width}x{height}; increase the size of the atlas")
     coarser: tuple[Surface, np.ndarray] | None = None
     for level in range(len(levels) - 1, -1, -1):
         surface = finest if level == 0 else Surface.of(mesh, frames, width, height, level)
@@ -189,14 +189,14 @@ def synthesize(
 
 
 def _inherited(surface: Surface, coarse: Surface, source: np.ndarray, exemplar: PhotoLevel) -> np.ndarray:
-    """What the coarser level says of each pixel: its source there, and the step from the coarse pixel's center on."""
+    """Initial source of each pixel: that of the coarse pixel, plus the step from its center."""
     pixels = np.arange(len(surface.place))
     centers = surface.centers(pixels)
     x, y = np.floor(centers / 2).astype(np.int64).T
     height, width = coarse.shape
     parent = coarse.nearest()[np.minimum(y, height - 1), np.minimum(x, width - 1)]
     away = centers - 2 * coarse.centers(parent)
-    # where the nearest coarse pixel is of another chart or far off, a step says nothing
+    # a step is not valid where the nearest coarse pixel is in another chart or far away
     away[(np.abs(away) > 4).any(1)] = 0
     steps = np.rint(surface.in_photo(pixels, away) * ONE).astype(np.int32)
     return exemplar.taken(2 * source[parent] + steps)[1]
@@ -206,7 +206,7 @@ def _corrected(
     surface: Surface, exemplar: PhotoLevel, source: np.ndarray, seed: int, level: int, first: bool,
     spread: Callable[..., Iterable[np.ndarray]],
 ) -> np.ndarray:  # fmt: skip
-    """Sources that fit each other better: passes over four sets of pixels, none of which sees what its own set does."""
+    """Sources that match their neighbors better: passes over four interleaved sets of pixels, each updated at once."""
     passes = _PASSES[0 if first else 1]
     around = offsets()
     close = np.flatnonzero((np.abs(around) <= 1).all(1))
@@ -221,13 +221,13 @@ def _corrected(
         there, rest = near.of(pixels)
         candidates, places = exemplar.taken(source[there] - rest - around[close].astype(np.int32) * ONE)
         better = places[:, own].copy()
-        # where all neighbors go on with the same copy there is nothing to choose; the coarsest level begins with noise
+        # where all neighbors continue the same copy, no choice is needed; the coarsest level starts from noise
         torn = np.flatnonzero(first | (candidates != candidates[:, own, None]).any(1))
         if not len(torn):
             return better
         pixels, tried, tried_places = pixels[torn], [candidates[torn]], [places[torn]]
         there, rest = neighbors.of(pixels)
-        # what the neighbors' copies show at the offsets themselves, beside which their centers lie
+        # colors of the neighbors' copies at the offsets themselves, which differ slightly from the neighbors' centers
         shown = exemplar.color[exemplar.at(source[there] - rest)]
         looks = projected(shown.reshape(len(pixels), -1), exemplar.basis)
         for which, reach in enumerate(reaches):
@@ -237,7 +237,7 @@ def _corrected(
             for both, more in zip((tried, tried_places), exemplar.taken(source[pixels] + moves), strict=True):
                 both.append(more[:, None])
         apart = (exemplar.looks[np.concatenate(tried, 1)] - looks[:, None]).astype(np.float64)
-        cost = np.einsum("nkd,nkd->nk", apart, apart)  # whole numbers below 2^53: exact in any order
+        cost = np.einsum("nkd,nkd->nk", apart, apart)  # integers below 2^53: exact in any order
         cost[:, len(close) :] *= _STRANGER
         better[torn] = np.concatenate(tried_places, 1)[np.arange(len(torn)), cost.argmin(1)]
         return better
@@ -253,7 +253,7 @@ def _corrected(
 
 
 def _with_gutters(surface: Surface, source: np.ndarray, exemplar: PhotoLevel) -> SourceMap:
-    """Of all pixels of the atlas: around charts what lies beyond their borders on the surface, else the nearest."""
+    """Sources of all pixels of the atlas: gutters continue the surface across borders, others copy the nearest."""
     nearest = surface.nearest()
     outside = np.flatnonzero(surface.index.reshape(-1) < 0)
     owner = nearest.reshape(-1)[outside]

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Photos as material: seen from the front, what their shading says of relief, and what a renderer will not like."""
+"""Photos as material: rectification, relief from shading, and checks of a material's maps."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The finest detail of a photo, in linear light: where a surface glitters it is large."""
+"""The finest detail of a photo in linear light, which is large where a surface glitters."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from ..core.window import Window
 from ..deferred import np
 from .shading import luminance
 
-STEPS = 2000.0  # of detail to white: sums are of whole 64ths of them
+STEPS = 2000.0  # of detail per white: sums are of integer 64ths of a step
 _TAPS = (1, 4, 6, 4, 1)  # a Gaussian of sigma 1
 _REACH = 2
 
 
 def fine_detail(part: Part, lens: Lens) -> Part:
-    """How far the luminance of each pixel is from what is around it, in `STEPS` of white; with alpha 0 or 1.
+    """Absolute difference between the luminance of each pixel and its surroundings, in `STEPS` per white; alpha 0 or 1.
 
     Parameters
     ----------
     part : Part
-        The photo, which is read in bands of full rows.
+        The photo, read in bands of full rows.
     lens : Lens
-        How it is seen.
+        Its color conversion.
     """
     whole = part.window
 
@@ -46,7 +46,7 @@ def fine_detail(part: Part, lens: Lens) -> Part:
 
 
 def _blurred(values: np.ndarray) -> np.ndarray:
-    """(height, width) through the taps along both axes; 0 lies beyond the border."""
+    """(height, width) filtered by the taps along both axes; 0 beyond the border."""
     for axis in (0, 1):
         wide = np.pad(values, [(_REACH, _REACH) if a == axis else (0, 0) for a in (0, 1)])
         size = values.shape[axis]

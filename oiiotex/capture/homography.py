@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plane in perspective: the matrix by four points, and how wide it is for its height.
+"""A plane in perspective: its matrix from four points, and its aspect ratio.
 
-Points are (x, y) in px, pixel centers at halves, y down; matrices map row vectors (x, y, 1), as OpenImageIO's do.
+Points are (x, y) in px, pixel centers at halves, y down. Matrices multiply row vectors (x, y, 1), as OpenImageIO's do.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ import math
 from ..deferred import np
 from ..errors import ParameterError
 
-_FOCAL = 0.5, 20.0  # of the photo's longer side: lenses from 90 degrees across to 3
-USUAL_LENS = 1.0  # of the photo's longer side: 36 mm of a small picture camera: between a phone's and a standard lens
-_PARALLEL = 1e-3  # sides that meet farther away than a thousand times the photo's side tell nothing of the lens
+_FOCAL = 0.5, 20.0  # in longer sides of the photo: lenses from 90 to 3 degrees of view
+USUAL_LENS = 1.0  # in longer sides of the photo: 36 mm equivalent, between a phone's and a standard lens
+_PARALLEL = 1e-3  # sides that meet beyond a thousand times the photo's side do not determine the lens
 
 
 def require_quadrangle(corners: np.ndarray) -> None:
-    """Refuse what is not seen of a rectangle from the front.
+    """Raise an error unless four corners can be the perspective image of a rectangle.
 
     Parameters
     ----------
@@ -34,20 +34,19 @@ def require_quadrangle(corners: np.ndarray) -> None:
     turns = sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0]
     if not (turns > 1e-6 * np.abs(sides).max() ** 2).all():
         raise ParameterError(
-            "corners: the four must go top left, top right, bottom right, bottom left around a quadrangle that bulges"
-            " at each of them"
+            parameter="corners", expected="top left, top right, bottom right, bottom left of a convex quadrangle"
         )
 
 
 def homography(corners: np.ndarray, width: float, height: float) -> np.ndarray:
-    """The matrix that brings four corners to those of a rectangle at the origin.
+    """Matrix that maps four corners to those of a rectangle at the origin.
 
     Parameters
     ----------
     corners : (4, 2) float
-        As of `require_quadrangle`.
+        As in `require_quadrangle`.
     width, height : float
-        Of the rectangle, px.
+        Size of the rectangle, px.
 
     Returns
     -------
@@ -68,34 +67,34 @@ def _from_square(corners: np.ndarray) -> np.ndarray:
 
 
 def through(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Where points (n, 2) come to lie, (n, 2) float64."""
+    """Points (n, 2) transformed by a matrix, (n, 2) float64."""
     seen = np.concatenate([points, np.ones((len(points), 1))], 1) @ matrix
     return seen[:, :2] / seen[:, 2:]
 
 
 def sides_of(corners: np.ndarray) -> tuple[float, float]:
-    """The longer of top and bottom, and of left and right, px: at that size nothing is made smaller."""
+    """The longer of top and bottom, and of left and right, px: at this size no part is downsampled."""
     top, right, bottom, left = np.linalg.norm(np.roll(corners, -1, 0) - corners, axis=1)
     return float(max(top, bottom)), float(max(left, right))
 
 
 def aspect_of(corners: np.ndarray, size: tuple[int, int]) -> float:
-    """Width over height of the rectangle that is seen at four corners.
+    """Aspect ratio, width over height, of the rectangle seen at four corners.
 
     By Zhang and He (Whiteboard scanning and image enhancement, Digital Signal Processing 17(2), 2007, section 3): the
-    lens follows from the two vanishing points, where the optical axis goes through the photo's middle and pixels are
-    square. Where opposite sides are parallel, or what follows is no lens, a usual one is taken.
+    lens follows from the two vanishing points if the optical axis passes through the center of the photo and pixels are
+    square. Where opposite sides are parallel, or no plausible lens results, `USUAL_LENS` is assumed.
 
     Parameters
     ----------
     corners : (4, 2) float
     size : (width, height)
-        Of the photo, px, whose middle is (width / 2, height / 2).
+        Size of the photo, px, whose center is (width / 2, height / 2).
     """
     longer = float(max(size))
     m1, m2, m4, m3 = (
         np.append((np.asarray(c, float) - np.array(size) / 2) / longer, 1.0) for c in corners
-    )  # the paper's third and fourth are the lower left and the lower right
+    )  # the paper's order: third is lower left, fourth lower right
     k2 = np.cross(m1, m4) @ m3 / (np.cross(m2, m4) @ m3)
     k3 = np.cross(m1, m4) @ m2 / (np.cross(m3, m4) @ m2)
     n2, n3 = k2 * m2 - m1, k3 * m3 - m1  # eq. 13, 15

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a renderer will not like about the maps of a material, as findings and the measures behind them.
+"""Checks of the maps of a material, as findings and the measures that they derive from.
 
-Albedo: values that nothing has which is lit by daylight, and light that is baked in: slow drift of lightness, lightness
-that goes with the normals (lit from one side) or with the heights (occlusion). Normals: vectors of length 1 that point
-up; which way green points follows from their own slopes, which have no curl the right way round, and from heights.
+Albedo: values that no daylit surface has, and baked lighting: low-frequency variation of lightness, or lightness that
+correlates with the normals (directional light) or with the heights (occlusion). Normals: unit vectors that point up.
+The sign of green follows from heights, or from the slopes, whose curl is 0 only with the correct sign.
 """
 
 from __future__ import annotations
@@ -29,31 +29,31 @@ from ..session.progress import Progress
 from ..session.resources import Resources
 from ..stationarity.grid_statistics import MARGIN
 
-# CIE L of the darkest and the brightest sRGB values of what is no metal, 30 and 240 (Allegorithmic, The PBR guide,
-# part 2: charcoal and fresh snow), and of a surface that reflects more light than it gets
+# CIE L of the darkest and the brightest sRGB values of nonmetals, 30 and 240 (Allegorithmic, The PBR guide, part 2:
+# charcoal and fresh snow), and of a surface that reflects more light than it receives
 DARKEST, BRIGHTEST, IMPOSSIBLE = 11.3, 94.8, 100.5
-_FEW = 0.01  # of the pixels: holes and glints
-DRIFT = 4.0  # L: deviation of local means; of two albedo maps 0.8 and 2.9, of photos with uneven light 4.1 to 7.1
+_FEW = 0.01  # proportion of pixels: holes and glints
+DRIFT = 4.0  # L: standard deviation of local means; 0.8 and 2.9 in two albedo maps, 4.1 to 7.1 in unevenly lit photos
 _DRIFT_SCALE = 1 / 8  # of the longer side
-_LIT, _OCCLUDED = 0.1, 0.25  # of the variance of lightness, explained by normals and by heights
-_LENGTH = 0.05  # by which a normal may be off 1; 8 bits are off by 0.007
+_LIT, _OCCLUDED = 0.1, 0.25  # proportion of the variance of lightness explained by normals and by heights
+_LENGTH = 0.05  # tolerance of the length of a normal; 8 bits cause 0.007
 _LEAN = 5.0  # degrees
-_AGREE = 0.1  # correlation from which slopes agree; of two scans by curl .52 and .22, by heights .50 to .84
-_STEEPEST = 8.0  # a slope beyond is taken as this
+_AGREE = 0.1  # least correlation of matching slopes; .52 and .22 by curl in two scans, .50 to .84 by heights
+_STEEPEST = 8.0  # slopes are clipped to this
 _FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff"}
-_GRID = 1024.0  # whole numbers of this many steps add up in any order
+_GRID = 1024.0  # steps per unit: integer sums do not depend on their order
 
 ERROR, WARNING = "error", "warning"
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with a map."""
+    """A finding about a map."""
 
-    level: str  # `ERROR`: it renders wrong; `WARNING`: it may
-    map: str  # The map's name
-    check: str  # One word for machines
-    text: str  # What is wrong and what helps, for people
+    level: str  # `ERROR`: renders incorrectly; `WARNING`: may render incorrectly
+    map: str  # Name of the map
+    check: str  # One word for programs
+    text: str  # What is wrong and what to do
 
     def __str__(self) -> str:
         return f"{self.level}: {self.map}: {self.text}"
@@ -61,7 +61,7 @@ class Fault:
 
 @dataclass
 class _Map:
-    """A map, what it is, and what has been measured of it."""
+    """A map with its kind and measures."""
 
     image: Image
     kind: str
@@ -70,20 +70,20 @@ class _Map:
 
 
 class _Unusable(Exception):
-    """The check that a map has failed so that nothing more can be said of it, and why."""
+    """A failed check, after which a map cannot be checked further: (check, text)."""
 
 
 def check_material(
     images: tuple[Image, ...], kinds: list[str], convention: str, resources: Resources, progress: Progress
 ) -> tuple[list[dict[str, Any]], list[Fault]]:
-    """Look at the maps of a material, each in bands.
+    """Check the maps of a material, each in bands.
 
     Parameters
     ----------
     kinds : list of str
-        What each is: color, data, normal or height.
+        Kind of each map: color, data, normal or height.
     convention : str
-        Which way green of normals shall point: opengl (up) or directx (down).
+        Expected direction of the green channel of normals: opengl (up) or directx (down).
 
     Returns
     -------
@@ -113,22 +113,22 @@ def check_material(
 
 
 def document(maps: list[dict[str, Any]], findings: list[Fault]) -> dict[str, Any]:
-    """Maps and findings as JSON can hold them."""
+    """Maps and findings as a JSON document."""
     return {"maps": maps, "findings": [asdict(finding) for finding in findings]}
 
 
-# --- what any map may be ---
+# --- maps of any kind ---
 
 
 def _sizes(maps: list[_Map]) -> Iterator[Fault]:
     first = maps[0].image
     for one in maps[1:]:
         if one.image.first.window != first.first.window:
-            sizes = f"{one.image.first.window}, {first.source} is {first.first.window}"
-            yield Fault(ERROR, one.image.source, "size", f"is {sizes}: --resize makes them alike")
+            sizes = f"{one.image.first.window}: expected {first.first.window}, as {first.source}"
+            yield Fault(ERROR, one.image.source, "size", f"has size {sizes}; use --resize")
         densities = [image.first.spec.get_float_attribute("XResolution", 0.0) for image in (one.image, first)]
         if all(densities) and not math.isclose(*densities, rel_tol=0.01):
-            text = f"has {densities[0]:g} pixels a unit, {first.source} {densities[1]:g}: their physical sizes differ"
+            text = f"has {densities[0]:g} pixels per unit, {first.source} has {densities[1]:g}: physical sizes differ"
             yield Fault(WARNING, one.image.source, "density", text)
 
 
@@ -149,16 +149,16 @@ def _require_finite(one: _Map) -> None:
     for band in bands(one.image.first):
         counts += count_broken(as_float(one.image.first.read(band)[..., channels]))
     if counts.any():
-        raise _Unusable("broken", f"{counts[0]} NaN and {counts[1]} Inf values")
+        raise _Unusable("broken", f"has {counts[0]} NaN and {counts[1]} Inf values")
 
 
 def _tagged(one: _Map, resources: Resources) -> Iterator[Fault]:
-    """A color space that a map of data says; not what readers of JPEG and PNG assume of files that say none."""
+    """A color space tag on a map of data, unless a reader of JPEG or PNG assumed it for an untagged file."""
     spec, path = one.image.first.spec, one.image.source
     tag, format_name = spec.get_string_attribute(TAG), _FORMATS.get(os.path.splitext(path)[1].lower())
     assumed = format_name is not None and os.path.isfile(path) and not is_tagged(spec, format_name, path)
     if tag and not assumed and not resources.color.is_data(tag):
-        text = f"says '{tag}': a renderer that believes it decodes what is no color: {IS_DATA}"
+        text = f"is tagged '{tag}': a renderer would convert its data as color; add {IS_DATA}"
         yield Fault(WARNING, path, "colorspace", text)
 
 
@@ -169,13 +169,13 @@ def _albedo(one: _Map, resources: Resources, progress: Progress) -> Iterator[Fau
     name, part = one.image.source, one.image.first
     count = len(channels_of(part.spec).color)
     if count not in (1, 3):
-        raise _Unusable("channels", f"has {count} channels beside alpha: colors have one or three")
+        raise _Unusable("channels", f"has {count} channels apart from alpha: expected 1 or 3 for color")
     try:
         space = color_space(one.image, resources.color, resources.settings.autocc)
     except (ColorError, ImageError) as error:
         raise _Unusable("colorspace", spelled(error.problem)) from None
     if space is None:
-        raise _Unusable("colorspace", f"is tagged as data: say {COLORSPACE} if it is color")
+        raise _Unusable("colorspace", f"is tagged as data: expected a color space; add {COLORSPACE} if it is color")
     counts = np.zeros(4, np.int64)
 
     def look(values: np.ndarray, opaque: np.ndarray | None, _: Window) -> np.ndarray:
@@ -194,19 +194,19 @@ def _albedo(one: _Map, resources: Resources, progress: Progress) -> Iterator[Fau
     dark, bright, impossible = (counts[1:] / max(1, counts[0])).tolist()
     one.measures |= {"dark": dark, "bright": bright, "impossible": impossible}
     if impossible > 0:
-        text = f"{_percent(impossible)} of its pixels reflect more light than they get, or less than none"
+        text = f"{_percent(impossible)} of its pixels are negative or reflect more light than they receive"
         yield Fault(ERROR, name, "range", text)
     if dark > _FEW:
-        text = f"{_percent(dark)} of its pixels are darker than charcoal (sRGB 30): shadow, or metal"
+        text = f"{_percent(dark)} of its pixels are darker than charcoal (sRGB 30): shadow or metal"
         yield Fault(WARNING, name, "range", text)
     if bright > max(_FEW, impossible):
-        text = f"{_percent(bright)} of its pixels are brighter than fresh snow (sRGB 240): highlights, or metal"
+        text = f"{_percent(bright)} of its pixels are brighter than fresh snow (sRGB 240): highlights or metal"
         yield Fault(WARNING, name, "range", text)
     drift = drift_of(one.image, lens, max(1.0, 2 * max(part.window.size) * _DRIFT_SCALE), resources, progress)
     if drift is not None:
         spread = one.measures["drift"] = float(drift.level[MARGIN:-MARGIN, MARGIN:-MARGIN, 0].std())
         if spread > DRIFT:
-            text = f"its lightness drifts by {spread:.1f} L over the map: baked light; --texflatten takes it out"
+            text = f"its lightness varies by {spread:.1f} L at large scale: baked lighting; use --texflatten"
             yield Fault(WARNING, name, "drift", text)
 
 
@@ -219,7 +219,7 @@ def _percent(share: float) -> str:
 
 
 def _decoder(one: _Map) -> Callable[[np.ndarray], np.ndarray]:
-    """What makes vectors (height, width, 2 or 3) of pixels: from 0 .. 1 where none of their values is negative."""
+    """Function from pixels to vectors (height, width, 2 or 3), decoded from 0 to 1 unless a value is negative."""
     part = one.image.first
     channels = list(channels_of(part.spec).color)
 
@@ -234,7 +234,7 @@ def _normals(one: _Map) -> Iterator[Fault]:
     part, name = one.image.first, one.image.source
     count = len(channels_of(part.spec).color)
     if count not in (2, 3):
-        raise _Unusable("channels", f"has {count} channels beside alpha: normals have two or three")
+        raise _Unusable("channels", f"has {count} channels apart from alpha: expected 2 or 3 for normals")
     vectors, off, below, mean, total = _decoder(one), 0, 0, np.zeros(3, np.int64), 0
     for band in bands(part):
         seen = vectors(part.read(band))
@@ -251,12 +251,12 @@ def _normals(one: _Map) -> Iterator[Fault]:
     lean = math.degrees(math.atan2(math.hypot(*mean[:2].tolist()), float(mean[2])))
     one.measures |= {"not_unit": float(off / total), "below": float(below / total), "lean": lean}
     if off / total > _FEW:
-        text = f"{_percent(off / total)} of its vectors are longer or shorter than 1 by more than {_LENGTH:g}"
+        text = f"{_percent(off / total)} of its vectors differ from length 1 by more than {_LENGTH:g}"
         yield Fault(ERROR, name, "length", text)
     if below / total > _FEW:
         yield Fault(ERROR, name, "below", f"{_percent(below / total)} of its vectors point into the surface")
     if lean > _LEAN:
-        yield Fault(WARNING, name, "lean", f"leans by {lean:.1f} degrees on the average: it was not level")
+        yield Fault(WARNING, name, "lean", f"its mean normal leans by {lean:.1f} degrees: the surface was not level")
 
 
 def _heights(one: _Map) -> Iterator[Fault]:
@@ -264,20 +264,20 @@ def _heights(one: _Map) -> Iterator[Fault]:
     low, high = _limits(one)
     one.measures |= {"least": low, "largest": high}
     if low == high:
-        yield Fault(WARNING, name, "flat", f"all its heights are {low:g}")
+        yield Fault(WARNING, name, "flat", f"all heights are {low:g}")
     elif part.spec.format.size() == 1:
-        yield Fault(WARNING, name, "steps", "has 8 bits: displaced it shows steps; 16 bits or floats hold slopes")
+        yield Fault(WARNING, name, "steps", "has 8 bits: displacement shows steps; use 16 bits or floats")
 
 
 def _data(one: _Map) -> Iterator[Fault]:
     low, high = _limits(one)
     one.measures |= {"least": low, "largest": high}
     if low < 0 or high > 1:
-        yield Fault(ERROR, one.image.source, "range", f"holds values from {low:g} to {high:g}: 0 to 1 mean something")
+        yield Fault(ERROR, one.image.source, "range", f"has values from {low:g} to {high:g}: expected 0 to 1")
 
 
 def _limits(one: _Map) -> tuple[float, float]:
-    """The least and the largest value."""
+    """The smallest and the largest value."""
     part, channels = one.image.first, list(channels_of(one.image.first.spec).color)
     limits = [
         (float(seen.min()), float(seen.max()))
@@ -290,7 +290,7 @@ def _limits(one: _Map) -> tuple[float, float]:
 
 
 def _slopes(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Heights gained per px to the right and down, of OpenGL normals, in steps of 1 / `_GRID`: int64."""
+    """Slopes to the right and down, in height per px, of OpenGL normals, in steps of 1 / `_GRID`: int64."""
     z = vectors[..., 2] if vectors.shape[2] == 3 else np.sqrt(np.maximum(0, 1 - (vectors**2).sum(-1)))
     over = np.maximum(z, np.float32(0.05))
     return tuple(
@@ -300,7 +300,7 @@ def _slopes(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _handedness(normal: _Map, height: _Map | None, convention: str) -> Iterator[Fault]:
-    """Which way green points, by the curl of slopes and by heights."""
+    """Sign of the green channel, from the curl of slopes and from heights."""
     part, vectors, measures = normal.image.first, _decoder(normal), normal.measures
     channel = None if height is None else channels_of(height.image.first.spec).color[0]
     low, high = (0.0, 1.0) if height is None else _limits(height)
@@ -310,7 +310,7 @@ def _handedness(normal: _Map, height: _Map | None, convention: str) -> Iterator[
         if min(around.size) < 3:
             continue
         right, down = _slopes(vectors(part.read(around)))
-        pairs = [(_along(right, 0), _along(down, 1))]  # of a surface both are its second derivative across
+        pairs = [(_along(right, 0), _along(down, 1))]  # equal on a surface: its mixed second derivative
         if height is not None:
             raised = (as_float(height.image.first.read(around)[..., channel]) - low) / max(high - low, 1e-12)
             steps = np.rint(raised * 2**16).astype(np.int64)
@@ -320,32 +320,32 @@ def _handedness(normal: _Map, height: _Map | None, convention: str) -> Iterator[
     alike = sums[:, 0] / np.sqrt(np.maximum(sums[:, 1].astype(float) * sums[:, 2], 1.0))
     measures["no_curl"], found, by = float(alike[0]), None, ""
     if abs(alike[0]) > _AGREE:
-        found, by = ("opengl" if alike[0] > 0 else "directx"), "their slopes"
+        found, by = ("opengl" if alike[0] > 0 else "directx"), "its slopes"
     if height is not None:
         measures["agrees_x"], measures["agrees_y"] = alike[1:].tolist()
         if alike[1] < -_AGREE:
-            yield Fault(ERROR, normal.image.source, "inverted", "its slopes to the right go down where heights go up")
-        if abs(alike[2]) > _AGREE:  # heights that are upside down turn both axes
+            yield Fault(ERROR, normal.image.source, "inverted", "its slopes along x are opposite to the heights")
+        if abs(alike[2]) > _AGREE:  # inverted heights flip both axes
             found, by = ("opengl" if (alike[2] > 0) == (alike[1] >= -_AGREE) else "directx"), "the heights"
     measures["convention"] = found
     if found not in (None, convention):
         points = "down (DirectX)" if found == "directx" else "up (OpenGL)"
-        text = f"green points {points}, by {by}: --mulc 1,-1,1 --addc 0,1,0 turns it over"
+        text = f"green points {points}, judging by {by}; flip it: --mulc 1,-1,1 --addc 0,1,0"
         yield Fault(ERROR, normal.image.source, "handedness", text)
 
 
 def _along(values: np.ndarray, axis: int) -> np.ndarray:
-    """Central differences along an axis, times two, of all pixels but those at the border."""
+    """Central differences along an axis, times two, without border pixels."""
     return (values[2:, 1:-1] - values[:-2, 1:-1]) if axis == 0 else (values[1:-1, 2:] - values[1:-1, :-2])
 
 
 def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, resources: Resources) -> Iterator[Fault]:
-    """How much of the lightness follows from normals, and from heights."""
+    """Proportion of the variance of lightness that normals, and heights, explain."""
     part, name = albedo.image.first, albedo.image.source
-    space = present(color_space(albedo.image, resources.color, resources.settings.autocc))  # `_albedo` has it
+    space = present(color_space(albedo.image, resources.color, resources.settings.autocc))  # checked in `_albedo`
     lens = lens_for(albedo.image, resources, space)
     vectors = None if normal is None else _decoder(normal)
-    # products of 1, L, normal x and y, height: whole numbers, which add up in any order
+    # products of 1, L, normal x and y, height: integers, whose sums do not depend on their order
     sums, steps = np.zeros((5, 5)), np.array([1, 64, 4096, 4096, 4096])[:, None]
     for band in bands(part):
         lab, opaque = lens.values(part.read(band))
@@ -366,12 +366,12 @@ def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, resources: Re
         if lit > _LIT:
             up = -1 if normal.measures["convention"] == "directx" else 1
             toward = math.degrees(math.atan2(up * gain[1], gain[0])) % 360
-            text = f"{_percent(lit)} of its lightness follows the normals: light from {toward:.0f} degrees is baked in"
+            text = f"{_percent(lit)} of its lightness follows the normals: baked light from {toward:.0f} degrees"
             yield Fault(WARNING, name, "lit", text)
     if height is not None and covariance[3, 3] > 0:
         share = albedo.measures["occluded"] = float(covariance[0, 3] ** 2 / covariance[3, 3]) / own
         if share > _OCCLUDED and covariance[0, 3] > 0:
-            text = f"{_percent(share)} of its lightness follows the heights: baked occlusion, or what is deep is dark"
+            text = f"{_percent(share)} of its lightness follows the heights: baked occlusion, or dark recesses"
             yield Fault(WARNING, name, "occluded", text)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much of the sky each place of a height map sees: by horizons, as far as a radius."""
+"""Ambient occlusion of a height map, from horizons within a radius."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ..core.window import Window
 from ..deferred import np
 from ..errors import BrokenValues
 
-SLICES = 8  # half as many as directions
-_STEPS = 12  # horizons are looked for at so many places along each direction, closer together near by
+SLICES = 8  # half the number of directions
+_STEPS = 12  # samples along each direction, denser near the center
 
 
 def heights_around(
     part: Part, window: Window, reach: int, wraps: tuple[bool, bool], channel: int, name: str
 ) -> np.ndarray:
-    """Heights of a window grown by `reach` px; beyond the border those of the other side, or the border's own again."""
+    """Heights of a window grown by `reach` px, wrapped or clamped at the border."""
     whole, places = part.window, []
     for low, high, begin, size, wrap in zip(window[:2], window[2:], whole[:2], whole.size, wraps, strict=True):
         at = np.arange(low - reach, high + reach) - begin
@@ -37,18 +37,18 @@ def heights_around(
 
 
 def visible_sky(heights: np.ndarray, radius: int) -> np.ndarray:
-    """The share of an even sky's light that reaches each place, over that of a place without anything around.
+    """Ambient occlusion: light from a uniform sky that reaches each point, relative to an unoccluded one.
 
-    Of each slice through the vertical the integral of the cosine between two horizons, in closed form (Jimenez, Wu,
-    Pesce and Jarabo, Practical real-time strategies for accurate indirect occlusion, 2016, eq. 10); no light comes from
-    below the surface itself, nor from below the horizon of the plane.
+    For each slice through the vertical, the integral of the cosine between two horizons in closed form (Jimenez, Wu,
+    Pesce and Jarabo, Practical real-time strategies for accurate indirect occlusion, 2016, eq. 10). No light comes from
+    below the surface's tangent plane, nor from below the horizontal plane.
 
     Parameters
     ----------
     heights : (height + 2 radius, width + 2 radius) float32
         px, with a margin.
     radius : int
-        px; what is farther away hides nothing.
+        px; surfaces farther away do not occlude.
 
     Returns
     -------
@@ -67,12 +67,12 @@ def visible_sky(heights: np.ndarray, radius: int) -> np.ndarray:
     for n in range(SLICES):
         angle = math.pi * n / SLICES
         x, y = math.cos(angle), math.sin(angle)
-        slope = np.float32(x) * right + np.float32(y) * down  # of the surface along the slice
-        # the normal in the slice leans from the vertical by gamma, and is there so long
+        slope = np.float32(x) * right + np.float32(y) * down  # slope of the surface along the slice
+        # the normal projected on the slice leans from the vertical by gamma and has this length
         gamma = -np.arctan(slope)
         share = np.sqrt(1 + slope**2) / length
         for ahead in (1, -1):
-            steepest = ahead * slope  # the tangent plane hides what lies below it
+            steepest = ahead * slope  # the tangent plane occludes light below it
             np.maximum(steepest, 0, out=steepest)
             for at in _places(ahead * x, ahead * y, radius):
                 np.maximum(steepest, (beside(*at) - inner) / np.float32(math.hypot(*at)), out=steepest)
@@ -82,6 +82,6 @@ def visible_sky(heights: np.ndarray, radius: int) -> np.ndarray:
 
 
 def _places(x: float, y: float, radius: int) -> list[tuple[int, int]]:
-    """Whole offsets along a direction, px, none twice."""
+    """Integer offsets along a direction, px, without duplicates."""
     away = [radius ** (n / (_STEPS - 1)) for n in range(_STEPS)]
     return list(dict.fromkeys((round(x * r), round(y * r)) for r in away))

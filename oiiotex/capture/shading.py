@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Relief from one photo's shading: heights whose slopes would shade a matt surface of one color as the photo is.
+"""Relief from the shading of one photo, for a matte surface of uniform color.
 
-Of light from one direction, shading is the slope along it (Pentland, Linear shape from shading, IJCV 4, 1990); under an
-overcast sky what is deep is dark (Langer and Zucker, Shape-from-shading on a cloudy day, JOSA A 11, 1994). Heights are
-the integrable surface nearest to such slopes, in Fourier space (Frankot and Chellappa, A method for enforcing
+Under directional light, shading is the slope along the light (Pentland, Linear shape from shading, IJCV 4, 1990). Under
+an overcast sky recesses are dark (Langer and Zucker, Shape-from-shading on a cloudy day, JOSA A 11, 1994). Heights are
+the integrable surface closest to these slopes, in Fourier space (Frankot and Chellappa, A method for enforcing
 integrability in shape from shading algorithms, PAMI 10(4), 1988).
 """
 
@@ -14,31 +14,31 @@ from dataclasses import dataclass
 
 from ..deferred import np
 
-BYTES = 80  # of a pixel, padding included, while heights are made: 52 measured, and the photo in Lab
-_ACROSS = 0.1  # weight of slopes across the light, which shading does not say, to those along it
-_DEEP = 0.5  # of |w|, by which overcast shading is divided: between heights themselves (0) and slopes (1)
+BYTES = 80  # peak per pixel, with padding: 52 measured, and the photo in Lab
+_ACROSS = 0.1  # weight of slopes across the light, which shading does not show, relative to slopes along it
+_DEEP = 0.5  # exponent of |w| that divides overcast shading: between heights (0) and slopes (1)
 _SLOPES = 12.0  # times overcast shading: s; root mean square slope is s / (1 + s): .32 to .59, rendered .39 to .67
-_DARKEST = 1e-4  # luminance that is not black
-_BRIGHTEST = 3.0  # of shading: more is a highlight
-_LIGHTEST = 1e6  # L, either way: 6e11 times white, whose sums are finite
-_FINE = math.pi / 4  # radians a px, beyond which light is not asked for
+_DARKEST = 1e-4  # luminance below which a pixel is black
+_BRIGHTEST = 3.0  # shading above which a pixel is a highlight
+_LIGHTEST = 1e6  # limit of |L|: 6e11 times white, whose sums are finite
+_FINE = math.pi / 4  # radians per px: finer detail is not used to find the light
 _LEVEL = 10.0  # degrees
-_DIRECTED = 1.4  # power along over across, from where light has a direction; 3 where relief has none
+_DIRECTED = 1.4  # ratio of power along and across, above which light has a direction; 3 for isotropic relief
 
 
 @dataclass(frozen=True)
 class Relief:
-    """Heights that a photo's shading says.
+    """Heights from a photo's shading.
 
-    `light`: where light was taken to come from, degrees counterclockwise from the right; None: an overcast sky.
+    `light`: direction of the light, degrees counterclockwise from the right; None: overcast.
     """
 
-    heights: np.ndarray  # (height, width) float32: px, 0 on the average; larger is nearer
+    heights: np.ndarray  # (height, width) float32: px, of mean 0; larger is nearer
     light: float | None
 
 
 def padded_size(size: tuple[int, int], sigma: float, wraps: tuple[bool, bool]) -> tuple[int, int]:
-    """Rows and columns that are transformed, of (rows, columns) that wrap along y, along x."""
+    """Padded size of (rows, columns) for the transform; `wraps`: periodic along y, along x."""
     from scipy.fft import next_fast_len  # scipy is not loaded before it is needed
 
     rows, columns = (
@@ -62,19 +62,19 @@ def relief(
     Parameters
     ----------
     luminance : (height, width) float32
-        Linear; only ratios count.
+        Linear, of any scale.
     opaque : (height, width) bool or None
-        Pixels that count, one at least; None: all.
+        Valid pixels, at least one; None: all.
     sigma : float
-        px; what is larger is color or uneven light, and no relief.
+        px; variation above this scale is color or uneven light.
     light : float or None
-        Degrees counterclockwise from the right; None: as the shading itself says, from above rather than below.
+        Degrees counterclockwise from the right; None: estimated, from above rather than below.
     overcast : bool
-        Light has no direction.
+        The light has no direction.
     elevation : float
         Of the light over the surface, degrees.
     wraps : (bool, bool)
-        The photo is a torus along y, along x.
+        The photo is periodic along y, along x.
     """
     shape = padded_size(luminance.shape, sigma, wraps)
     wy, wx = 2 * np.pi * np.fft.fftfreq(shape[0])[:, None], 2 * np.pi * np.fft.rfftfreq(shape[1])[None]
@@ -91,7 +91,7 @@ def relief(
         steep = steep / (1 + steep)
         heights *= steep / max(float(np.sqrt((slopes**2).mean())), 1e-12)
     else:
-        # p cos t + q sin t = -shading / tan(slant): y is down, angles go up
+        # p cos t + q sin t = -shading / tan(slant): y is down, angles are counterclockwise
         toward = math.radians(light)
         along = 1j * (wx * math.cos(toward) - wy * math.sin(toward))
         slope = -spectrum * math.tan(math.radians(elevation))
@@ -102,9 +102,9 @@ def relief(
 
 
 def integrated(slope: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.ndarray:
-    """The spectrum of the surface nearest to slopes along one direction (Frankot and Chellappa 1988).
+    """Spectrum of the surface closest to slopes along one direction (Frankot and Chellappa 1988).
 
-    The nearest by their weighted norm: slopes along the direction count once, all others, which would be 0, `_ACROSS`.
+    Weighted least squares: slopes along the direction have weight 1, slopes across it, assumed 0, `_ACROSS`.
 
     `slope` (height, columns) complex128; `square` (height, columns) float64.
     """
@@ -114,11 +114,11 @@ def integrated(slope: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.n
 
 
 def light_of(shading: np.ndarray) -> float | None:
-    """Where light comes from, by the direction along which shading has most power; None where none stands out.
+    """Direction of the light: that in which shading has most power; None if no direction stands out.
 
-    Relief without a direction of its own, lit from one side, has three times the power along the light as across
-    (Knill, Estimating illuminant direction and degree of surface relief, JOSA A 7, 1990). The two ends cannot be told
-    apart: the upper one is taken, of two at about the same height the left one, as people do.
+    Isotropic relief lit from one side has three times the power along the light as across (Knill, Estimating illuminant
+    direction and degree of surface relief, JOSA A 7, 1990). Opposite directions cannot be distinguished: the upper one
+    is assumed, as by human vision, and of two at about the same height the left one.
 
     `shading` (height, width) float64.
     """
@@ -129,7 +129,7 @@ def light_of(shading: np.ndarray) -> float | None:
         2 * np.pi * np.fft.rfftfreq(shading.shape[1])[None],
     )
     square = wx * wx + wy * wy
-    # near the limit of the grid slopes are seen less along its axes
+    # near the Nyquist limit slopes along the axes are underestimated
     power = np.where(square < _FINE**2, np.abs(spectrum) ** 2 / np.where(square > 0, square, 1.0), 0.0)
     xx, yy, xy = (float((power * term).sum()) for term in (wx * wx, wy * wy, wx * wy))
     middle, away = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
@@ -147,7 +147,7 @@ def _shading(
     wy: np.ndarray,
     wx: np.ndarray,
 ) -> np.ndarray:
-    """Luminance over what is seen of it through a Gaussian, less 1; 0 in what is padded. (rows, columns) float64."""
+    """Luminance over its Gaussian mean of valid pixels, less 1; 0 in the padding. (rows, columns) float64."""
     passes = np.exp(-0.5 * sigma**2 * wy**2) * np.exp(-0.5 * sigma**2 * wx**2)
 
     def seen(values: np.ndarray) -> np.ndarray:
@@ -157,10 +157,10 @@ def _shading(
     values = np.where(weight > 0, np.maximum(luminance, 0), 0).astype(np.float64)
     mean = seen(values) / np.maximum(seen(weight), 1e-6)
     light = np.maximum(mean, _DARKEST)
-    # less than 1 is taken off where all is black, which has no shading
+    # where all is black there is no shading, and less than 1 is subtracted
     shading = np.where(weight > 0, np.clip(values / light - np.minimum(mean / light, 1), -1, _BRIGHTEST), 0)
     for axis, (n, wide) in enumerate(zip(luminance.shape, shape, strict=True)):
-        if wide > n:  # mirrored beyond both ends, fading, where a transform that wraps has its seam
+        if wide > n:  # mirrored beyond both ends, with a fade at the seam of the periodic transform
             behind = np.arange(wide - n)
             fade = 0.5 + 0.5 * np.cos(2 * np.pi * (behind + 0.5) / (wide - n))
             near_end = behind < (wide - n) // 2
@@ -171,20 +171,20 @@ def _shading(
 
 
 def luminance(lightness: np.ndarray) -> np.ndarray:
-    """Linear luminance, 1 of white, of CIE L; float32. It is finite also where L is not."""
+    """Linear luminance, 1 for white, of CIE L; float32, and finite for any L."""
     lightness = np.clip(lightness, np.float32(-_LIGHTEST), np.float32(_LIGHTEST))
     root = (lightness + np.float32(16)) / np.float32(116)
     return np.where(lightness > 8, root * root * root, lightness * np.float32(27 / 24389))
 
 
 def normals_of(heights: np.ndarray, wraps: tuple[bool, bool]) -> np.ndarray:
-    """Unit normals of heights in px: (height, width, 3) float32; x right, y up (OpenGL), z towards who looks.
+    """Unit normals of heights in px: (height, width, 3) float32; x right, y up (OpenGL), z towards the viewer.
 
     Parameters
     ----------
     heights : (height, width) float32
     wraps : (bool, bool)
-        It is a torus along y, along x; else slopes at the border are those of one side.
+        The surface is periodic along y, along x; otherwise slopes at the border are one-sided.
     """
     slopes = []
     for axis, wrap in enumerate(wraps):

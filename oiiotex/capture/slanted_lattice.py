@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lattice of a plane that is seen at a slant.
+"""The lattice of a plane seen in perspective.
 
-A plane seen through a lens is x / (1 + l x) of the photo's point x, but for a matrix of two by two: l says where it
-would vanish. With the right l a photo of what repeats is most like itself at a distance, so l is where the mean square
-of the autocorrelation is largest, far above what any other l gives; that is coarse. Seen that way parts of the photo
-have lattices which `regularity` finds, and how these still change from part to part says the rest of l: the phase of
-what repeats is linear in x / (1 + l x), and a frequency is the phase's derivative. Whether there is a lattice at all is
-asked of the whole photo in the end.
+Apart from a 2 x 2 matrix, a plane seen through a lens is x / (1 + l x) of the photo's point x, where l gives the
+vanishing line. With the right l, the autocorrelation of a periodic texture has the largest mean square, far above that
+of any other l. This estimate is coarse. After rectification by it, `regularity` finds lattices of parts of the photo,
+and their variation from part to part gives the remainder of l: the phase of a periodic texture is linear in
+x / (1 + l x), and frequency is its derivative. Finally the whole photo is tested for a lattice.
 """
 
 from __future__ import annotations
@@ -21,24 +20,25 @@ from ..regularity.autocorrelation import autocorrelation, high_passed
 from ..regularity.lattice import find_lattice
 from .homography import USUAL_LENS
 
-_OPAQUE = 0.99  # of a pixel that counts
-_LARGEST_SIDE = 1024  # px; longer side of the photo while lattices are looked for
-_SIDE = 192  # px; longer side of the photo while l is looked for
-_STEEPEST, _STEP = 0.8, 0.2  # of l, times the photo's sides: at a corner 1 + l x is 0.2 at least
+_OPAQUE = 0.99  # least alpha of a valid pixel
+_LARGEST_SIDE = 1024  # px; longer side of the photo in the search for lattices
+_SIDE = 192  # px; longer side of the photo in the search for l
+_STEEPEST, _STEP = 0.8, 0.2  # of l, times the photo's sides: at a corner 1 + l x is at least 0.2
 _FINEST = 0.2 / 16
-_VIEWS = (1.0,), (0.4, 0.64, 1.0)  # shares of the photo's sides that are looked at one after the other
-_SMALLEST = 48  # px; less holds no lattice that can be told
-_SAME = 6  # px; offsets nearer than that are alike whatever repeats
-_LEAST = 0.5  # of the photo must be seen from the front
-_FITS = 2  # where parts are far from the front their lattices are not all found at once
-_PARTS, _SHARE = 4, 0.45  # parts along each side, and the share of the side that each has
-_FEWEST = 4  # parts with a lattice: less say nothing of perspective
-_ALIKE = 0.25  # of a cell, by which frequencies of parts may be off whole combinations of their neighbors'
-_UPRIGHT = math.radians(35)  # a side of the cell is at most so far from the photo's own
-# Bricks and square tiles may have one lattice. By this, courses that rise by up to 13 degrees in the photo, and tiles
+_VIEWS = (1.0,), (0.4, 0.64, 1.0)  # sequences of central crops, as proportions of the photo's sides
+_SMALLEST = 48  # px; smaller images have no detectable lattice
+_SAME = 6  # px; nearby offsets correlate without repetition
+_LEAST = 0.5  # least visible proportion of the rectified photo
+_FITS = 2  # iterations, since the lattices of strongly distorted parts are not all found at once
+_PARTS, _SHARE = 4, 0.45  # parts along each side, and their side as a proportion of the photo's
+_FEWEST = 4  # least number of parts with a lattice that determine perspective
+_ALIKE = 0.25  # of a cell: tolerance of a part's frequencies as integer combinations of its neighbors'
+_UPRIGHT = math.radians(35)  # greatest angle between a side of the cell and the photo's side
+# Bricks and square tiles may have the same lattice. With this value courses that rise by up to 13 degrees in the photo,
+# and tiles rotated by up to 30, get their natural sides
 # turned by up to 30, have their own sides
 _LEAN = 2
-_STEPS = 64  # places along each side of the lattice where a rectangle may begin
+_STEPS = 64  # positions along each side of the lattice at which a rectangle may begin
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class SlantedLattice:
     """A lattice in perspective."""
 
     vanishing: np.ndarray  # (2,) float64: l, per px
-    middle: np.ndarray  # (2,) float64: the photo's middle, px, where x is 0
-    cell: np.ndarray  # (2, 2) float64: its sides at the middle, px: to the right, down
+    middle: np.ndarray  # (2,) float64: center of the photo, px, where x is 0
+    cell: np.ndarray  # (2, 2) float64: sides of a cell at the center, px: to the right, down
 
     def cells_at(self, points: np.ndarray) -> np.ndarray:
-        """Points of the photo (n, 2), px, in cells along its two sides."""
+        """Points of the photo (n, 2), px, in lattice coordinates."""
         x = points - self.middle
         return x / (1 + x @ self.vanishing)[:, None] @ np.linalg.inv(self.cell)
 
@@ -61,14 +61,14 @@ class SlantedLattice:
 
 
 def slanted_lattice(values: SomeRows, opaque: np.ndarray | None = None) -> SlantedLattice | None:
-    """The lattice of a photo in perspective; None where there is none, or one along a single direction.
+    """The lattice of a photo in perspective; None if there is none, or only along one direction.
 
     Parameters
     ----------
     values : (height, width, 3 or more) float32
         CIE Lab.
     opaque : (height, width) bool or None
-        Pixels that count; None: all.
+        Valid pixels; None: all.
     """
     size = np.array(values.shape[1::-1])
     if size.min() < _SMALLEST:
@@ -77,7 +77,7 @@ def slanted_lattice(values: SomeRows, opaque: np.ndarray | None = None) -> Slant
     values = values[..., :3] if opaque is None else values[..., :3] * usable
     values, usable = _at_most(_LARGEST_SIDE, values, usable)
     looked = np.array(usable.shape[1::-1])
-    if looked.min() <= _SAME:  # of a narrow strip nothing is left across
+    if looked.min() <= _SAME:  # a narrow strip has no pixels left across
         return None
     usable = usable[..., 0]
     vanishing = _most_alike(values, usable) / looked
@@ -90,7 +90,7 @@ def slanted_lattice(values: SomeRows, opaque: np.ndarray | None = None) -> Slant
     if lattice is None or lattice.rank != 2:
         return None
     frequencies = lattice.frequencies
-    if of_parts is not None:  # far apart chance may favor some of the cells, whose lattice is then found
+    if of_parts is not None:  # at large distances chance may favor a multiple of the cell, whose lattice is then found
         combination = of_parts @ np.linalg.inv(frequencies)
         whole = np.rint(combination)
         if abs(np.linalg.det(whole)) > 0.5 and np.abs(combination - whole).max() < _ALIKE:
@@ -100,14 +100,14 @@ def slanted_lattice(values: SomeRows, opaque: np.ndarray | None = None) -> Slant
 
 
 def _at_most(side: int, *images: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Images of one size with their longer side `side` px at most."""
+    """Images of one size, reduced to a longer side of at most `side` px."""
     height, width = images[0].shape[:2]
     factor = min(1.0, side / max(width, height))
     return tuple(resized(one, max(1, round(factor * width)), max(1, round(factor * height))) for one in images)
 
 
 def _from_the_front(values: np.ndarray, usable: np.ndarray, vanishing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values (height, width, n) with that l straightened about the middle, and which of them count."""
+    """Values (height, width, n) rectified by l about the center, and which of them are valid."""
     from scipy.ndimage import map_coordinates  # scipy is not loaded before it is needed
 
     height, width = usable.shape
@@ -122,10 +122,10 @@ def _from_the_front(values: np.ndarray, usable: np.ndarray, vanishing: np.ndarra
 
 
 def _most_alike(values: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """l times the photo's sides, for which it is most like itself.
+    """l times the photo's sides with the highest self-similarity.
 
-    The more cells there are the narrower is the peak, so it is looked for in the whole photo, where there are few, and
-    from its middle outwards, where there are many; whichever makes the whole more alike is taken.
+    The more cells, the narrower the peak. So the search starts in the whole photo at low resolution, and also from its
+    center outwards for many cells; the result with the higher self-similarity of the whole photo is used.
     """
     whole, found = _Perspective(values, usable, 1.0), []
     for shares in _VIEWS:
@@ -144,7 +144,7 @@ def _most_alike(values: np.ndarray, usable: np.ndarray) -> np.ndarray:
 
 
 class _Perspective:
-    """The middle of a photo, of `share` of its sides, made small."""
+    """The central crop of a photo by `share` of its sides, reduced."""
 
     def __init__(self, values: np.ndarray, usable: np.ndarray, share: float):
         height, width = usable.shape
@@ -152,13 +152,13 @@ class _Perspective:
         middle = np.s_[top : height - top, left : width - left]
         small, counted = _at_most(_SIDE, values[middle], usable[middle][..., None].astype(np.float32))
         self.share, self._usable = share, counted[..., 0]
-        # the direction of Lab in which it varies most is enough here
+        # the principal component of Lab suffices here
         texture = high_passed(small.astype(np.float64), self._usable > _OPAQUE)
         self._texture = texture @ np.linalg.eigh(np.einsum("ijk,ijl->kl", texture, texture))[1][:, -1:]
         self._known: dict[tuple[int, int], float] = {}
 
     def likeness(self, at: tuple[float, float]) -> float:
-        """How alike it is to itself with that l, times the whole photo's sides."""
+        """Self-similarity after rectification by l, given times the whole photo's sides."""
         key = round(at[0] / _FINEST * 16), round(at[1] / _FINEST * 16)
         if key not in self._known:
             vanishing = self.share * np.array(at) / self._usable.shape[::-1]
@@ -169,20 +169,20 @@ class _Perspective:
 
 
 def _self_likeness(values: np.ndarray, usable: np.ndarray) -> float:
-    """The mean square of the autocorrelation."""
+    """Mean square of the autocorrelation."""
     alike = autocorrelation(values * usable[..., None], usable)
     x, y = alike.offsets()
     weight = ((x * x + y * y >= _SAME**2) & (alike.weight > 0)).astype(float)
     return float((alike.ncc**2 * weight).sum() / max(float(weight.sum()), 1e-12))
 
 
-# --- the rest of l ---
+# --- the remainder of l ---
 
 
 def _still_slanted(values: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-    """l of what is nearly seen from the front, per px, and the frequencies at its middle, (2, 2) cycles per px.
+    """Remaining l of a nearly rectified photo, per px, and the frequencies at its center, (2, 2) cycles per px.
 
-    0 and None where too few parts have a lattice.
+    0 and None if too few parts have a lattice.
     """
     size = np.array(usable.shape[::-1])
     places, frequencies = _local_frequencies(values, usable)
@@ -194,7 +194,7 @@ def _still_slanted(values: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _local_frequencies(values: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Middles of parts that have a lattice of rank 2, (n, 2) px, and its frequencies, (n, 2, 2) cycles per px."""
+    """Centers of parts that have a lattice of rank 2, (n, 2) px, and its frequencies, (n, 2, 2) cycles per px."""
     height, width = usable.shape
     high, wide = round(_SHARE * height), round(_SHARE * width)
     places, frequencies = [], []
@@ -210,9 +210,9 @@ def _local_frequencies(values: np.ndarray, usable: np.ndarray) -> tuple[np.ndarr
 
 
 def _named_alike(x: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Those parts that have the same lattice, each with the same pair of frequencies: reduced pairs are not the same.
+    """Parts that share a lattice, each with the corresponding pair of frequencies, as reduced pairs may differ.
 
-    From the part nearest to the middle outwards, each in the whole combinations that are nearest to those of its
+    From the part nearest to the center outwards, each pair becomes the integer combination nearest to the pair of its
     nearest neighbor.
     """
     order = np.argsort((x**2).sum(1), kind="stable")
@@ -228,7 +228,7 @@ def _named_alike(x: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _fitted(x: np.ndarray, frequencies: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """l and the middle's frequencies for those that are seen at x; parts that say something else hardly count."""
+    """l and the frequencies at the center, fitted to the frequencies at x; robust to outliers."""
     from scipy.optimize import least_squares
 
     scale = np.abs(frequencies).max()
@@ -236,7 +236,7 @@ def _fitted(x: np.ndarray, frequencies: np.ndarray, size: np.ndarray) -> tuple[n
     def away(unknown: np.ndarray) -> np.ndarray:
         vanishing, middles = unknown[:2] / size, unknown[2:].reshape(2, 2)
         depth = (1 + x @ vanishing)[:, None, None]
-        seen = middles / depth - (x @ middles.T)[:, :, None] * vanishing / depth**2  # derivatives of the phases
+        seen = middles / depth - (x @ middles.T)[:, :, None] * vanishing / depth**2  # phase derivatives
         return (seen - frequencies / scale).ravel()
 
     start = np.concatenate([[0, 0], np.median(frequencies, 0).ravel() / scale])
@@ -249,11 +249,11 @@ def _fitted(x: np.ndarray, frequencies: np.ndarray, size: np.ndarray) -> tuple[n
 
 
 def _upright(vectors: np.ndarray, slant: np.ndarray) -> np.ndarray | None:
-    """The sides of a cell that go to the right and down: the shortest of all steps of the lattice that nearly do.
+    """Sides of a cell to the right and down: the shortest lattice vectors near those directions.
 
-    The least cell of bricks in a running bond has a slanted side; the one over two courses is a rectangle. `slant`,
-    (2,), is the tangent of the surface's slant, in its direction: along that the photo shows steps shorter by the
-    cosine, so that slanted ones of a steep wall would pass for upright.
+    The smallest cell of bricks in a running bond has an oblique side; a cell over two courses is a rectangle. `slant`,
+    (2,), is the tangent of the surface's slant, in its direction: the photo shortens vectors along it by the cosine, so
+    that oblique ones on a steep wall would be taken for upright.
     """
     steps = np.array([[i, j] for i in range(-4, 5) for j in range(-4, 5) if i or j]) @ vectors
     tangent = max(float(np.linalg.norm(slant)), 1e-12)
@@ -271,7 +271,7 @@ def _upright(vectors: np.ndarray, slant: np.ndarray) -> np.ndarray | None:
 
 
 def largest_rectangle(lattice: SlantedLattice, size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int]]:
-    """The most whole cells in a rectangle that lies in the photo.
+    """The rectangle inside the photo with the most complete cells.
 
     Parameters
     ----------
@@ -283,12 +283,12 @@ def largest_rectangle(lattice: SlantedLattice, size: tuple[int, int]) -> tuple[n
     corners : (4, 2) float64
         Top left, top right, bottom right, bottom left, px.
     cells : (int, int)
-        Across and down; 1 at least, which may lie partly outside the photo.
+        Across and down; at least 1, and then possibly partly outside the photo.
     """
     frame = np.array([[0, 0], [size[0], 0], size, [0, size[1]]], float)
     seen = lattice.cells_at(frame)
     low, high = seen.min(0), seen.max(0)
-    # along each side places a whole part of a cell apart, or whole cells
+    # positions along each side are spaced by an integer fraction or an integer multiple of a cell
     spans = [max(1, math.floor(_STEPS / (high[a] - low[a]))) for a in (0, 1)]
     steps = [1 / n if n > 1 else max(1, math.ceil((high[a] - low[a]) / _STEPS)) for a, n in enumerate(spans)]
     across, down = (np.arange(low[a], high[a], steps[a]) for a in (0, 1))
@@ -298,12 +298,12 @@ def largest_rectangle(lattice: SlantedLattice, size: tuple[int, int]) -> tuple[n
     best, corners = 0.0, None
     for west in range(len(across)):
         for east in range(west + spans[0], len(across), spans[0]):
-            rows = np.flatnonzero(inside[:, west] & inside[:, east])  # the photo is convex, so all between lie inside
+            rows = np.flatnonzero(inside[:, west] & inside[:, east])  # the photo is convex: all between is inside
             if len(rows) and (high_rows := (rows[-1] - rows[0]) // spans[1] * spans[1]) > 0:
                 area = (across[east] - across[west]) * high_rows * steps[1]
                 if area > best + 1e-9:
                     best, corners = area, (across[west], down[rows[0]], across[east], down[rows[0] + high_rows])
-    if corners is None:  # less than a cell
+    if corners is None:  # no complete cell
         corners = (-0.5, -0.5, 0.5, 0.5)
     left, top, right, bottom = corners
     sides = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures for people."""
+"""Pictures that visualize results."""

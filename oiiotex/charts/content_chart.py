@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a label map has the same content, and the table of all contents: LSA16 figures 10 and 11."""
+"""The places where a label map has the same content, and the table of all contents: LSA16 figures 10 and 11."""
 
 from __future__ import annotations
 
@@ -15,25 +15,27 @@ from .drawing import TEXT, Sheet, eight_bits
 
 log = logging.getLogger("oiiotex")
 
-_ROWS, _ROW_BYTES = 16, 120  # that are drawn at once, and bytes of a pixel meanwhile
+_ROWS, _ROW_BYTES = 16, 120  # drawn at a time, and bytes per pixel meanwhile
 _CENTER, _OUTLINE = (1.0, 0.25, 0.1), (0.1, 0.5, 1.0)
-_CELL, _GAP, _HEAD = 72, 4, 48  # px of the table
-_MOST = 24  # rows and columns of it
+_CELL, _GAP, _HEAD = 72, 4, 48  # px, of the table
+_MOST = 24  # maximum number of rows and columns
 
 
 def drawing_bytes(width: int) -> int:
-    """Memory of `marked` while rows of so many pixels are drawn."""
+    """Memory of `marked` for rows of that width, px."""
     return _ROW_BYTES * width * _ROWS
 
 
 def marked(photo: Part, picture: Callable[[Window], np.ndarray], contents: Contents, place: tuple[int, int]) -> Part:
-    """The photo, dimmed but where a patch of the key has its center, and the patch at (left, top) outlined; `picture`
-    gives a window of the data window, (height, width, 3) float32 sRGB."""
+    """The photo, dimmed except at centers of the key's patches, with the patch at (left, top) outlined.
+
+    `picture` gives a window of the data window, (height, width, 3) float32 sRGB.
+    """
     left, top = place
     width, height, side = photo.spec.width, photo.spec.height, contents.side
     thick = max(1, min(width, height) // 300)
 
-    def rows(window: Window) -> np.ndarray:  # full ones: products of matrices may round by how wide they are
+    def rows(window: Window) -> np.ndarray:  # full rows: matrix products may round depending on their width
         seen, center = picture(window), contents.centers(range(window.top, window.bottom))
         gray = (seen @ np.array([0.2126, 0.7152, 0.0722], np.float32))[..., None]
         out = np.where(center[..., None], 0.5 * seen + np.multiply(0.5, _CENTER), 0.3 * seen + 0.5 * gray)
@@ -50,7 +52,7 @@ def marked(photo: Part, picture: Callable[[Window], np.ndarray], contents: Conte
 
 
 def key_table(picture: Callable[[Window], np.ndarray], contents: Contents) -> np.ndarray:
-    """One patch of every key: first label down, second across, the labels' colors at the heads; sRGB float32."""
+    """One patch of every key: first label down, second across, with the labels' colors as headings. sRGB float32."""
     labels = np.unique(list(contents.counts))
     if len(labels) > _MOST:
         area = np.array([contents.areas[label] for label in labels.tolist()])
@@ -62,7 +64,7 @@ def key_table(picture: Callable[[Window], np.ndarray], contents: Contents) -> np
     place = {int(label): _HEAD + n * (_CELL + _GAP) for n, label in enumerate(labels)}
     at = np.arange(_CELL) * side // _CELL
     shown = contents.middles(key for key in contents.counts if key[0] in place and key[1] in place)
-    for key, (top, left) in sorted(shown.items(), key=lambda item: item[1]):  # as the photo lies in its file
+    for key, (top, left) in sorted(shown.items(), key=lambda item: item[1]):  # in the order of the photo's file
         patch = picture(Window.sized(left, top, side, side))
         sheet.paste(patch[at][:, at], place[key[1]], place[key[0]])
     for begin, color in zip(place.values(), colors_of(labels), strict=True):

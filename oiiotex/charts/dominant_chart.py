@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a dominant texture was found, as a picture: LDR09 figures 3 and 4."""
+"""Plots of how a dominant texture was found: LDR09 figures 3 and 4."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ COLORS = ((0.10, 0.45, 0.85), (0.85, 0.35, 0.05), (0.55, 0.35, 0.65), (0.55, 0.5
 WIDTH, HEIGHT = 400, 320  # px of a panel
 _MARGIN, _TOP = 44, 40
 _LINE = (0.75, 0.05, 0.15)
-_DECADES = 12.0  # of heat and density that are shown, from the largest on
+_DECADES = 12.0  # of heat and density, down from the maximum
 _NAMES = ("dominant", "small group", "bridge", "scattered")
 
 
 class Plot:
-    """A frame with one linear scale across and one down."""
+    """A frame with a linear scale in each direction."""
 
     def __init__(self, x: np.ndarray, y: np.ndarray):
         self.pixels = np.full((HEIGHT, WIDTH, 3), PAPER)
@@ -45,12 +45,12 @@ class Plot:
         return row, column
 
     def upright(self, x: float) -> None:
-        """A line at one x."""
+        """Draw a vertical line at x."""
         _, column = self.place(np.array(x), np.array(self._y[0]))
         self.pixels[_TOP : HEIGHT - _MARGIN : 2, column] = _LINE
 
     def level(self, y: float) -> None:
-        """A line at one y."""
+        """Draw a horizontal line at y."""
         row, _ = self.place(np.array(self._x[0]), np.array(y))
         self.pixels[row, _MARGIN : WIDTH - 12 : 2] = _LINE
 
@@ -69,13 +69,13 @@ def _limits(values: np.ndarray) -> tuple[float, float]:
 
 
 def curve_panel(texture: DominantTexture) -> Plot:
-    """Figure 3: log of the sum of weights over log epsilon; where it is steepest, and how steep."""
+    """Figure 3: log of the sum of weights over log epsilon, with its steepest point and slope."""
     kernel = texture.kernel
     curve = kernel.curve if kernel else np.zeros((0, 2))
     panel = Plot(*curve.T)
     panel.texts.append(("log sum of weights over log epsilon", _MARGIN, TEXT))
     if kernel is None:
-        panel.texts.append(("all texels are alike: there is no curve", _MARGIN, 2 * TEXT + 4))
+        panel.texts.append(("all texels are equal: no curve", _MARGIN, 2 * TEXT + 4))
         return panel
     dense = np.linspace(curve[0, 0], curve[-1, 0], 4 * WIDTH)
     panel.pixels[panel.place(dense, np.interp(dense, *curve.T))] = INK
@@ -90,7 +90,7 @@ def curve_panel(texture: DominantTexture) -> Plot:
 
 
 def heat_panel(texture: DominantTexture) -> Plot:
-    """Figure 4: decades of density over those of heat in the last round, by type, with that round's thresholds."""
+    """Figure 4: log density over log heat in the last round, by type, with that round's thresholds."""
     heat = np.maximum(texture.heat, texture.heat.max(initial=-300.0) - _DECADES)
     density = np.log10(np.maximum(texture.density, 1e-9))
     density = np.maximum(density, density.max(initial=-9.0) - _DECADES)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures for people: pixels as screens show them, labels in colors that stay apart, sheets that are drawn on."""
+"""Pictures that visualize results: pixels in display colors, labels in distinct colors, sheets to draw on."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NODE = 14  # px, of a tree
 
 
 class Sheet:
-    """A picture for people while it is drawn, in sRGB: what comes later lies above."""
+    """A picture to draw on, in sRGB. Later drawings cover earlier ones."""
 
     def __init__(self, width: int, height: int):
         self.width, self.height = width, height
@@ -28,10 +28,10 @@ class Sheet:
 
     @classmethod
     def of_panels(cls, panels: Sequence[tuple[str, np.ndarray]], columns: int, beside: Sheet | None = None) -> Sheet:
-        """Pictures of one size with their titles in rows, another sheet to their right."""
+        """Pictures of one size with their titles in rows, with another sheet to their right."""
         height, width = panels[0][1].shape[:2]
         columns = min(columns, len(panels))
-        wide = max(width, 220)  # a title must fit
+        wide = max(width, 220)  # room for a title
         rows = -(-len(panels) // columns)
         down, across = GAP + rows * (height + TEXT + 2 * GAP), GAP + columns * (wide + GAP)
         if beside is not None:
@@ -47,33 +47,33 @@ class Sheet:
         return sheet
 
     def paste(self, picture: np.ndarray, left: int, top: int) -> None:
-        """A picture (h, w, 3)."""
+        """Draw a picture (h, w, 3)."""
         window = Window.sized(left, top, picture.shape[1], picture.shape[0])
         self._buffer.set_pixels(window.roi(3), np.ascontiguousarray(picture, np.float32))
 
     def box(self, left: int, top: int, right: int, bottom: int, color: Sequence[float] | np.ndarray) -> None:
-        """Fill a rectangle up to its outermost pixels; sRGB, 0 to 1."""
+        """Fill a rectangle, outermost pixels included. sRGB, 0 to 1."""
         oiio.ImageBufAlgo.render_box(self._buffer, left, top, right, bottom, tuple(map(float, color)), True)
 
     def line(self, x: int, y: int, to_x: int, to_y: int, color: tuple[float, float, float]) -> None:
-        """Draw a line between two pixels, one pixel wide; sRGB, 0 to 1."""
+        """Draw a line between two pixels, one pixel wide. sRGB, 0 to 1."""
         oiio.ImageBufAlgo.render_line(self._buffer, x, y, to_x, to_y, color, True)
 
     def text(
         self, text: str, left: int, baseline: int, size: int = TEXT - 2, ink: tuple[float, float, float] = (INK,) * 3
     ) -> None:
-        """Draw a line of text, `size` px high; without a font there is none."""
-        text = text.encode("utf-8", "replace").decode()  # names in files of strangers may be no UTF-8
+        """Draw a line of text, `size` px high. Without a font, nothing is drawn."""
+        text = text.encode("utf-8", "replace").decode()  # file names can be invalid UTF-8
         if not oiio.ImageBufAlgo.render_text(self._buffer, left, baseline, text, size, "", ink):
             self._buffer.geterror()
 
     def image(self) -> np.ndarray:
-        """What was drawn: (height, width, 3) float32."""
+        """The picture: (height, width, 3) float32."""
         return pixels_of(self._buffer, oiio.FLOAT)
 
 
 def eight_bits(picture: np.ndarray) -> np.ndarray:
-    """sRGB of floats in 0 .. 1 as screens take it, uint8."""
+    """sRGB floats in 0 .. 1 as uint8."""
     return np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
 
 
@@ -88,7 +88,7 @@ def sampled(part: Part, step: int) -> np.ndarray:
 
 
 def shown_pixels(pixels: np.ndarray, part: Part, resources: Resources) -> np.ndarray:
-    """Pixels as sRGB, (h, w, 3) float: by their color space where it is known, else as they are."""
+    """Pixels as sRGB, (h, w, 3) float: converted from their color space if it is known, else unchanged."""
     channels = channels_of(part.spec)
     values: np.ndarray = pixels.astype(np.float32)
     if pixels.dtype.kind in "ui":
@@ -103,7 +103,7 @@ def shown_pixels(pixels: np.ndarray, part: Part, resources: Resources) -> np.nda
 
 
 def srgb_of(lab: np.ndarray) -> np.ndarray:
-    """Lab (D65) as sRGB whatever spaces the user's config has: this is only to look at."""
+    """Lab (D65) as sRGB, independent of the user's OCIO config: for display only."""
     f = (lab[..., :1] + 16) / 116 + np.stack([lab[..., 1] / 500, np.zeros_like(lab[..., 1]), -lab[..., 2] / 200], -1)
     xyz = np.where(f > 6 / 29, f**3, (f - 4 / 29) * 3 * (6 / 29) ** 2) * [0.95047, 1.0, 1.08883]
     linear = np.clip(xyz @ np.array([[3.2404542, -0.9692660, 0.0556434],
@@ -113,7 +113,7 @@ def srgb_of(lab: np.ndarray) -> np.ndarray:
 
 
 def colored(ids: np.ndarray, lightness: np.ndarray | None, strength: float) -> np.ndarray:
-    """Labels (h, w) in colors over the photo's lightness (h, w), their borders dark; 0 is black. (h, w, 3)."""
+    """Labels (h, w) in colors over the photo's lightness (h, w), with dark borders. 0 is black. (h, w, 3)."""
     shown = colors_of(ids)
     if lightness is not None:
         shown = shown * (strength + (1 - strength) * 1.6 * lightness[..., None])
@@ -126,7 +126,7 @@ def colored(ids: np.ndarray, lightness: np.ndarray | None, strength: float) -> n
 
 
 def label_tree(labels: list[LabelMap], maps: list[np.ndarray]) -> Sheet:
-    """The tree of labels, given finest first with (height, width) ids of each: a node is as wide as its share."""
+    """The tree of labels, given finest first with (height, width) ids of each. The width of a node is its share."""
     width, row = 320, 64
     sheet = Sheet(width, row * len(labels) + _NODE)
     above: dict[int, tuple[float, float]] = {}  # left and right of each label of the level above

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An exemplar graph as a picture: exemplars in columns by their octaves, edges as arrows with r beside them."""
+"""A drawing of an exemplar graph: exemplars in columns by octaves, edges as arrows labeled with r."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ..deferred import np
 from ..multiscale.graph import Edge
 from .drawing import TEXT, Sheet
 
-_ACROSS, _DOWN, _MARGIN = 72, 56, 24  # px between exemplars, and around all
-_LOOP = 22  # px: how far an edge from an exemplar to itself goes out
+_ACROSS, _DOWN, _MARGIN = 72, 56, 24  # px between exemplars, and margin
+_LOOP = 22  # px: size of the loop from an exemplar to itself
 _HEAD = 9  # px; of an arrow
 _APART = 7  # px between the two edges of a pair
 _DARK, _ROOT = (0.25, 0.25, 0.25), (0.8, 0.3, 0.1)
@@ -49,7 +49,7 @@ def drawn_graph(nodes: Sequence[Node], edges: Sequence[Edge], root: int) -> np.n
 
 
 def _places(nodes: Sequence[Node], side: int) -> list[tuple[int, int]]:
-    """The left top corner of every exemplar."""
+    """The top left corner of every exemplar."""
     octaves = sorted({node.octave for node in nodes})
     rows: dict[int, int] = {}
     corners = []
@@ -61,7 +61,7 @@ def _places(nodes: Sequence[Node], side: int) -> list[tuple[int, int]]:
 
 
 def _fitting(name: str, side: int) -> str:
-    """As much of a name as fits below an exemplar."""
+    """A name, shortened to fit below an exemplar."""
     most = max(4, (side + _ACROSS // 2) // 8)
     return name if len(name) <= most else f"{name[: most - 3]}..."
 
@@ -69,7 +69,7 @@ def _fitting(name: str, side: int) -> str:
 def _route(
     source: tuple[int, int], destination: tuple[int, int], side: int
 ) -> tuple[list[tuple[float, float]], tuple[int, int]]:
-    """The corners of an edge's line, and where its label stands."""
+    """The vertices of an edge's line, and the place of its label."""
     x, y = source
     if source == destination:
         right, top = x + side * 0.8, y - _LOOP
@@ -80,13 +80,13 @@ def _route(
     out = side / 2 / max(abs(dx), abs(dy)) + 3  # from the middle to the border
     begin = (ax + dx * out - dy * _APART, ay + dy * out + dx * _APART)
     end = (bx - dx * out - dy * _APART, by - dy * out + dx * _APART)
-    # on its own side, where an edge back has not its label
+    # offset to one side: the opposite edge has its label on the other
     middle = (begin[0] + end[0]) / 2 - dy * 18, (begin[1] + end[1]) / 2 + dx * 12
     return [begin, end], (round(middle[0]) - 10, round(middle[1]) + 5)
 
 
 def _draw(sheet: Sheet, line: list[tuple[float, float]]) -> None:
-    """A line with an arrow at its end, two pixels wide."""
+    """Draw a line that ends in an arrow, two pixels wide."""
     (ax, ay), (bx, by) = line[-2:]
     way = math.atan2(by - ay, bx - ax)
     wings = [(bx - _HEAD * math.cos(way + t), by - _HEAD * math.sin(way + t)) for t in (0.45, -0.45)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chips of paint: every label's color with its id and name in it."""
+"""Paint chips: every label's color with its id and name."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ..deferred import np, oiio
 from .drawing import Sheet
 
 _MARGIN = 4  # px
-_LARGEST, _LEAST = 14, 8  # px; smaller text cannot be read
+_LARGEST, _LEAST = 14, 8  # px; smaller text is unreadable
 
 
 def paint_chips(chips: Sequence[tuple[dict[str, Any], Window]], width: int, height: int) -> np.ndarray:
-    """A palette's colors in their places, with ids and names where there is room: (height, width, 3) float32 sRGB."""
+    """A palette's colors in their places, with ids and names if there is room: (height, width, 3) float32 sRGB."""
     sheet = Sheet(width, height)
     for entry, place in chips:
         color = np.array([int(n) for n in entry["color"].split(",")]) / 255
@@ -32,7 +32,7 @@ def paint_chips(chips: Sequence[tuple[dict[str, Any], Window]], width: int, heig
 
 
 def _shortened(text: str, size: int, width: int) -> str:
-    """As much of a text as is not wider, its end dotted where some is missing."""
+    """A text, shortened with an ellipsis to fit the width."""
     shown = text
     while shown and oiio.ImageBufAlgo.text_size(shown, size).width > width:
         text = text[:-1]

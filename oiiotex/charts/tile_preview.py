@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A tile as it is seen when it is used: repeated, and on a plane in perspective to the horizon (MJH17 section 5.2).
+"""Previews of a tile in use: repeated, and on a plane in perspective to the horizon (MJH17 section 5.2).
 
-Of arrays, and, as panels that are drawn by rows, of tiles of any size: such a tile is looked through once. Of each
-border between two rows of a panel is kept what its columns have summed up there, in memory or in an unnamed file; a
-panel's rows are differences of these.
+For arrays, and, as panels drawn by rows, for tiles of any size. Such a tile is read once. For each border between two
+rows of a panel, the running sums of its columns are kept, in memory or in an unnamed file. A panel's rows are
+differences of these.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from ..deferred import np, oiio
 from ..errors import BrokenValues
 
 TILES_ACROSS = 2.0  # at the near edge of the plane
-HORIZON = 1.0 / 8.0  # of the picture's height, from above
-_NEAREST_HORIZON = 1e-3  # px below it, where a row ends that reaches it
-AT_ONCE = BAND_BYTES // 32  # values of a band, and of rows of a panel: they are doubles, and there are several of them
-_BYTES = 120  # of each of them; measured
-RowMaker = Callable[[int, int], "np.ndarray"]  # from which row to which -> (rows, width, channels)
+HORIZON = 1.0 / 8.0  # of the picture's height, from the top
+_NEAREST_HORIZON = 1e-3  # px below it, end of a row that reaches it
+AT_ONCE = BAND_BYTES // 32  # values of a band, and of rows of a panel: several arrays of doubles
+_BYTES = 120  # per value, measured
+RowMaker = Callable[[int, int], "np.ndarray"]  # (first row, end) -> (rows, width, channels)
 
 
 def area_means(image: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """Exact means of a periodic image over stretches of its first axis: no aliasing, however long they are.
+    """Exact means of a periodic image over intervals of its first axis: no aliasing, however long they are.
 
-    Value i covers [i, i + 1); stretches go from `start` to `stop`, (m,) float, anywhere. (m, ...) float64.
+    Value i covers [i, i + 1). Intervals are from `start` to `stop`, (m,) float, anywhere. Returns (m, ...) float64.
     """
     n = len(image)
     sums = np.zeros((n + 1, *image.shape[1:]))
@@ -50,7 +50,7 @@ def area_means(image: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.nda
 
 
 def repeated(tile: np.ndarray, times: int, height: int) -> np.ndarray:
-    """The tile laid out `times` x `times`, reduced or enlarged to a height in px: (height, width, channels) float64."""
+    """The tile repeated `times` x `times`, scaled to a height in px: (height, width, channels) float64."""
     width = max(1, round(height * tile.shape[1] / tile.shape[0]))
     down = np.linspace(0, times * tile.shape[0], height + 1)
     right = np.linspace(0, times * tile.shape[1], width + 1)
@@ -59,9 +59,9 @@ def repeated(tile: np.ndarray, times: int, height: int) -> np.ndarray:
 
 
 def plane_in_perspective(tile: np.ndarray, width: int, height: int) -> np.ndarray:
-    """A plane covered with the tile, seen from above it, the view level: the paper's stress test; float64.
+    """A plane covered with the tile, from above in level view: the paper's stress test. float64.
 
-    Every pixel is the mean of what it covers of the plane, a rectangle to first order. Above the horizon there is 0.
+    Every pixel is the mean of its footprint on the plane, a rectangle to first order. Above the horizon it is 0.
     """
     eye, away = eye_and_away(tile.shape[1], width, height)
     horizon = height - len(away) + 1
@@ -75,44 +75,44 @@ def plane_in_perspective(tile: np.ndarray, width: int, height: int) -> np.ndarra
 
 
 def eye_and_away(tile: int, width: int, height: int) -> tuple[float, np.ndarray]:
-    """Height of the camera above the plane, and how far away borders of rows are, the horizon first.
+    """Height of the camera above the plane, and distances of the borders of rows, starting at the horizon.
 
-    Both in the unit of the tile's width, px.
+    Both in px of the tile.
     """
     below = np.arange(height - round(height * HORIZON) + 1, dtype=np.float64)  # the borders, px below the horizon
-    near = TILES_ACROSS * tile  # focal length `width`: at this distance so many tiles are seen across
+    near = TILES_ACROSS * tile  # focal length `width`: `TILES_ACROSS` tiles are visible across at this distance
     eye = float(below[-1]) * near / width
     return eye, width * eye / np.maximum(below, _NEAREST_HORIZON)
 
 
 def made_seamless(photo: np.ndarray) -> np.ndarray:
-    """The photo blended with itself shifted by half along both axes, as paint programs make an image seamless; float64.
+    """The photo blended with itself shifted by half along both axes, as in paint programs. float64.
 
-    A baseline of MJH17 section 5.2. The shifted copy has its own borders in the middle, where it must not show, and is
-    all there is at the photo's borders: with u and v the distances from the middle lines, 0 .. 1, it counts as
-    u v / (u v + (1 - u) (1 - v)).
+    A baseline of MJH17 section 5.2. The shifted copy has its borders in the middle, where its weight is 0, and weight 1
+    at the photo's borders: with u and v the distances from the middle lines, 0 .. 1, its weight is u v / (u v + (1 - u)
+    (1 - v)).
     """
     v, u = (np.abs(2 * (np.arange(n) + 0.5) / n - 1) for n in photo.shape[:2])
     return blended(photo, np.roll(photo, (photo.shape[0] // 2, photo.shape[1] // 2), (0, 1)), v, u)
 
 
 def blended(photo: np.ndarray, shifted: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Some rows of it, from those of the photo and of its shifted copy, and their v and u."""
+    """Some rows of `made_seamless`, from those of the photo and of its shifted copy, and their v and u."""
     both, neither = v[:, None] * u[None, :], (1 - v)[:, None] * (1 - u)[None, :]
     share = (both / (both + neither))[..., None]
     return (1 - share) * photo + share * shifted
 
 
-# --- of tiles of any size ---
+# --- tiles of any size ---
 
 
 def bytes_needed(values: int) -> int:
-    """Memory of panels, where a row of an image or of all of them has so many values."""
+    """Memory of panels, for that number of values in a row of an image or of all panels."""
     return _BYTES * max(AT_ONCE, values)
 
 
 class RowIntegrals:
-    """Integrals of a periodic image's columns from 0 to borders (px, anywhere), filled in while rows pass by."""
+    """Integrals of a periodic image's columns from 0 to borders (px, anywhere), filled in row by row."""
 
     def __init__(self, borders: np.ndarray, shape: tuple[int, int, int], in_memory: bool):
         self._turns = np.floor(borders / shape[0])
@@ -124,7 +124,7 @@ class RowIntegrals:
         self._whole = np.zeros(shape[1:])
 
     def add(self, first: int, rows: np.ndarray, sums: np.ndarray) -> None:
-        """Some rows, in their order, and the sums of all before each of them and behind the last."""
+        """Add some rows, in order, with the sums of all rows before each of them and after the last."""
         begin, end = np.searchsorted(self._row[self._order], (first, first + len(rows)))
         for n in self._order[begin:end].tolist():
             at = int(self._row[n]) - first
@@ -132,13 +132,13 @@ class RowIntegrals:
         self._whole = sums[-1]
 
     def between(self, first: int, last: int) -> np.ndarray:
-        """Those of borders first to last, both: (last - first + 1, columns, channels) float64."""
+        """Integrals from border `first` to `last`, inclusive: (last - first + 1, columns, channels) float64."""
         return self._store[first : last + 1] + self._turns[first : last + 1, None, None] * self._whole
 
 
 @dataclass(frozen=True)
 class PreviewPanel:
-    """One panel: its width in px, and the rows of it."""
+    """One panel: its width in px, and its rows."""
 
     width: int
     rows: RowMaker
@@ -146,7 +146,7 @@ class PreviewPanel:
 
 
 def laid(size: tuple[int, int], channels: int, times: int, height: int, in_memory: bool) -> PreviewPanel:
-    """An image of (width, height) laid out `times` x `times`, as `repeated` has it."""
+    """An image of (width, height) repeated `times` x `times`, as in `repeated`."""
     width = max(1, round(height * size[0] / size[1]))
     down, right = np.linspace(0, times * size[1], height + 1), np.linspace(0, times * size[0], width + 1)
     integrals = RowIntegrals(down, (size[1], size[0], channels), in_memory)
@@ -160,7 +160,7 @@ def laid(size: tuple[int, int], channels: int, times: int, height: int, in_memor
 
 
 def plane(size: tuple[int, int], channels: int, width: int, height: int, in_memory: bool) -> PreviewPanel:
-    """A plane covered with it, as `plane_in_perspective` has it."""
+    """A plane covered with it, as in `plane_in_perspective`."""
     eye, away = eye_and_away(size[0], width, height)
     horizon, across = height - len(away) + 1, np.arange(width + 1) - width / 2
     integrals = RowIntegrals(away, (size[1], size[0], channels), in_memory)
@@ -180,7 +180,7 @@ def plane(size: tuple[int, int], channels: int, width: int, height: int, in_memo
 
 
 def reduced(photo: Part, height: int) -> PreviewPanel:
-    """A photo at a height, as `core.image.resized` has it."""
+    """A photo scaled to a height, as in `core.image.resized`."""
     whole, channels = photo.window, photo.spec.nchannels
     width = max(1, round(height * whole.width / whole.height))
     scale = whole.width / width, whole.height / height
@@ -212,9 +212,9 @@ def reduced(photo: Part, height: int) -> PreviewPanel:
 
 
 def look_through(tile: Part, panels: Iterable[PreviewPanel], name: str, seamless: bool = False) -> None:
-    """Fill in the integrals of all panels of a tile, in one look; seamless: as `made_seamless` makes it.
+    """Fill in the integrals of all panels of a tile in one pass. `seamless`: as in `made_seamless`.
 
-    Raises BrokenValues where there is NaN or Inf in any channel: all are counted.
+    Raises BrokenValues for NaN or Inf in any channel, with the counts.
     """
     whole, filled = tile.window, [panel.integrals for panel in panels if panel.integrals is not None]
     broken, sums = np.zeros(2, np.int64), np.zeros((1, whole.width, tile.spec.nchannels))
@@ -236,7 +236,7 @@ def look_through(tile: Part, panels: Iterable[PreviewPanel], name: str, seamless
 
 
 def _few_at_once(rows: RowMaker, values: int) -> RowMaker:
-    """The same in pieces, where a row is made of so many values."""
+    """The same in pieces, for rows computed from that number of values."""
     count = max(1, AT_ONCE // values)
 
     def in_pieces(first: int, last: int) -> np.ndarray:

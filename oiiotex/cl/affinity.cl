@@ -1,15 +1,15 @@
-// Which points are alike: LSA16 section 4.1, labels/affinity_graph.py. Distances are whole numbers; weights add and
-// multiply floats in one fixed order.
+// Affinity graph of points: LSA16 section 4.1, labels/affinity_graph.py. Distances are integers; weights are sums and
+// products of floats in a fixed order.
 #pragma OPENCL FP_CONTRACT OFF
 #include "exponential.h"
 #include "lanes.h"
 #include "offsets.h"
 
 #define FAR 2147483647
-#define BLOCK 32   // points that are looked at together: affinity_graph.py pads to it
-#define LOCAL 6    // which neighbor's distance is the local scale: LSA16 eq. 4
+#define BLOCK 32   // points processed together; affinity_graph.py pads to it
+#define LOCAL 6    // index of the neighbor whose distance is the local scale: LSA16 eq. 4
 
-// Squared distances from point i to all, those beyond `count` FAR. Points lie in pairs of coordinates, (pair, point).
+// Squared distances from point i to all points, FAR for those from `count` on. Coordinates are in pairs, (pair, point).
 static inline void measure(const __global short *points, __global int *away, int i, int count, int padded,
                            int pairs) {
 #if LANES > 1
@@ -51,9 +51,9 @@ static inline int below(const __global int *away, int padded, int bound) {
 #endif
 }
 
-// The `wanted` others nearest to each of `rows` points from `first` on, in the order of their numbers; of equally far
-// ones the first. `scales`: the squared distance to the LOCALth of all points that nodes stand for, `copies` of each.
-// `distances` has room for `padded` numbers of each row.
+// The `wanted` nearest neighbors of each of `rows` points from `first` on, in index order; ties to the lower index.
+// `scales`: the squared distance to the LOCALth neighbor, where each node counts as `copies` points. `distances` has
+// `padded` numbers per row.
 __kernel void affinity_nearest(const __global short *restrict points, const __global int *restrict copies,
                                __global int *restrict distances, __global int *restrict index,
                                __global int *restrict squared, __global int *restrict scales, int count, int padded,
@@ -64,7 +64,7 @@ __kernel void affinity_nearest(const __global short *restrict points, const __gl
   __global int *apart = squared + AT(i, 0, wanted);
   measure(points, away, i, count, padded, pairs);
   away[i] = FAR;
-  int bound = 0;   // the largest with fewer than `wanted` distances below: the last one's distance, bit by bit
+  int bound = 0;   // the largest bound with fewer than `wanted` distances below it, found bit by bit
   for (int bit = 30; bit >= 0; bit--)
     if (below(away, padded, bound | (1 << bit)) < wanted) bound |= 1 << bit;
   int ties = wanted - below(away, padded, bound), n = 0;
@@ -89,7 +89,7 @@ __kernel void affinity_nearest(const __global short *restrict points, const __gl
   scales[i] = scale;
 }
 
-// Whether each of two is among the other's nearest, for all pairs (point, neighbor).
+// For all pairs (point, neighbor): whether the point is also among the neighbor's nearest.
 __kernel void affinity_mutual(const __global int *restrict index, __global uchar *restrict mutual, int count,
                               int wanted) {
   int k = get_global_id(0), i = get_global_id(1);
@@ -103,8 +103,8 @@ __kernel void affinity_mutual(const __global int *restrict index, __global uchar
   mutual[AT(i, k, wanted)] = others[low] == i;
 }
 
-// LSA16 eq. 4: weights of a node's edges and their sum. `near` holds 1 / scale of each node, `counted` what an edge
-// weighs where nothing lies between its ends.
+// LSA16 eq. 4: weights of a node's edges and their sum. `near` holds 1 / scale of each node, `counted` the weight of
+// an edge at distance 0.
 __kernel void affinity_similar(const __global int *restrict starts, const __global int *restrict columns,
                                const __global int *restrict squared, const __global float *restrict counted,
                                const __global float *restrict near, __global float *restrict weights,
@@ -120,7 +120,7 @@ __kernel void affinity_similar(const __global int *restrict starts, const __glob
   mass[i] = sum;
 }
 
-// T^-1/2 W T^-1/2: `less` holds 1 / root of each node's mass.
+// T^-1/2 W T^-1/2: `less` holds 1 / sqrt of each node's mass.
 __kernel void affinity_scaled(const __global int *restrict starts, const __global int *restrict columns,
                               const __global float *restrict less, __global float *restrict weights, int count) {
   int i = get_global_id(0);

@@ -1,12 +1,12 @@
-// Candidate sets of stack texels: HRRG08 eq. 2, searched as PatchMatch does (BSFG09): good matches of neighbors are
-// carried over, and places around the best one are tried at random. Belongs to multiscale/candidate_sets.py.
+// Candidate sets of stack texels: HRRG08 eq. 2, searched as in PatchMatch (BSFG09): good matches are propagated from
+// neighbors, and random places around the best one are tried. Belongs to multiscale/candidate_sets.py.
 //
-// On a CPU an item does RUN texels of a row: all of them say what they try, which is fetched, before they look at it.
+// On a CPU an item processes RUN texels of a row: it first prefetches the candidates of all, then compares them.
 #include "hash.h"
 #include "projected.h"
 
-// What is searched: targets on the levels of `admissible`, pairs of (level, log2 of how much finer it is), never on
-// transparent pixels, and outside the disc around `excluded` (by its texel; ~0: none) of squared radius `disc`.
+// Search domain: targets on the levels of `admissible`, pairs of (level, log2 of its resolution relative to this one),
+// never on transparent pixels, and outside the disc around texel `excluded` (~0: none) of squared radius `disc`.
 typedef struct { uint texel, cost; } found;
 
 static inline int around(int d, int side) {
@@ -22,7 +22,7 @@ static inline int near_excluded(uint texel, uint excluded, int disc, int side) {
   return dx * dx + dy * dy < disc;
 }
 
-// Each of RUN texels takes what it tries where that is better; `own` are their neighborhoods, `excluded` theirs.
+// Each of RUN texels takes its candidate if that is better; `own` holds their neighborhoods, `excluded` their exclusions.
 static inline void try_all(found *best, const uint *tried, const __global short *own, const __global short *projections,
                     const __global uchar *usable, const __global uint *excluded, int disc, int side) {
   for (int m = 0; m < RUN; m++) PREFETCH(projections + DIMS * (size_t)tried[m]);
@@ -43,7 +43,7 @@ static inline uint anywhere(uint *bits, const __global int *admissible, int coun
   return texel_at(into, (int)(*bits >> 16), (int)*bits, side);
 }
 
-// A random target for every texel of `level`; where nothing can be had at 16 tries, cost stays at its most.
+// A random target for every texel of `level`; if 16 tries fail, the cost stays at its maximum.
 __kernel void candidates_start(const __global short *restrict projections, const __global uchar *restrict usable,
                                const __global int *restrict admissible, int count,
                                const __global uint *restrict excluded, int disc,
@@ -72,8 +72,8 @@ __kernel void candidates_start(const __global short *restrict projections, const
   }
 }
 
-// One Jacobi pass: the targets of the four neighbors `jump` texels away, shifted back. One texel of this level is as
-// wide as 2^r of a level that is r finer.
+// One Jacobi pass: the targets of the four neighbors `jump` texels away, shifted back. A texel of this level is as
+// wide as 2^r texels of a level that is r levels finer.
 __kernel void candidates_propagate(const __global short *restrict projections, const __global uchar *restrict usable,
                                    const __global int *restrict admissible, int count,
                                    const __global uint *restrict excluded, int disc,

@@ -1,5 +1,5 @@
-// e^x for x <= 0 to 2e-7 of itself by + and * alone, which every device rounds alike; 0 below e^-80. Include it with
-// FP_CONTRACT off.
+// e^x for x <= 0 with a relative error of 2e-7, only by + and *, which all devices round alike; 0 below e^-80.
+// Include it with FP_CONTRACT off.
 static inline float exponential(float x) {
   if (x < -80.0f) return 0.0f;
   int octave = (int)(x * 1.44269504f - 0.5f);

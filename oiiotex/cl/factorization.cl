@@ -1,13 +1,13 @@
-// Products of a walk and the descent of its factors: LSA16 sections 4.2 and 4.4, labels/random_walk.py and
-// labels/stochastic_nmf.py. Matrices lie row by row, their rows padded to 8 columns of what the host says.
+// Matrix products of a random walk, and gradient descent of its factors: LSA16 sections 4.2 and 4.4,
+// labels/random_walk.py and labels/stochastic_nmf.py. Matrices are row-major, with rows padded to 8 columns.
 //
-// Sums of floats stand in one fixed order, also those that eight lanes add up: the same bits on every device.
+// Floats are summed in a fixed order, also across eight lanes: the same bits on every device.
 #pragma OPENCL FP_CONTRACT OFF
 #include "lanes.h"
 #include "offsets.h"
 
 #if LANES > 1
-#define WIDE 8   // columns of an item
+#define WIDE 8   // columns per item
 typedef float fv __attribute__((ext_vector_type(8), aligned(4)));
 #else
 #define WIDE 1
@@ -74,11 +74,11 @@ __kernel void factorization_gram(const __global float *restrict a, const __globa
   for (int t = 0; t < WIDE; t++) COLUMNS(out, k + t, j, width) = sum[t];
 }
 
-// What is to be taken off every value so that those that stay positive add up to 1 (Michelot 1986); `inverse[n]` is
-// 1 / n. What is below -1e20 pads a row.
+// Projection to the simplex: the number to subtract so that the positive values sum to 1 (Michelot 1986); `inverse[n]`
+// is 1 / n. Values below -1e20 are padding.
 static inline float threshold_of(const __global float *row, const __global float *inverse, int width) {
   float threshold = -1e20f;
-  for (int before = width + 1;;) {   // fewer and fewer
+  for (int before = width + 1;;) {   // until the number of positive values does not change
     f8 sum = 0.0f;
     int now = 0;
 #if LANES > 1
@@ -89,7 +89,7 @@ static inline float threshold_of(const __global float *row, const __global float
       above -= v > threshold;
     }
     now = total8(above);
-#else   // the same order; Oclgrind compares vectors otherwise
+#else   // the same order; Oclgrind compares vectors differently
     for (int j = 0; j < width; j += 8)
       for (int t = 0; t < 8; t++) {
         float v = row[j + t];
@@ -103,8 +103,8 @@ static inline float threshold_of(const __global float *row, const __global float
   }
 }
 
-// Every row x of `at`, on the simplex, goes to where x Q x^T / 2 - x c^T is least, c its row of `linear`: FISTA (Beck and
-// Teboulle 2009) with a restart of its own (O'Donoghue and Candes 2015). `ahead` has room for two rows of each.
+// Each row x of `at`, on the simplex, is moved to the minimum of x Q x^T / 2 - x c^T, c its row of `linear`, by FISTA
+// (Beck and Teboulle 2009) with adaptive restart per row (O'Donoghue and Candes 2015). `ahead` holds two rows for each.
 __kernel void factorization_memberships(const __global float *restrict quadratic, const __global float *restrict linear,
                                         const __global float *restrict inverse, const __global float *restrict momentum,
                                         __global float *restrict at, __global float *restrict scratch, int rows,
@@ -118,7 +118,7 @@ __kernel void factorization_memberships(const __global float *restrict quadratic
     for (int j = 0; j < width; j += 8) EIGHT(trial, j) = 0.0f;
     for (int k = 0; k < labels; k++) {
       float share = ahead[k];
-      if (share != 0.0f)   // most are
+      if (share != 0.0f)   // most are 0
         for (int j = 0; j < width; j += 8)
           EIGHT(trial, j) += share * *(const __global f8 *)(quadratic + AT(k, j, width));
     }
@@ -142,7 +142,7 @@ __kernel void factorization_memberships(const __global float *restrict quadratic
   }
 }
 
-// A step down the slope of tr(X^T Q X) / 2 - tr(X^T C), X (labels, width).
+// A gradient step for tr(X^T Q X) / 2 - tr(X^T C), X (labels, width).
 __kernel void factorization_advance(const __global float *restrict quadratic, const __global float *restrict linear,
                                     const __global float *restrict ahead, __global float *restrict trial, int labels,
                                     int stride, int width, float step) {
@@ -153,7 +153,7 @@ __kernel void factorization_advance(const __global float *restrict quadratic, co
   COLUMNS(trial, i, j, width) = SEEN(ahead, i, j, width) - step * (slope - SEEN(linear, i, j, width));
 }
 
-// Each row of `trial` onto the simplex, and a look ahead from where it was before.
+// Project each row of `trial` to the simplex, and extrapolate from its previous position.
 __kernel void factorization_project(__global float *restrict trial, const __global float *restrict inverse,
                                     __global float *restrict at, __global float *restrict ahead, int labels, int width,
                                     float momentum) {

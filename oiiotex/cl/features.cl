@@ -1,13 +1,13 @@
-// What superpixels are described by: labels/features.py. Whole numbers alone.
+// Feature vectors of superpixels: labels/features.py. Only integers.
 #pragma OPENCL FP_CONTRACT OFF
 #include "exponential.h"
 #include "offsets.h"
 
-#define WHOLE 4096   // of a weight: features.py
+#define WHOLE 4096   // fixed-point 1 of a weight: features.py
 typedef int i4 __attribute__((ext_vector_type(4), aligned(4)));
 
-// Counts of superpixels with those of what lies near, by a Gaussian of their distance. `places` are (x, y) along the
-// longer side, `first` and `last` between whom those lie that are near along it; rows of counts are padded to 4.
+// Counts of superpixels, plus those of neighbors weighted by a Gaussian of their distance. `places` are (x, y) along the
+// longer side, `first` and `last` the range of near ones along it; rows of counts are padded to 4.
 __kernel void features_pool(const __global int2 *restrict places, const __global int *restrict first,
                             const __global int *restrict last, const __global int *restrict counts,
                             __global int *restrict pooled, int superpixels, int width, int reach, float sharpness) {

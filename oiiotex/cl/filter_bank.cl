@@ -1,14 +1,14 @@
-// How an image looks around every pixel, and the textons that pixels have: LSA16 section 4.7, labels/filter_bank.py.
+// Filter responses around every pixel, and their textons: LSA16 section 4.7, labels/filter_bank.py.
 //
-// Layers lie one after the other, (layer, row, column). Gaussians add floats in one fixed order; textons are chosen by
-// whole numbers, so equal looks have equal textons on every device.
+// Arrays are (layer, row, column). Gaussians sum floats in a fixed order; textons are chosen by integers, so equal
+// responses yield equal textons on every device.
 #pragma OPENCL FP_CONTRACT OFF
 #include "offsets.h"
 
 #define FAR 2147483647
 
-// A pass of a Gaussian along the rows. Those of `looks` go on by `radius` pixels on either side; taps[k] is the weight
-// of what lies k pixels away.
+// A Gaussian pass along the rows. Rows of `looks` are padded by `radius` pixels on either side; taps[k] is the weight
+// at a distance of k pixels.
 __kernel void filter_bank_across(const __global float *restrict looks, __global float *restrict across,
                                  __constant float *taps, int radius, int width, int rows) {
   int x = get_global_id(0), y = get_global_id(1);
@@ -19,7 +19,7 @@ __kernel void filter_bank_across(const __global float *restrict looks, __global 
   across[AT(y, x, width)] = sum;
 }
 
-// The other pass, down the columns; `mirrored` says which row is seen as the one `radius` above row 0, and so on.
+// The pass down the columns; `mirrored` maps rows from `radius` above row 0 on to rows of the image.
 __kernel void filter_bank_down(const __global float *restrict across, __global float *restrict down,
                                __constant float *taps, const __global int *restrict mirrored, int radius, int width,
                                int height, int layers) {
@@ -32,8 +32,8 @@ __kernel void filter_bank_down(const __global float *restrict across, __global f
   down[AT(layer * height + y, x, width)] = sum;
 }
 
-// The center that is nearest to a pixel's PLANES numbers, the first of equal ones: |v - c|^2 less |v|^2, of which
-// `squares` holds |c|^2 and `doubled` 2 c.
+// The center nearest to a pixel's PLANES numbers, ties to the first: by |v - c|^2 - |v|^2, with |c|^2 in `squares` and
+// 2 c in `doubled`.
 __kernel void filter_bank_nearest(const __global short *restrict planes, __constant int *doubled,
                                   __constant int *squares, __global uchar *restrict nearest, int pixels, int count) {
   int i = get_global_id(0);

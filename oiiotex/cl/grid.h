@@ -1,25 +1,25 @@
-// A grid of cells that fills an image evenly, shared by what keeps local statistics on one:
-// stationarity/grid_statistics.py, CellGrid. Include it with FP_CONTRACT off.
+// A regular grid of cells over an image, shared by kernels for local statistics: stationarity/grid_statistics.py,
+// CellGrid. Include it with FP_CONTRACT off.
 #include "offsets.h"
 
-// The image and the cells along x and y, and along which axes it is a torus.
+// Sizes of the image and the grid along x and y, and the axes along which the image wraps.
 #define GRID_ARGS int width, int height, int cells_x, int cells_y, int wrap_x, int wrap_y
 #define GRID width, height, cells_x, cells_y, wrap_x, wrap_y
 
 // C's conversion rounds towards zero; this is floor() without the call that some CPU runtimes do not inline.
 static inline int floor_int(float v) { int i = (int)v; return i - (v < (float)i); }
 
-// What a buffer holds of the image's rows and of the cells' begins at rows `first` and `first_cells`, counted on beyond the
-// border where they wrap; 0 where it holds all. `held_cells` rows of cells lie from one channel's to the next one's.
+// Buffers hold rows of the image from `first` on and rows of cells from `first_cells` on, counted beyond the border if
+// they wrap; 0 if a buffer holds all. `held_cells` is the number of rows of cells per channel.
 #define HELD_ARGS int first, int first_cells, int held_cells
 
-// Where the statistics of a channel's cell lie among those of all: [channel][cell y][cell x].
+// Index of the statistics of a channel's cell: [channel][cell y][cell x].
 #define CELL(c, cy, cx) (((size_t)(c) * held_cells + (cy)) * cells_x + (cx))
-// Row y of the image in what is held of it.
+// Row y of the image within the held rows.
 #define HELD(y) WRAPPED((y) - first, height)
 
-// Each pixel is shared bilinearly among the four cells around it. Seen from a cell along one axis: it gathers pixels
-// less than a pitch from its center, weighted by a tent.
+// Each pixel is distributed bilinearly to the four cells around it: along each axis, a cell gathers pixels less than one
+// pitch from its center, weighted by a tent function.
 typedef struct { float pitch, center; int first; } tent;
 static inline tent tent_of(int cell, int size, int cells) {
   float pitch = (float)size / (float)cells, center = ((float)cell + 0.5f) * pitch - 0.5f;
@@ -35,8 +35,8 @@ static inline float tent_at(tent t, int at) {
 // Whether there is a pixel (or a cell) at or beyond the border.
 #define THERE(i, n, wrap) ((wrap) || ((i) >= 0 && (i) < (n)))
 
-// The four cells around a pixel: where they lie in what is held of a channel's, and what they weigh, 0 where there is
-// none. Returns the sum of the weights.
+// The four cells around a pixel: their indices within a channel's held cells, and their weights, 0 for missing cells.
+// Returns the sum of the weights.
 static inline float cells_around(int x, int y, GRID_ARGS, int first_cells, size_t *cell, float *weight) {
   float gx = ((float)x + 0.5f) * ((float)cells_x / (float)width) - 0.5f;
   float gy = ((float)y + 0.5f) * ((float)cells_y / (float)height) - 0.5f;

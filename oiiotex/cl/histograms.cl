@@ -1,9 +1,9 @@
 // Local histograms on a grid, and matching to them: MJH17 sections 3.2 and 4.3.
 //
-// The paper builds weighted histograms in overlapping blocks; here they stand on a grid of cells about sigma / 2.5
-// apart and are read by interpolation, which comes as close to the dense version and costs a fraction
+// The paper builds weighted histograms in overlapping blocks; here they are on a grid of cells about sigma / 2.5
+// apart and are interpolated, which is as close to the dense version at a fraction of the cost
 // (departure: cells instead of blocks). A histogram is BINS floats; the grid holds [channel][cell y][cell x][bin].
-// Every cell is summed by one work-item in one fixed order, so the bits do not depend on the device.
+// Every cell is summed by one work-item in a fixed order, so the bits do not depend on the device.
 #pragma OPENCL FP_CONTRACT OFF
 #include "grid.h"
 
@@ -11,23 +11,23 @@
 #define BIN_LANES 16
 typedef float bin_lane __attribute__((ext_vector_type(16), aligned(4)));
 #else
-#define BIN_LANES 4   // 16 bytes: what a GPU loads at once
+#define BIN_LANES 4   // 16 bytes: one load of a GPU
 typedef float4 bin_lane;
 
-// The first whole number that is not below.
+// Rounded up to an integer.
 static inline int first_from(float v) { int i = floor_int(v); return (float)i < v ? i + 1 : i; }
 #endif
 
-// A value's place among the bins: soft membership (a triangular Parzen window) of bins `bin` and `bin + 1`.
+// Soft membership of a value (triangular Parzen window) in bins `bin` and `bin + 1`.
 static inline float place_in_bins(short value, float low, float per_bin) {
   float t = ((float)value - low) * per_bin;
   return t < 0.0f ? 0.0f : t > (float)(BINS - 1) ? (float)(BINS - 1) : t;
 }
 
-// Adds rows `begin` to `end` of the image (counted on beyond its border) to the histograms of `count` rows of cells from
-// `top` on, which are held from row `at` on. Rows come in order, so it does not show in the sums how many come at once.
+// Adds rows `begin` to `end` of the image (counted beyond its border) to the histograms of `count` rows of cells from
+// `top` on, which are held from row `at` on. Rows are added in order, so the sums do not depend on the size of bands.
 #if LANES > 1
-// One item sums a cell, its channels in turn: they share the weights, and their sums wait for each other's less.
+// One item sums a cell, interleaving its channels: they share weights, and independent sums hide latency.
 __kernel void histograms_gather(const __global short *restrict image, __global float *restrict grid,
                                 __constant float *low, __constant float *per_bin, int begin, int end,
                                 int top, int count, int at, HELD_ARGS, GRID_ARGS) {
@@ -35,7 +35,7 @@ __kernel void histograms_gather(const __global short *restrict image, __global f
   if (cx >= cells_x || row_of_cells >= count) return;
   tent across = tent_of(cx, width, cells_x), down = tent_of(cy, height, cells_y);
   __global float *histograms = grid + CELL(0, at + row_of_cells, cx) * BINS;
-  size_t plane = (size_t)cells_x * held_cells * BINS;   // from a channel's histogram to the next one's
+  size_t plane = (size_t)cells_x * held_cells * BINS;   // stride between channels
   for (int y = down.first < begin ? begin : down.first; y < end && tent_covers(down, y); y++) {
     if (!THERE(y, height, wrap_y)) continue;
     float above = tent_at(down, y);
@@ -45,7 +45,7 @@ __kernel void histograms_gather(const __global short *restrict image, __global f
       float weight = above * tent_at(across, x);
       const __global short *values = row + CHANNELS * WRAPPED(x, width);
       for (int c = 0; c < CHANNELS; c++) {
-        if (values[c] == SHRT_MIN) continue;   // histograms.OUTSIDE: no pixel of the image
+        if (values[c] == SHRT_MIN) continue;   // histograms.OUTSIDE: not a pixel of the image
         float t = place_in_bins(values[c], low[c], per_bin[c]);
         int b = (int)t < BINS - 2 ? (int)t : BINS - 2;
         float upper = (t - (float)b) * weight;
@@ -56,8 +56,8 @@ __kernel void histograms_gather(const __global short *restrict image, __global f
   }
 }
 #else
-// A work-group of BINS items sums a cell, each item its own bin: pixels are looked up and put among the bins together,
-// as many at a time, and every item adds those of its bin in the same order as above.
+// A work-group of BINS items sums a cell, one bin per item: the items load and bin BINS pixels at a time, and each
+// item adds those of its bin in the same order as above.
 __kernel void histograms_gather(const __global short *restrict image, __global float *restrict grid,
                                 __constant float *low, __constant float *per_bin, int begin, int end,
                                 int top, int count, int at, HELD_ARGS, GRID_ARGS) {
@@ -72,7 +72,7 @@ __kernel void histograms_gather(const __global short *restrict image, __global f
   float sum = histogram[own];
   for (int done = 0; done < pixels; done += BINS) {
     int i = done + own, y = from + i / columns, x = across.first + i % columns;
-    bin[own] = -2;   // no pixel
+    bin[own] = -2;   // not a pixel
     if (i < pixels && THERE(y, height, wrap_y) && THERE(x, width, wrap_x)) {
       short value = image[CHANNELS * AT(HELD(y), WRAPPED(x, width), width) + c];
       if (value != SHRT_MIN) {
@@ -115,7 +115,7 @@ __kernel void histograms_blur(const __global float *restrict grid, __global floa
   *(__global bin_lane *)(blurred + line + i * step) = sum;
 }
 
-// Sums of a row of cells, bin by bin: the rows are added on the host to the global histogram.
+// Sums over a row of cells, bin by bin; the host adds the rows to the global histogram.
 __kernel void histograms_row_sums(const __global float *restrict grid, __global float *restrict sums, int cells_x, int rows) {
   int part = get_global_id(0) * BIN_LANES, row = get_global_id(1);
   if (part >= BINS || row >= rows) return;
@@ -124,7 +124,7 @@ __kernel void histograms_row_sums(const __global float *restrict grid, __global 
   *(__global bin_lane *)(sums + AT(row, part, BINS)) = sum;
 }
 
-// Histogram -> its cumulative, normalized: value b is the share below the lower border of bin b.
+// Normalized cumulative histogram: value b is the fraction below the lower border of bin b.
 __kernel void histograms_cumulate(__global float *restrict grid, int cells_x, int rows) {
   int cx = get_global_id(0), row = get_global_id(1);
   if (cx >= cells_x || row >= rows) return;
@@ -140,9 +140,9 @@ __kernel void histograms_cumulate(__global float *restrict grid, int cells_x, in
 }
 
 // c' = G^-1(F(c)), MJH17 section 4.3 (printed there as 'G(F(c))^-1'): F is interpolated between the four cells
-// around the pixel and linear inside the bin [b - 1/2, b + 1/2); `inverse` holds G^-1 as INVERSE + 1 values for shares
-// 0 .. 1, already on the image's grid. The pixel goes `strength` times the way from c to c'. Made are `count` rows from
-// `top` on (counted on beyond the border); `matched` holds the rows that `image` holds.
+// around the pixel and linear inside the bin [b - 1/2, b + 1/2); `inverse` holds G^-1 as INVERSE + 1 values for
+// fractions 0 to 1, already on the image's grid. The result is c + strength (c' - c), for `count` rows from `top` on
+// (counted beyond the border); `matched` holds the same rows as `image`.
 __kernel void histograms_match(const __global short *restrict image, const __global float *restrict cumulative,
                                const __global float *restrict inverse, __global short *restrict matched,
                                __constant float *low, __constant float *per_bin, float strength, int top, int count,
@@ -174,15 +174,15 @@ __kernel void histograms_match(const __global short *restrict image, const __glo
 
 // --- global matching: a value's histogram is exact on the integer grid ---
 
-// How often each value occurs in `height` rows from row `at` on, in parts: [part][channel][value - first]. A work-group counts one part of the rows, for
-// one channel, into counts of its own, so no two groups write the same place. `marks` rules pixels out: with COUNT_FREE
-// those where it holds something, with COUNT_SEEN those where it is SHRT_MIN (histograms.OUTSIDE).
+// Counts of each value in `height` rows from row `at` on, in parts: [part][channel][value - first]. A work-group counts
+// one part of the rows, for one channel, into separate counts. `marks` excludes pixels: with COUNT_FREE those where it
+// holds a value, with COUNT_SEEN those where it is SHRT_MIN (histograms.OUTSIDE).
 #if LANES == 1
 #define COUNTERS 256          // items of a work-group that count together; histograms.ValueCounts
-#define MOST_VALUES 4096      // of patchmatch.to_grid's
+#define MOST_VALUES 4096      // of patchmatch.to_grid
 #define COUNT(i) atomic_inc(own + (i))
 #else
-#define COUNTERS 1            // a CPU's thread needs no atomics, and its counts are in its cache
+#define COUNTERS 1            // a CPU thread needs no atomics, and its counts fit its cache
 #define COUNT(i) own[i]++
 #endif
 #define COUNT_FREE 1
@@ -212,7 +212,7 @@ __kernel void histograms_values(const __global short *restrict image, const __gl
 #endif
 }
 
-// The parts' sum, in the place of the first.
+// The sum of the parts, stored in the first.
 __kernel void histograms_values_sum(__global int *restrict counts, int entries, int parts) {
   int i = get_global_id(0), n = CHANNELS * entries;
   if (i >= n) return;
@@ -232,14 +232,14 @@ __kernel void histograms_table(const __global short *restrict image, const __glo
 
 // --- a sigma for each pixel ---
 
-// What projection `k` of those at `count` sigmas weighs at a place among them: a tent, in whole numbers.
+// Weight of the projection for sigma `k` of `count` at an interpolated position: a tent, in integers.
 static inline int share_of(float place, int k) {
   float away = place - (float)k, share = 1.0f - (away < 0.0f ? -away : away);
   return (int)rint(256.0f * (share < 0.0f ? 0.0f : share));
 }
 
-// Adds projection `k` to `total`; behind the last one `matched` is what all were blended to (halves go up). Of `place` and
-// `matched` rows from `place_at` and `at` on.
+// Adds projection `k` to `total`; after the last one `matched` is the blend of all (halves are rounded up). Rows of
+// `place` and `matched` from `place_at` and `at` on.
 __kernel void histograms_blend(__global short *restrict matched, const __global float *restrict place,
                                __global int *restrict total, int k, int count, int at, int place_at, int width, int height) {
   int x = get_global_id(0), y = get_global_id(1);

@@ -1,6 +1,6 @@
-// One source for wide CPUs and for GPUs. LANES is the number of 16-bit lanes a register holds:
-// 32 (AVX-512), 16 (AVX2, NEON) or 1 (GPUs, where a work-item is itself a lane).
-// Every sum below is over integers, so all widths give the same bits.
+// One source for CPUs with wide registers and for GPUs. LANES is the number of 16-bit lanes in a register:
+// 32 (AVX-512), 16 (AVX2, NEON) or 1 (GPUs, where each work-item is a lane).
+// All sums below are over integers, so all widths give the same bits.
 #ifndef LANES
 #define LANES 1
 #endif

@@ -1,13 +1,13 @@
 // Local moments on a grid of cells, and matching to the image's own: MJH17 sections 3.1 and 4.3.
 //
-// The cells are those of histograms.cl. Every cell is summed by one work-item in one fixed order, about a whole number
-// near its mean, so that no digits are lost; what lies between cells and scores is done on the host, in doubles.
+// The cells are those of histograms.cl. Every cell is summed by one work-item in a fixed order, about an integer near
+// its mean, to avoid cancellation; the host computes the steps between cells and scores, in doubles.
 #pragma OPENCL FP_CONTRACT OFF
 #include "grid.h"
 
-// Shared bilinearly among the cells, as in histograms_gather, rows `begin` to `end` added to what is there for `count`
-// rows of cells from `top` on, which are held from row `at` on: [channel][cell y][cell x][weight, about, four sums]. First the weight and sums of values are summed, two `powers` about
-// 0, then after moments_about all five.
+// Adds rows `begin` to `end`, distributed bilinearly as in histograms_gather, to `count` rows of cells from `top` on,
+// which are held from row `at` on: [channel][cell y][cell x][weight, about, four sums]. The first pass sums weights and
+// values, two `powers` about 0; after moments_about the second sums all five.
 __kernel void moments_gather(const __global short *restrict image, __global float *restrict sums, int powers,
                              int begin, int end, int top, int count, int at, HELD_ARGS, GRID_ARGS) {
   int cx = get_global_id(0), row_of_cells = get_global_id(1), c = get_global_id(2);
@@ -22,7 +22,7 @@ __kernel void moments_gather(const __global short *restrict image, __global floa
     for (int x = across.first; tent_covers(across, x); x++) {
       if (!THERE(x, width, wrap_x)) continue;
       short value = row[CHANNELS * WRAPPED(x, width)];
-      if (value == SHRT_MIN) continue;   // histograms.OUTSIDE: no pixel of the image
+      if (value == SHRT_MIN) continue;   // histograms.OUTSIDE: not a pixel of the image
       float term = above * tent_at(across, x), off = (float)value - about;
       for (int k = 0; k < powers; k++) {
         sum[k] += term;
@@ -34,7 +34,7 @@ __kernel void moments_gather(const __global short *restrict image, __global floa
   for (int k = 1; k < 5; k++) out[1 + k] = sum[k];
 }
 
-// What powers are taken about, a whole number near the mean; and all sums are empty again.
+// Sets the center of the powers, an integer near the mean, and clears all sums.
 __kernel void moments_about(__global float *restrict sums, int cells_x, int rows) {
   int cx = get_global_id(0), row = get_global_id(1);
   if (cx >= cells_x || row >= rows) return;
@@ -43,7 +43,7 @@ __kernel void moments_about(__global float *restrict sums, int cells_x, int rows
   out[0] = out[2] = out[3] = out[4] = out[5] = 0.0f;
 }
 
-// The share that lies below a place, in deviations from the mean, of a Pearson distribution: pearson_table.shares_below.
+// Cumulative distribution of a Pearson distribution, at a place in standard deviations: pearson_table.shares_below.
 static inline float share_below(const __global float *quantiles, const __global float *shares, float u, float skewness, float kurtosis) {
   float s = skewness < 0.0f ? -skewness : skewness, at = skewness < 0.0f ? -u : u;
   int i = (int)s < SKEWNESSES - 2 ? (int)s : SKEWNESSES - 2, j = (int)kurtosis < KURTOSES - 2 ? (int)kurtosis : KURTOSES - 2;
@@ -64,9 +64,9 @@ static inline float share_below(const __global float *quantiles, const __global 
 }
 
 // c' = G^-1(F(c)), MJH17 section 4.3, with F the distribution of the moments around the pixel ([mean, deviation, places
-// of skewness and kurtosis in the table] of four cells, interpolated) and G that of the image's; `inverse` holds G^-1
-// at INVERSE + 1 shares. F is a mean over a bin of width `bin`, as if it had been sampled. Of two moments both are
-// normal, and this is an affine map (`overall`: mean, deviation).
+// of skewness and kurtosis in the table] of four cells, interpolated) and G that of the image; `inverse` holds G^-1
+// at INVERSE + 1 fractions. F is averaged over a bin of width `bin`, as if sampled. With two moments both distributions
+// are normal, and the map is affine (`overall`: mean, deviation).
 __kernel void moments_match(const __global short *restrict image, const __global float *restrict around,
                             const __global float *restrict quantiles, const __global float *restrict shares,
                             const __global float *restrict inverse, __constant float *overall,

@@ -1,16 +1,21 @@
 // Multiscale synthesis, HRRG08 section 4 and 5: pixels are texels of stack levels (projected.h says how they are
 // named) with an accumulated transfer function R, an offset in steps of the color grid. Belongs to
-// multiscale/synthesizer.py, which says which pixels of a window each pass may look at.
+// multiscale/synthesizer.py, which determines the pixels of a window that each pass may read.
 #include "hash.h"
 #include "projected.h"
 #include "offsets.h"
 #include "lattice.h"
 
-#define BITS 12           // of the fraction of the basis
-#define SIDE_TAPS 5       // of a neighborhood
+#define BITS 12           // fraction bits of the basis
+#define SIDE_TAPS 5       // side of a neighborhood
 #define NEAR 9            // pixels whose candidates are tried
-#define RECORD (2 * DIMS) // of a texel: its two candidates' neighborhoods, a cache line
+#define RECORD (2 * DIMS) // per texel: the neighborhoods of its two candidates, a cache line
 #define MOST_OFFSET 8191  // steps; sums of products stay within 31 bits
+#if RUN > 1
+#define UNROLL _Pragma("unroll")
+#else
+#define UNROLL _Pragma("unroll 1")   // unrolled, a GPU's registers overflow: 188 of gfx1030 instead of 66
+#endif
 
 static inline short4 offset_sum(int4 r) {
   r = r > MOST_OFFSET ? (int4)(MOST_OFFSET) : r;
@@ -18,14 +23,14 @@ static inline short4 offset_sum(int4 r) {
   return convert_short4(r);
 }
 
-// 24 bits of the absolute place, level and seed. Places are 64 bit, and wrap where the plane is a torus.
+// 24 random bits of the absolute place, level and seed. Places are 64-bit, and wrap on a torus.
 static inline uint place_hash(long x, long y, uint level, uint seed) {
   uint bits = hash_pcg((uint)(x >> 32) + hash_pcg(level + hash_pcg(seed)));
   return hash_pcg((uint)x + hash_pcg((uint)y + hash_pcg((uint)(y >> 32) + bits)));
 }
 
-// The texel that is moved to where pixel (px, py) is in step with the exemplar's lattice: by steps[0] to steps[3] for a
-// whole cycle of both phases, and by one of its vectors, which follow, where it would leave the exemplar.
+// The texel moved so that pixel (px, py) is in phase with the exemplar's lattice: by steps[0] to steps[3] for a full
+// cycle of both phases, and by a lattice vector (the following steps) if it would leave the exemplar.
 static inline uint in_step(uint texel, int px, int py, __constant uint *phases, __constant int *steps, int side) {
   int x = TEXEL_X(texel, side), y = TEXEL_Y(texel, side), outside = ~((1 << side) - 1);
   int2 off = phases_of_offset(phases, px, py, x, y);
@@ -42,10 +47,9 @@ static inline uint in_step(uint texel, int px, int py, __constant uint *phases, 
 }
 
 // Upsampling (section 4.2), jitter (section 4.3) and inheritance of R (section 5): every pixel of a level from its
-// parent. (left, top) is where the window begins on the plane, (from_x, from_y) the place of the parent of its
-// first pixel in the parents' window. rho is in 1/256. Departures: h_k is the child's spacing; past the end of a
-// stack the texel is repeated; R is kept at keep/256 of what is inherited; with `regular` texels are in step with the
-// exemplar's lattice.
+// parent. (left, top) is the origin of the window, (from_x, from_y) the parent of its first pixel in the parents'
+// window. rho is in 1/256. Departures: h_k is the child's spacing; past the end of a stack the texel is repeated; R is
+// keep/256 of the inherited one; with `regular`, texels are in phase with the exemplar's lattice.
 __kernel void multiscale_upsample(const __global uint *restrict parent, const __global short4 *restrict parent_r,
                                   __global uint *restrict texel, __global short4 *restrict r,
                                   __global short4 *restrict color, const __global short4 *restrict stack,
@@ -90,8 +94,8 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
 #if LANES > 1
 typedef struct { lane_i8 low, high; } sums;
 static inline void clear(sums *s) { s->low = s->high = (lane_i8)(0); }
-// Products of a pair of 16-bit numbers with eight pairs of the basis, those of a pair added. By name where there is such
-// an instruction: with one pair in all lanes compilers do not see it in the shape below.
+// Products of a pair of 16-bit numbers with eight pairs of the basis, added per pair. Uses an intrinsic if available:
+// with one pair in all lanes compilers do not recognize the generic code below.
 static inline lane_i8 pair_products(int pair, const __global short *basis) {
   lane_s16 v = __builtin_astype((lane_i8)(pair), lane_s16), b = *(const __global lane_s16 *)basis;
 #ifdef __AVX2__
@@ -119,12 +123,13 @@ static inline void scale(const sums *s, projected *found) {
 }
 #else
 typedef struct { int at[DIMS]; } sums;
-static inline void clear(sums *s) {   // by pointer: Oclgrind cannot run what inlining returned structures leaves behind
+static inline void clear(sums *s) {   // by pointer: Oclgrind cannot run the code that results from inlining returned structures
   for (int d = 0; d < DIMS; d++) s->at[d] = 0;
 }
 static inline void add_pair(sums *s, int pair, const __global short *basis) {
   int a = (short)(pair & 0xFFFF), b = pair >> 16;
-  for (int d = 0; d < DIMS; d++) s->at[d] += a * basis[2 * d] + b * basis[2 * d + 1];
+  const __global int *pairs = (const __global int *)basis;   // whole words, which all items of a wave share
+  for (int d = 0; d < DIMS; d++) s->at[d] += a * (short)(pairs[d] & 0xFFFF) + b * (pairs[d] >> 16);
 }
 static inline void scale(const sums *s, projected *found) {
   short *to = (short *)found;
@@ -135,17 +140,16 @@ static inline void scale(const sums *s, projected *found) {
 }
 #endif
 
-// The neighborhood of pixel p less its own R, projected (section 6): R_p^-1 (R_(p+d) (*S[p + d])) of eq. 5. R_p stands
-// for the whole neighborhood, so that the candidates' transformed neighborhoods are looked up as they are. A pixel is
-// two pairs, (L, a) and (b, 0); `basis` holds rows for the pairs of each tap, and of their sums, by which R_p counts.
+// The neighborhood of pixel p minus its own R, projected (section 6): R_p^-1 (R_(p+d) (*S[p + d])) of eq. 5. R_p applies
+// to the whole neighborhood, so the candidates' precomputed neighborhoods are used unchanged. A pixel is two pairs,
+// (L, a) and (b, 0); `basis` holds rows for the pairs of each tap, and for their sums, the weight of R_p.
 static inline void project_around(projected *found, const __global int *color, size_t p, int width, short4 own,
                            const __global short *basis) {
   sums total;
   clear(&total);
   for (int dy = -SIDE_TAPS / 2; dy <= SIDE_TAPS / 2; dy++) {
     const __global int *pairs = color + 2 * ((long)p + dy * (long)width - SIDE_TAPS / 2);
-    #pragma unroll
-    for (int n = 0; n < 2 * SIDE_TAPS; n++, basis += 2 * DIMS) add_pair(&total, pairs[n], basis);
+    UNROLL for (int n = 0; n < 2 * SIDE_TAPS; n++, basis += 2 * DIMS) add_pair(&total, pairs[n], basis);
   }
   int2 less = as_int2((short4)(0) - own);
   add_pair(&total, less.x, basis);
@@ -153,27 +157,27 @@ static inline void project_around(projected *found, const __global int *color, s
   scale(&total, found);
 }
 
-// The texels whose candidates pixel p may take: what its 3 x 3 neighbors expect in its place, its own first.
-static inline void expected(uint *found, const __global uint *texel, size_t p, int width, const __global int *spacing, int side) {
-  #pragma unroll
-  for (int n = 0; n < NEAR; n++) {
-    int turn = n + 4 < NEAR ? n + 4 : n - 5, dy = turn / 3 - 1, dx = turn % 3 - 1;
-    uint other = texel[(long)p + dy * (long)width + dx];
-    int level = TEXEL_LEVEL(other, side), h = spacing[level];
-    found[n] = texel_at(level, TEXEL_Y(other, side) - dy * h, TEXEL_X(other, side) - dx * h, side);
-  }
+// The n-th texel whose candidates pixel p may take: those of its 3 x 3 neighbors, shifted to its place, its own first.
+static inline uint expected(int n, const __global uint *texel, size_t p, int width, const __global int *spacing, int side) {
+  int turn = n + 4 < NEAR ? n + 4 : n - 5, dy = turn / 3 - 1, dx = turn % 3 - 1;
+  uint other = texel[(long)p + dy * (long)width + dx];
+  int level = TEXEL_LEVEL(other, side), h = spacing[level];
+  return texel_at(level, TEXEL_Y(other, side) - dy * h, TEXEL_X(other, side) - dx * h, side);
 }
 
-// The best candidate (eq. 3), 2 texel + its number; candidate 1 of any texel before candidate 2, the first of equals.
-static inline uint best_candidate(const uint *texels, projected wanted, const __global short *records, int penalty) {
+// The best candidate (eq. 3) as 2 texel + its number; ties to candidate 1 of any texel before candidate 2, then to the
+// first texel. On a GPU the nine texels are found here one by one, because keeping them would take registers.
+static inline uint best_candidate(const uint *near, const __global uint *texel, size_t p, int width,
+                                  const __global int *spacing, int side, projected wanted,
+                                  const __global short *records, int penalty) {
   uint best = ~0u, second = ~0u, best_at = 0, second_at = 0;
-  #pragma unroll
-  for (int n = 0; n < NEAR; n++) {
-    const __global short *record = records + RECORD * (size_t)texels[n];
+  UNROLL for (int n = 0; n < NEAR; n++) {
+    uint at = RUN > 1 ? near[n] : expected(n, texel, p, width, spacing, side);
+    const __global short *record = records + RECORD * (size_t)at;
     uint cost = projected_distance(wanted, record), other = projected_distance(wanted, record + DIMS);
-    best_at = cost < best ? texels[n] : best_at;
+    best_at = cost < best ? at : best_at;
     best = cost < best ? cost : best;
-    second_at = other < second ? texels[n] : second_at;
+    second_at = other < second ? at : second_at;
     second = other < second ? other : second;
   }
   second += (second >> 4) * (uint)penalty;
@@ -181,10 +185,10 @@ static inline uint best_candidate(const uint *texels, projected wanted, const __
 }
 
 // One subpass: pixels (first_x + 2 i, first_y + 2 j) take the candidate of their 3 x 3 neighbors (eq. 3) that fits
-// best by eq. 5. They look at the texels of neighbors of other parities and at colors that change only in
-// multiscale_color, so their order does not matter. An item does RUN pixels of a row.
-// Departures: a neighbor's texel is shifted before its candidates are looked up, so that they need no correction of
-// their own; the second candidates' costs count (16 + penalty) / 16 times.
+// best by eq. 5. They read texels of neighbors with other parities, and colors that change only in multiscale_color,
+// so their order does not matter. An item processes RUN pixels of a row.
+// Departures: a neighbor's texel is shifted before its candidates are looked up, so that they need no separate
+// correction; costs of second candidates are multiplied by (16 + penalty) / 16.
 __kernel void multiscale_correct(__global uint *restrict texel, __global short4 *restrict r,
                                  const __global int *restrict color, const __global uint *restrict links,
                                  const __global short *restrict records, const __global short4 *restrict offsets,
@@ -196,13 +200,15 @@ __kernel void multiscale_correct(__global uint *restrict texel, __global short4 
   int count = count_x - i < RUN ? count_x - i : RUN;
   uint near[NEAR * RUN], chosen[RUN];
   for (int m = 0; m < count; m++) {
-    expected(near + NEAR * m, texel, first + 2 * m, width, spacing, side);
-    for (int n = 0; n < NEAR; n++) PREFETCH(records + RECORD * (size_t)near[NEAR * m + n]);
+    UNROLL for (int n = 0; RUN > 1 && n < NEAR; n++) {
+      near[NEAR * m + n] = expected(n, texel, first + 2 * m, width, spacing, side);
+      PREFETCH(records + RECORD * (size_t)near[NEAR * m + n]);
+    }
   }
   for (int m = 0; m < count; m++) {
     projected wanted;
     project_around(&wanted, color, first + 2 * m, width, r[first + 2 * m], basis);
-    chosen[m] = best_candidate(near + NEAR * m, wanted, records, penalty);
+    chosen[m] = best_candidate(near + NEAR * m, texel, first + 2 * m, width, spacing, side, wanted, records, penalty);
   }
   for (int m = 0; m < count; m++) {
     size_t p = first + 2 * m;
@@ -211,7 +217,7 @@ __kernel void multiscale_correct(__global uint *restrict texel, __global short4 
   }
 }
 
-// What the pixels of a subpass look like now: R(*S).
+// Updates the colors of a subpass: R(*S).
 __kernel void multiscale_color(const __global uint *restrict texel, const __global short4 *restrict r,
                                 const __global short4 *restrict stack, __global short4 *restrict color,
                                 int width, int first_x, int first_y, int count_x, int count_y) {

@@ -3,12 +3,11 @@
 // The field holds, for the patch at (x, y) of the target, the corner of its match in the exemplar. Images are 16-bit
 // values: L, a, b, and those of further maps of the same material. The target is padded at its right and bottom by
 // PATCH - 1 wrapped pixels, so that no distance needs a modulo.
-// All costs are integers: no order of summation, width of registers or device changes a decision.
-// Buffers may hold a band of the target's rows instead of all: `first` is the row at the start of a band, counted on beyond
-// the border where the target wraps, and `top` the row that the first items make. Both are 0 where all rows are held.
-// So may those of the exemplar hold a piece of it: its patches whose first row is one of `e_from` to `e_to`, at the start of
-// the buffers. With PIECES a pass is made piece after piece, in any order: it looks at what lies in this one, beside what
-// was found in those before, where one has `begun`.
+// All costs are integers: decisions do not depend on the order of summation, the width of registers or the device.
+// Buffers may hold a band of the target's rows: `first` is the row at the start of the band, counted beyond the border if
+// the target wraps, and `top` the first row to compute. Both are 0 if all rows are held.
+// Buffers of the exemplar may hold a piece: the patches whose first row is one of `e_from` to `e_to`. With PIECES a pass
+// runs piece by piece, in any order: it compares matches in this piece with the best of the previous ones (`begun`).
 #include "lanes.h"
 #include "hash.h"
 #include "offsets.h"
@@ -25,7 +24,7 @@
 #define begun 0
 #endif
 
-// Where the exemplar has a lattice, matches out of step with it cost more.
+// If the exemplar has a lattice, matches out of phase with it cost more.
 #if LATTICE
 #define OFFSET_PRICES , __constant uint *phases, const __global int *restrict offset_prices
 #if LATTICE == 2
@@ -38,14 +37,14 @@
 #define OFFSET_PRICE(x, y, ex, ey) 0
 #endif
 
-// Sum of squared differences of two patches, the inner integral of MJH17 eq. 5. Past `limit` the exact value
-// does not matter to any caller, so it stops there.
+// Sum of squared differences of two patches, the inner integral of MJH17 eq. 5. It stops past `limit`, where no caller
+// needs the exact value.
 #if LANES == 1
 static inline int patch_distance(const __global short *t, int t_row, const __global short *e, int e_row, int limit) {
   int sum = 0;
   for (int r = 0; r < PATCH && sum < limit; r++, t += t_row, e += e_row) {
     int8 squares = 0;
-    for (int k = 0; k + 8 <= ROW; k += 8) {   // 16 bytes at once, where a device can load them from any address
+    for (int k = 0; k + 8 <= ROW; k += 8) {   // 16 bytes at once, on devices with unaligned loads
       int8 d = convert_int8(vload8(0, t + k) - vload8(0, e + k));
       squares += d * d;
     }
@@ -59,8 +58,8 @@ static inline int patch_distance(const __global short *t, int t_row, const __glo
   return sum;
 }
 #else
-// Rows are cut into the widest registers that fit; the totals across a register are taken only after three rows
-// (most hopeless candidates end there) and at the end.
+// Rows are processed in the widest registers that fit; registers are summed only after three rows (most bad candidates
+// end there) and at the end.
 #define WIDE(TYPE, at) (*(const __global TYPE *)(t + (at)) - *(const __global TYPE *)(e + (at)))
 static inline int patch_distance(const __global short *t, int t_row, const __global short *e, int e_row, int limit) {
 #if LANES > 16
@@ -92,7 +91,7 @@ static inline int patch_distance(const __global short *t, int t_row, const __glo
 }
 #endif
 
-// The target with PATCH - 1 wrapped columns appended, and rows where `rows` are more than its height.
+// The target with PATCH - 1 wrapped columns appended, and wrapped rows if `rows` exceeds its height.
 __kernel void patchmatch_pad(const __global short *restrict image, __global short *restrict padded, int width, int height,
                              int rows) {
   int x = get_global_id(0), y = get_global_id(1), stride = width + PATCH - 1;
@@ -102,7 +101,7 @@ __kernel void patchmatch_pad(const __global short *restrict image, __global shor
   for (int c = 0; c < CHANNELS; c++) to[c] = from[c];
 }
 
-// Distances of the present field.
+// Distances of the current field.
 __kernel void patchmatch_score(const __global short *restrict target, const __global short *restrict exemplar,
                                const __global uint *restrict field, __global int *restrict distance,
                                int columns, int rows, int t_width, int e_width, int e_from, int e_to) {
@@ -115,19 +114,19 @@ __kernel void patchmatch_score(const __global short *restrict target, const __gl
       exemplar + CHANNELS * AT(corner_y(at) - e_from, corner_x(at), e_width), CHANNELS * e_width, INT_MAX);
 }
 
-// A match with its distance, and its cost: the distance plus what the exemplar patch costs at this place.
+// A match with its distance, and its cost: the distance plus the penalties of the exemplar patch at this place.
 typedef struct { uint at; int distance, cost; } match;
 
-// What the exemplar patch at (ex, ey) costs at (x, row) beside its distance. INT_MAX: it must not be chosen.
+// The penalties of the exemplar patch at (ex, ey) at (x, row), in addition to its distance. INT_MAX: not allowed.
 #define EXTRA(ex, ey) add_sat(penalty[AT((ey) - e_from, ex, e_columns)], OFFSET_PRICE(x, row, ex, ey))
 
-// Between passes the distance of a match is what stays, since its price changes. With PIECES it is the cost: the price of a
-// match may lie in another piece than what it is compared with.
+// Between passes the distance of a match is stored, since its penalty changes. With PIECES it is the cost: the penalty of
+// a match may be in another piece than the match that it is compared with.
 #if PIECES
 #define PRESENT(field, distance) {(field)[p], 0, (distance)[p]}
 #define KEPT(best) (best).cost
 
-// Distances of the present field become costs.
+// Distances of the current field become costs.
 __kernel void patchmatch_cost(const __global int *restrict penalty, const __global uint *restrict field,
                               __global int *restrict distance, int columns, int rows, int e_columns,
                               int e_from, int e_to, int first, int all_rows OFFSET_PRICES) {
@@ -144,8 +143,8 @@ __kernel void patchmatch_cost(const __global int *restrict penalty, const __glob
 #define KEPT(best) (best).distance
 #endif
 
-// The better of `best` and the exemplar patch at (ex, ey). A tie keeps `best`, but where `first` says that the other is
-// the first of both.
+// The better of `best` and the exemplar patch at (ex, ey). A tie keeps `best`, unless `first` gives precedence to the
+// other.
 static inline match better_match(match best, int ex, int ey, int extra, const __global short *patch, int t_width,
                                  const __global short *exemplar, int e_width, int e_from, int first) {
   int most = best.cost - extra;
@@ -159,7 +158,7 @@ static inline match better_match(match best, int ex, int ey, int extra, const __
   return found;
 }
 
-// What a patch at (x, y) is offered by its neighbor k of four, `jump` pixels away: that one's match, shifted back.
+// The candidate of a patch at (x, y) from its neighbor k of four, `jump` pixels away: the neighbor's match, shifted back.
 #define NOTHING 0xffffffffu
 static inline uint offered(const __global uint *restrict field, int x, int y, int k, int jump, int columns, int rows,
                            int wrap_x, int wrap_y, int e_columns, int e_rows) {
@@ -178,9 +177,9 @@ static inline uint offered(const __global uint *restrict field, int x, int y, in
   return ex < 0 || ey < 0 || ex >= e_columns || ey >= e_rows ? NOTHING : corner(ey, ex);
 }
 
-// One Jacobi pass of propagation: every patch is offered the matches of its four neighbors. Columns and rows of the
-// field wrap where the target does (MJH17 section 4.2, toroidal boundary conditions). Rows `from` to `to` of a band are
-// made; `rows` are held, which wrap where they are all of `all_rows`.
+// One Jacobi pass of propagation: every patch tries the matches of its four neighbors. Columns and rows of the field wrap
+// if the target does (MJH17 section 4.2, toroidal boundary conditions). Computes rows `from` to `to` of a band of `rows`
+// rows, which wrap if the band holds all of `all_rows`.
 __kernel void patchmatch_propagate(const __global short *restrict target, const __global short *restrict exemplar,
                                    const __global int *restrict penalty,
                                    const __global uint *restrict field, const __global int *restrict distance,
@@ -195,7 +194,7 @@ __kernel void patchmatch_propagate(const __global short *restrict target, const 
   const __global short *patch = target + CHANNELS * AT(y, x, t_width);
   match best = PRESENT(field, distance);
 #if PIECES
-  if (begun && field_out[p] != best.at) {   // whose offer the best is: of equal costs the first one's wins
+  if (begun && field_out[p] != best.at) {   // which neighbor the best match came from: among equal costs the first wins
     best.at = field_out[p];
     best.cost = distance_out[p];
     for (rank = 0; offered(field, x, y, rank, jump, columns, rows, wrap_x, wrap_y, e_columns, e_rows) != best.at;) rank++;
@@ -216,8 +215,8 @@ __kernel void patchmatch_propagate(const __global short *restrict target, const 
 }
 
 // Random search: one candidate in each of `searches` windows around the best so far, shrinking from the whole
-// exemplar to about two pixels (BSFG09 section 3.2, exponential decay). With PIECES one at a time, number `begin`: where its
-// window lies hangs on all before it.
+// exemplar to about two pixels (BSFG09 section 3.2, exponential decay). With PIECES one search at a time, number `begin`:
+// its window depends on all previous ones.
 __kernel void patchmatch_search(const __global short *restrict target, const __global short *restrict exemplar,
                                 const __global int *restrict penalty,
                                 const __global uint *restrict field, const __global int *restrict distance,
@@ -243,7 +242,7 @@ __kernel void patchmatch_search(const __global short *restrict target, const __g
     int ey = y0 + hash_below(bits, y1 - y0 + 1);
     if (IN_PIECE(ey))
       best = better_match(best, ex, ey, EXTRA(ex, ey), patch, t_width, exemplar, e_width, e_from, 0);
-    else if (begun) return;   // another piece has it
+    else if (begun) return;   // in another piece
   }
   field_out[p] = best.at;
   distance_out[p] = KEPT(best);
@@ -251,7 +250,7 @@ __kernel void patchmatch_search(const __global short *restrict target, const __g
 
 // --- spatial uniformity (MJH17 eq. 6, after KNL*15) ---
 
-// How often each exemplar patch is used by the field.
+// Number of uses of each exemplar patch in the field.
 __kernel void patchmatch_count(const __global uint *restrict field, __global int *restrict count, int columns, int rows, int e_columns,
                                int e_from, int e_to) {
   int x = get_global_id(0), y = get_global_id(1);
@@ -260,9 +259,9 @@ __kernel void patchmatch_count(const __global uint *restrict field, __global int
   if (IN_PIECE(corner_y(at))) atomic_inc(count + AT(corner_y(at) - e_from, corner_x(at), e_columns));
 }
 
-// Uses of an exemplar pixel are the counts summed over the PATCH x PATCH patches that cover it; their mean over a
-// patch sums once more. Both box sums together are one separable triangle of width 2 PATCH - 1. An int does not hold it
-// where very many may use one patch: `many` says so.
+// Uses of an exemplar pixel are the counts summed over the PATCH x PATCH patches that cover it; their mean over a patch
+// is a second box sum. Both together are one separable triangle of width 2 PATCH - 1. With `many` uses of one patch, the
+// sum may exceed an int.
 #define TRIANGLE(NAME, SUM)                                                                               \
   static inline SUM NAME(const __global int *count, int at, int n, long stride) {                        \
     SUM sum = 0;                                                                                          \
@@ -288,9 +287,9 @@ __kernel void patchmatch_uses_rows(const __global int *restrict count, __global 
     uses[row + x] = triangle(count + row, x, e_columns, 1);
   }
 }
-// and along columns here, where the sum becomes the penalty of choosing the patch: `price` times what it costs others
-// that are used as often. A patch that must not be chosen (it covers a transparent pixel) has a negative price. `counted`
-// rows are held of uses, of the others `e_rows`, which begin `above` rows below.
+// and along columns here, where the sum becomes the reuse penalty of the patch: `price` times the uses of its pixels. A
+// patch that is not allowed (it covers a transparent pixel) has a negative price. `counted` rows of uses are held, and
+// `e_rows` of the others, which begin `above` rows further down.
 __kernel void patchmatch_penalty(const __global int *restrict uses, const __global float *restrict price,
                                  __global int *restrict penalty, int e_columns, int e_rows, int counted, int above,
                                  int many, float weight) {
@@ -305,16 +304,16 @@ __kernel void patchmatch_penalty(const __global int *restrict uses, const __glob
 
 // --- voting ---
 
-// Every target pixel becomes the mean of what the patches over it say, rounded to the grid (halves go up).
+// Every target pixel becomes the mean of the patches over it, rounded to the grid (halves up).
 static inline short mean_vote(int sum, int votes) {
   const int above = 4096;   // keeps the dividend positive, where C's division rounds down
   return (short)((2 * (sum + above * votes) + votes) / (2 * votes) - above);
 }
 
-// Patches from first to last cover pixel `at`; where the field wraps all PATCH do.
+// Patches from first to last cover pixel `at`; if the field wraps, all PATCH do.
 #define FIRST(at, wrap) ((wrap) || (at) >= PATCH ? (at) - PATCH + 1 : 0)
 #define LAST(at, n, wrap) ((wrap) || (at) < (n) ? (at) : (n) - 1)
-// What lies in other pieces was, and will be, added in `sums`; with the last one votes become a mean.
+// Votes of all pieces are added in `sums`; the last piece divides them.
 #if PIECES
 #define SUMS , __global int *restrict sums, int begun, int ended
 #define VOTED(p, c, sum)                                                                                  \
@@ -327,7 +326,7 @@ static inline short mean_vote(int sum, int votes) {
 #define SUMS
 #define VOTED(p, c, sum) image[CHANNELS * (p) + (c)] = mean_vote(sum, votes);
 #endif
-// Where row v of the field lies in what is held of it.
+// Row v of the field within the held rows.
 #define HELD(v) WRAPPED((v) - first_held, rows)
 
 #if LANES == 1
@@ -349,7 +348,7 @@ __kernel void patchmatch_vote(const __global short *restrict exemplar, const __g
   for (int c = 0; c < CHANNELS; c++) VOTED(p, c, sum[c])
 }
 #else
-// One item makes SPAN pixels of a row. The patches of one field column that cover the row vote for the same
+// One item computes SPAN pixels of a row. The patches of one field column that cover the row vote for the same
 // PATCH pixels, so their exemplar rows are summed in registers and added to the span once.
 #define SPAN 64
 __kernel void patchmatch_vote(const __global short *restrict exemplar, const __global uint *restrict field,
@@ -383,12 +382,12 @@ __kernel void patchmatch_vote(const __global short *restrict exemplar, const __g
 }
 #endif
 
-// The last vote picks, for every target pixel, the exemplar pixel with the most votes; a patch votes the stronger
-// the nearer its center lies. Means would blur here (MJH17 section 4.2: the original pixel values of the source
-// make the final image). Ties go to the lower address.
+// The last vote picks, for every target pixel, the exemplar pixel with the most votes; patches with a nearer center
+// have more weight. Means would blur (MJH17 section 4.2: the final image has original pixel values of the source).
+// Ties go to the lower address.
 #if LANES == 1
-// Votes are counted anew for every candidate: two numbers of the best one are all that an item keeps. Where the field is
-// coherent most candidates are the best one.
+// Votes are recounted for every candidate, so that an item keeps only two numbers, of the best one. In a coherent field
+// most candidates are the same.
 __kernel void patchmatch_pick(const __global uint *restrict field, __constant int *weight, __global uint *restrict source,
                               int columns, int rows, int width, int wrap_x, int wrap_y,
                               int top, int bottom, int first_held) {
@@ -438,9 +437,9 @@ __kernel void patchmatch_pick(const __global uint *restrict field, __constant in
 }
 #endif
 
-// --- pixels that stay ---
+// --- kept pixels ---
 
-// Puts back what a target must show. `held` holds SHRT_MIN (histograms.OUTSIDE) where it is free.
+// Restores the prescribed pixels of a target. `held` is SHRT_MIN (histograms.OUTSIDE) where the target is free.
 __kernel void patchmatch_hold(const __global short *restrict held, __global short *restrict image, int width, int height) {
   int x = get_global_id(0), y = get_global_id(1);
   if (x >= width || y >= height) return;
@@ -449,7 +448,7 @@ __kernel void patchmatch_hold(const __global short *restrict held, __global shor
   for (int c = 0; c < CHANNELS; c++) image[CHANNELS * p + c] = held[CHANNELS * p + c];
 }
 
-// Takes back a change near the pixels that stay: `changed` becomes share / 255 of the way from `image` to it.
+// Reduces a change near kept pixels: `changed` is moved to share / 255 of the way from `image` to it.
 __kernel void patchmatch_ease(const __global short *restrict image, __global short *restrict changed,
                               const __global uchar *restrict share, int width, int height) {
   int x = get_global_id(0), y = get_global_id(1);

@@ -1,17 +1,17 @@
-// The mean field of a Potts model: what places are members of, minding their surroundings. labels/potts.py.
-// Layers lie one after the other, (label, place). Floats are added and multiplied in one fixed order.
+// The mean field of a Potts model: label probabilities with a smoothness term, labels/potts.py. Arrays are
+// (label, place). Floats are added and multiplied in a fixed order.
 #pragma OPENCL FP_CONTRACT OFF
 #include "exponential.h"
 #include "offsets.h"
 
-// 1 / x for x >= 1, by + and * alone: a division is not the same on every device.
+// 1 / x for x >= 1, only by + and *: division differs between devices.
 static inline float reciprocal(float x) {
   float y = as_float(0x7ef311c7 - as_int(x));
   for (int n = 0; n < 4; n++) y = y * (2.0f - x * y);
   return y;
 }
 
-// The mean of what a place's neighbors are: those of place i stand from starts[i] on.
+// The mean of the neighbors' probabilities; the neighbors of place i are listed from starts[i] on.
 __kernel void potts_around(const __global int *restrict starts, const __global int *restrict neighbors,
                            const __global float *restrict member, __global float *restrict around, int places,
                            int labels) {
@@ -23,7 +23,7 @@ __kernel void potts_around(const __global int *restrict starts, const __global i
   around[AT(k, i, places)] = count > 1 ? sum * reciprocal((float)count) : sum;
 }
 
-// Shares of labels, proportional to e^(alone + coupling around), 0 where nothing is seen.
+// Label probabilities, proportional to e^(alone + coupling around), 0 where nothing is opaque.
 __kernel void potts_members(const __global float *restrict alone, const __global float *restrict around,
                             const __global uchar *restrict seen, __global float *restrict member, int places,
                             int labels, float coupling) {
@@ -44,9 +44,9 @@ __kernel void potts_members(const __global float *restrict alone, const __global
   for (int k = 0; k < labels; k++) member[AT(k, i, places)] *= scale;
 }
 
-// The label of most votes at every pixel, the first of equal ones: votes of cells, (label, cell y, cell x), are taken
-// linearly between the cells' middles. `rows` and `columns` say the cell before a pixel, `below` and `right` how far on
-// to the next one it lies.
+// The label with the most votes at every pixel, ties to the first: votes of cells, (label, cell y, cell x), are
+// interpolated linearly between the cells' centers. `rows` and `columns` hold the cell before a pixel, `below` and
+// `right` the fraction of the way to the next one.
 __kernel void potts_winners(const __global float *restrict votes, const __global int *restrict rows,
                             const __global int *restrict columns, const __global float *restrict below,
                             const __global float *restrict right, __global uchar *restrict winners, int width,

@@ -1,11 +1,11 @@
 // Neighborhoods of 5 x 5 pixels projected to DIMS dimensions: DIMS 16-bit integers within +- 5790, so that a squared
-// distance fits 31 bits (16 (2 * 5790)^2 < 2^31). All sums are over integers: any number of lanes gives the same bits.
+// distance fits 31 bits (16 (2 * 5790)^2 < 2^31). All sums are over integers: every number of lanes gives the same bits.
 #include "lanes.h"
 #define DIMS 16
 #define MOST_PROJECTED 5790
 
-// On a CPU an item works on RUN pixels at once, because it would wait for memory most of the time: it fetches what all
-// of them will look at first. On a GPU other items work meanwhile; RUN is 1.
+// On a CPU an item processes RUN pixels at once, to hide memory latency: it first prefetches the data of all of them.
+// On a GPU other items run meanwhile; RUN is 1.
 #if defined(__x86_64__) && RUN > 1
 #define PREFETCH(at) __builtin_prefetch((const void *)(size_t)(at))
 #else
@@ -19,7 +19,7 @@ static inline uint projected_distance(projected a, const __global short *b) {
   return (uint)total8(squares16(a - *(const __global lane_s16 *)b));
 }
 #else
-typedef short16 projected;   // whose 32 bytes are two loads: they lie at multiples of that
+typedef short16 projected;   // 32 bytes, aligned to that: two loads
 static inline projected projected_at(const __global short *from) { return *(const __global short16 *)from; }
 static inline uint projected_distance(projected a, const __global short *b) {
   int16 d = convert_int16(a) - convert_int16(projected_at(b));

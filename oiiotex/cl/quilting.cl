@@ -1,10 +1,10 @@
-// Image quilting (Efros & Freeman 2001) as a plan: for every cell of a grid of patches, which exemplar patch lies
-// there and how it is cut against the cells before it. LSA16 section 6.1 chooses candidates by their content.
+// Image quilting (Efros & Freeman 2001) as a plan: for every cell of a grid of patches, the exemplar patch and its
+// minimum-error cuts against the cells before it. LSA16 section 6.1 chooses candidates by their content.
 //
 // A cell (i, j) has its top-left pixel at (xs[j], ys[i]) of the output. Its patch begins at offset[cell] of the
-// exemplar (y << 16 | x); pixel (lx, ly) of it shows where lx >= vertical[ly] and ly >= horizontal[lx]. What does not
-// show there is the cell to the left, where its own horizontal cut lets it, else the row of cells above. So the plan
-// gives the source of any output pixel, and no pixels need to be kept while it is made.
+// exemplar (y << 16 | x); pixel (lx, ly) of it is visible where lx >= vertical[ly] and ly >= horizontal[lx]. Elsewhere
+// the cell to the left is visible, subject to its own horizontal cut, else the row of cells above. So the plan gives
+// the source of any output pixel, and no pixels are kept while it is computed.
 //
 // Images are rows of interleaved 16-bit (L, a, b) on an integer grid. All costs are integers.
 #include "lanes.h"
@@ -15,17 +15,17 @@
 
 #define NONE 0xffffffffu
 #define NO_COST LONG_MAX
-#define DRAWS 4         // of a candidate, of which one that costs least to show is taken
-#define OVER 16         // of a use too much, squared in a price; quilting/quilter.py
-#define MOST_OVER 1023  // uses are counted as far as this
-#define COARSE 4        // the first look at all candidates takes images reduced by this
-#define SHORTLIST 8     // candidates that are looked at in full
+#define DRAWS 4         // per candidate; the one with the lowest reuse penalty is taken
+#define OVER 16         // units per excess use, squared in the penalty; quilting/quilter.py
+#define MOST_OVER 1023  // excess uses are counted up to this
+#define COARSE 4        // candidates are first compared in images reduced by this factor
+#define SHORTLIST 8     // candidates that are compared at full resolution
 #define BINS 256        // labels of finer levels are counted modulo this
-#define LEVELS 3        // whose labels are counted, at most
-#define LABEL_STEP 4    // every 4th pixel's labels are held, in both directions
-#define GUIDE 4         // samples of the guide along a side
+#define LEVELS 3        // most levels whose labels are counted
+#define LABEL_STEP 4    // labels are held for every 4th pixel, in both directions
+#define GUIDE 4         // samples of the guide per side
 
-// What does not change during a run; see quilting/quilter.py, _FACTS.
+// Constants of a run; see quilting/quilter.py, _FACTS.
 typedef struct {
   int patch, overlap, width, height, columns, rows, wrap_x, wrap_y;
   int e_width, e_columns, e_rows, square, squares, before, squares_across, candidates, levels, stride, flush;
@@ -45,13 +45,13 @@ static inline int right_of(__constant facts *f, int j) { return j + 1 < f->colum
 static inline int above(__constant facts *f, int i) { return i > 0 ? i - 1 : f->wrap_y ? f->rows - 1 : -1; }
 static inline int below(__constant facts *f, int i) { return i + 1 < f->rows ? i + 1 : f->wrap_y ? 0 : -1; }
 
-// How far column b lies to the right of its left neighbor a; rows likewise.
+// Distance of column b to its left neighbor a; rows likewise.
 static inline int step_x(const plan *p, int a, int b) { return p->xs[b] - p->xs[a] + (b <= a ? p->f->width : 0); }
 static inline int step_y(const plan *p, int a, int b) { return p->ys[b] - p->ys[a] + (b <= a ? p->f->height : 0); }
 
 static inline uint placed(const plan *p, int i, int j) { return i < 0 || j < 0 ? NONE : p->offset[AT(i, j, p->f->columns)]; }
 
-// The source of a pixel among the cells of row i alone: (lx, ly) counts from cell (i, j), and may lie in the next ones.
+// The source of a pixel in the cells of row i only: (lx, ly) is relative to cell (i, j), and may be in the next ones.
 static inline uint row_source(const plan *p, int i, int j, int lx, int ly) {
   for (;;) {
     int next = right_of(p->f, j);
@@ -68,7 +68,7 @@ static inline uint row_source(const plan *p, int i, int j, int lx, int ly) {
   return placed(p, i, j) + corner(ly, lx);
 }
 
-// The source of pixel (lx, ly) of cell (i, j) if the cell itself were not there; only asked for in its overlaps.
+// The source of pixel (lx, ly) of cell (i, j) without the cell itself; only defined in its overlaps.
 static inline uint old_source(const plan *p, int i, int j, int lx, int ly) {
   int left = left_of(p->f, j);
   if (lx < p->f->overlap && placed(p, i, left) != NONE) {
@@ -82,7 +82,7 @@ static inline uint old_source(const plan *p, int i, int j, int lx, int ly) {
 
 // --- the plan as pixels ---
 
-// column[x], row[y]: the last cell that begins at or before the pixel. Gives the source.
+// The source of a pixel; column[x], row[y]: the last cell that begins at or before it.
 __kernel void quilting_render(__constant facts *f, __global const int *xs, __global const int *ys,
                               __global const uint *offset, __global const uchar *vertical,
                               __global const uchar *horizontal, __global const int *column, __global const int *row,
@@ -93,16 +93,16 @@ __kernel void quilting_render(__constant facts *f, __global const int *xs, __glo
   int j = column[x], i = row[y];
   int lx = left + x - xs[j], ly = top + y - ys[i];
   size_t cell = AT(i, j, f->columns);
-  ly -= ly >= f->patch ? f->height : 0;   // where the torus closes, the first row begins above the last rows' end
+  ly -= ly >= f->patch ? f->height : 0;   // on a torus, the first row overlaps the last one
   bool own = (lx >= f->overlap || lx >= vertical[AT(cell, ly, f->patch)]) &&
              (ly >= f->overlap || ly >= horizontal[AT(cell, lx, f->patch)]);
   source[AT(y, x, width)] = own ? offset[cell] + corner(ly, lx) : old_source(&p, i, j, lx, ly);
 }
 
-// --- what lies around a cell ---
+// --- overlaps of a cell ---
 
-// Sides on which a cell meets others that are placed. To the right and below there are such where the torus closes and
-// where single cells are made anew.
+// Sides on which a cell overlaps placed cells. These include right and below where the torus closes, and for cells that
+// are resynthesized.
 #define LEFT 1
 #define TOP 2
 #define RIGHT 4
@@ -116,7 +116,7 @@ static inline int sides_of(const plan *p, int i, int j) {
 static inline int right_at(const plan *p, int j) { return step_x(p, j, right_of(p->f, j)); }
 static inline int bottom_at(const plan *p, int i) { return step_y(p, i, below(p->f, i)); }
 
-// The source of what lies under pixel (lx, ly) of cell (i, j), NONE outside the overlaps.
+// The source under pixel (lx, ly) of cell (i, j), NONE outside the overlaps.
 static inline uint around(const plan *p, int sides, int i, int j, int lx, int ly) {
   int overlap = p->f->overlap;
   if (((sides & LEFT) && lx < overlap) || ((sides & TOP) && ly < overlap)) return old_source(p, i, j, lx, ly);
@@ -131,7 +131,7 @@ static inline uint around(const plan *p, int sides, int i, int j, int lx, int ly
   return NONE;
 }
 
-// The overlaps of a cell as an image of patch x patch pixels; the rest of it is not touched.
+// The overlaps of a cell as an image of patch x patch pixels; other pixels are not written.
 __kernel void quilting_target(__constant facts *f, __global const int *xs, __global const int *ys,
                               __global const uint *offset, __global const uchar *vertical,
                               __global const uchar *horizontal, __global const uint *order, int first,
@@ -150,7 +150,7 @@ __kernel void quilting_target(__constant facts *f, __global const int *xs, __glo
   }
 }
 
-// The overlaps reduced by COARSE; halves go up, as in quilting.py, reduced.
+// The overlaps reduced by COARSE; halves are rounded up, as in quilting.py, reduced.
 __kernel void quilting_reduce(__constant facts *f, __global const short *restrict target,
                               __global short *restrict coarse, int cells) {
   int v = TEAM_NUMBER, n = get_global_id(1), side = f->patch / COARSE;
@@ -166,12 +166,12 @@ __kernel void quilting_reduce(__constant facts *f, __global const short *restric
     }
 }
 
-// Where an exemplar pixel's labels are held.
+// Index of an exemplar pixel's labels.
 static inline size_t label_at(__constant facts *f, int y, int x) {
   return AT(y / LABEL_STEP, x / LABEL_STEP, (f->e_width + LABEL_STEP - 1) / LABEL_STEP);
 }
 
-// Labels by bins: a CPU's item counts in memory of its own, a team in what it shares.
+// Bins of labels: an item on a CPU counts in private memory, a team in local memory.
 #if LANES > 1
 #define BINS_OF(name) short name[LEVELS * BINS]
 typedef short *counts;
@@ -207,9 +207,9 @@ __kernel void quilting_histogram(__constant facts *f, __global const int *xs, __
   for (int b = TEAM_RANK; b < BINS; b += TEAM) out[b] = (short)bins[b];
 }
 
-// --- how well a candidate fits ---
+// --- cost of a candidate ---
 
-// Sum of squared differences over a rectangle, an item's share of it; after `flush` rows it still fits 32 bits.
+// An item's part of the sum of squared differences over a rectangle; `flush` rows fit 32 bits.
 static inline long strip_distance(const __global short *t, const __global short *e, int t_row, int e_row, int n, int rows,
                            int flush) {
   long total = 0;
@@ -262,7 +262,7 @@ static inline long overlap_distance(int sides, const __global short *t, const __
   if (sides & BOTTOM)
     sum += strip_distance(t + bottom * t_row + 3 * left, e + bottom * e_row + 3 * left, t_row, e_row,
                           3 * (patch - left), rows, flush);
-  if (sides & RIGHT) {   // above the lower strip, and below it where a small torus leaves something
+  if (sides & RIGHT) {   // above the lower strip, and below it on a small torus
     int to = sides & BOTTOM ? bottom : patch, rest = to + rows;
     t += 3 * right;
     e += 3 * right;
@@ -273,7 +273,7 @@ static inline long overlap_distance(int sides, const __global short *t, const __
   return sum;
 }
 
-// All that is needed to say what a candidate costs in a cell. Costs are an item's share of them.
+// Everything needed for the cost of a candidate in a cell. Each item computes its part of the costs.
 typedef struct {
   const plan *p;
   const __global short *target, *exemplar, *coarse_target, *coarse;
@@ -288,14 +288,14 @@ typedef struct {
   long finer_unit, guide_unit, use_unit, step_unit;
 } place;
 
-// The first of the squares that a patch shows.
+// The first square that is visible in a patch.
 static inline size_t first_square(__constant facts *f, uint at) {
   int to = f->before + f->square / 2;
   return AT((corner_y(at) + to) / f->square, (corner_x(at) + to) / f->square, f->squares_across);
 }
 
-// What it costs to show once more what a patch shows, an item's share: of each square the square of what it was shown
-// too often for what is laid (quilting/repetition.py).
+// An item's part of the reuse penalty of a patch: the squared excess uses of each of its squares, relative to the number
+// of placed patches (quilting/repetition.py).
 static inline long use_share(__constant facts *f, const __global int *shown, const __global int *shares, int progress,
                              uint at, int rank, int team) {
   size_t first = first_square(f, at);
@@ -311,7 +311,7 @@ static inline long use_share(__constant facts *f, const __global int *shown, con
   return sum;
 }
 
-// What speaks against a candidate that lies on the exemplar's lattice otherwise than the cell.
+// Penalty for a candidate with another phase on the exemplar's lattice than the cell.
 static inline long step_cost(const place *at, uint candidate) {
   const plan *p = at->p;
   if (!p->f->lattice) return 0;
@@ -319,8 +319,8 @@ static inline long step_cost(const place *at, uint candidate) {
                                          corner_y(candidate));
 }
 
-// What speaks against a candidate beside its colors: labels of finer levels that its overlaps have too many of
-// (those it has too many are as many as it lacks), and samples whose label is not the guide's.
+// Penalties in addition to color: excess labels of finer levels in the overlaps (as many as are missing), and samples
+// whose label differs from the guide.
 MEETING long label_cost(const place *at, int ey, int ex, int bottom, int right, counts bins) {
   __constant facts *f = at->p->f;
   int patch = f->patch, overlap = f->overlap, apart = 0, wrong = 0, levels = at->sides ? f->levels : 0;
@@ -331,7 +331,7 @@ MEETING long label_cost(const place *at, int ey, int ex, int bottom, int right, 
       int whole = ((at->sides & TOP) && ly < overlap) || (ly >= bottom && ly < bottom + overlap);
       for (int lx = f->stride / 2 + TEAM_RANK * f->stride; lx < patch; lx += TEAM * f->stride) {
         if (!whole && !((at->sides & LEFT) && lx < overlap) && !(lx >= right && lx < right + overlap)) {
-          if (right == patch) break;   // there is nothing more in this row
+          if (right == patch) break;   // end of the row
           continue;
         }
         int bin = at->finer[label_at(f, ey + ly, ex + lx) * f->levels + level];
@@ -358,8 +358,7 @@ MEETING long cost_at(const place *at, uint candidate, counts bins) {
                           min(f->patch - right, f->overlap), f->flush);
 }
 
-// The same from images reduced by COARSE: most candidates are out of the question, and a first look at all of these
-// stays within a cache.
+// The same in images reduced by COARSE, which fit a cache: it rejects most candidates.
 MEETING long first_cost(const place *at, uint candidate, counts bins) {
   __constant facts *f = at->p->f;
   int ey = corner_y(candidate), ex = corner_x(candidate);
@@ -370,7 +369,7 @@ MEETING long first_cost(const place *at, uint candidate, counts bins) {
   int most_y = (f->e_rows + f->patch - 1) / COARSE - patch, most_x = width - patch;
   y = y < most_y ? y : most_y;
   x = x < most_x ? x : most_x;
-  // of the lower and right overlaps only squares that lie in them as a whole
+  // in the lower and right overlaps only complete squares
   int low = (bottom + COARSE - 1) / COARSE, low_end = min((bottom + f->overlap) / COARSE, patch);
   int far = (right + COARSE - 1) / COARSE, far_end = min((right + f->overlap) / COARSE, patch);
   low = min(low, patch);
@@ -386,19 +385,19 @@ MEETING long first_cost(const place *at, uint candidate, counts bins) {
 typedef struct {
   __constant facts *f;
   const __global uint *offsets;                            // by key
-  const __global int *spans;                               // of a key: offsets from, up to; keys from, up to
+  const __global int *spans;                               // per key: begin and end of its offsets; begin and end of its keys
   const __global uint *key_map;
 } content;
 
-// Whether a patch may be taken where this key is asked for.
+// Whether this key permits a patch.
 static inline int has_key(const content *c, int key, int y, int x) {
   if (y < 0 || x < 0 || y >= c->f->e_rows || x >= c->f->e_columns) return 0;
   uint there = c->key_map[AT(y, x, c->f->e_columns)];
   return there >= (uint)c->spans[4 * key + 2] && there < (uint)c->spans[4 * key + 3];
 }
 
-// Candidate k of a cell: all offsets of its key in an order that begins anywhere, or a sample where they are too many,
-// of which every other one is moved to where it is in step.
+// Candidate k of a cell: all offsets of its key from a random start on, or a sample if there are too many; every other
+// one is shifted to be in phase with the lattice.
 static inline uint candidate_of(const content *c, const place *at, int key, int k, int draw) {
   __constant facts *f = c->f;
   int first = c->spans[4 * key], count = c->spans[4 * key + 1] - first;
@@ -436,7 +435,7 @@ static inline uint candidate_of(const content *c, const place *at, int key, int 
                 shown, shares, progress, phases, losses, finer_unit, guide_unit, use_unit, step_unit};               \
   content c = {f, offsets, spans, key_map};
 
-// `cost` is without `price`, that of use when the wave begins.
+// `cost` excludes `price`, the reuse penalty at the beginning of the wave.
 __kernel void quilting_score(PLAN_ARGS, PLACE_ARGS, CONTENT_ARGS, __global uint *restrict candidate,
                              __global long *restrict cost, __global long *restrict price) {
   int k = TEAM_NUMBER, n = get_global_id(1);
@@ -464,7 +463,7 @@ __kernel void quilting_score(PLAN_ARGS, PLACE_ARGS, CONTENT_ARGS, __global uint 
   price[into] = at == NONE ? 0 : use_unit * use;
 }
 
-// Of what the items have seen (cost, number) the least, ties to the lower number; -1 is none. All of them are told.
+// The minimum over the items' (cost, number), ties to the lower number, -1 for none; returned to all items.
 #if LANES > 1
 #define TEAM_SEEN(name)
 #define team_least(cost, number, seen)
@@ -489,12 +488,12 @@ MEETING void team_least_of(long *cost, int *number, __local seen_by_team *seen) 
   barrier(CLK_LOCAL_MEM_FENCE);
   *cost = seen->cost[0];
   *number = seen->number[0];
-  barrier(CLK_LOCAL_MEM_FENCE);   // before it is written again
+  barrier(CLK_LOCAL_MEM_FENCE);   // before the next write
 }
 #define team_least(cost, number, seen) team_least_of(&(cost), &(number), &(seen))
 #endif
 
-// The best candidate, ties to the earlier one in the hash's order, moved to where it fits best nearby; and its number.
+// The best candidate, ties to the earlier one in hash order, refined by a local search; and its number.
 __kernel void quilting_best(PLAN_ARGS, PLACE_ARGS, CONTENT_ARGS, __global const uint *restrict candidate,
                             __global const long *restrict cost, __global const long *restrict price,
                             __global uint *restrict best, __global int *restrict best_number, int reach) {
@@ -509,7 +508,7 @@ __kernel void quilting_best(PLAN_ARGS, PLACE_ARGS, CONTENT_ARGS, __global const 
   long least = NO_COST, last = -1;
   int last_k = -1, number = -1;
   for (int rank = 0; rank < SHORTLIST; rank++) {
-    int next = -1;   // the best that comes after the one before, by (cost, k)
+    int next = -1;   // the next best after the previous one, by (cost, k)
     long next_cost = NO_COST;
     for (int k = TEAM_RANK; k < f->candidates; k += TEAM) {
       if (costs[k] == NO_COST) continue;
@@ -520,7 +519,7 @@ __kernel void quilting_best(PLAN_ARGS, PLACE_ARGS, CONTENT_ARGS, __global const 
       }
     }
     team_least(next_cost, next, seen);
-    if (TEAM == 1 && next < 0) break;   // a team meets in every turn: compilers want to see that it does
+    if (TEAM == 1 && next < 0) break;   // all items of a team must reach the barrier in every iteration
     last = next_cost;
     last_k = next;
     uint at = candidate[AT(n, max(next, 0), f->candidates)];
@@ -553,8 +552,8 @@ __kernel void quilting_best(PLAN_ARGS, PLACE_ARGS, CONTENT_ARGS, __global const 
   best_number[n] = number;
 }
 
-// Cells take their patches one after another: where what the best one shows was shown since the wave began, candidates
-// are weighed again, by the first look at them and today's prices. One team.
+// Cells take their patches sequentially: if pixels of the best patch were used since the beginning of the wave, its
+// candidates are compared again, by their coarse costs and the current reuse penalty. One team.
 __kernel void quilting_assign(__constant facts *f, __global const uint *order, int first, int cells,
                               __global int *shown, __global const int *shares, int progress, long use_unit,
                               __global const uint *candidate, __global const long *cost, __global const long *price,
@@ -582,7 +581,7 @@ __kernel void quilting_assign(__constant facts *f, __global const uint *order, i
       team_least(least, least_k, seen);
       at = least_k == number ? at : candidates[least_k];
     }
-    TEAM_SYNC(CLK_GLOBAL_MEM_FENCE);   // all have looked
+    TEAM_SYNC(CLK_GLOBAL_MEM_FENCE);   // all items have read
     if (TEAM_RANK == 0) offset[order[first + n]] = at;
     __global int *squares = shown + first_square(f, at);
     for (int y = 0; y < f->squares; y++)
@@ -595,7 +594,7 @@ __kernel void quilting_assign(__constant facts *f, __global const uint *order, i
 
 // The minimum-error boundary cut of cell (i, j) in its left (or upper) overlap: Efros & Freeman 2001, section 2.1.
 // table[s][t]: the least sum of squared differences along a path from the start to (s, t), s along the overlap, t
-// across it. cut[s] is the first t that shows the new patch. Ties go to the path nearer to t = 0.
+// across it. cut[s] is the first t where the new patch is visible. Ties go to the path nearer to t = 0.
 static inline void cut(const plan *p, int i, int j, int upper, const __global short *exemplar, __global int *table,
                 __global uchar *out) {
   __constant facts *f = p->f;
@@ -633,8 +632,8 @@ static inline void cut(const plan *p, int i, int j, int upper, const __global sh
   }
 }
 
-// pass 0: both cuts of the cells themselves; 1: the left cut of the cell to the right, where that lies already;
-// 2: the upper cut of the cell below. They follow each other, because the later read what the earlier write.
+// pass 0: both cuts of the cells themselves; 1: the left cut of the cell to the right, if it is placed; 2: the upper cut
+// of the cell below. Passes run in this order, because later ones read the results of earlier ones.
 __kernel void quilting_cut(__constant facts *f, __global const int *xs, __global const int *ys,
                            __global const uint *offset, __global uchar *vertical, __global uchar *horizontal,
                            __global const uint *order, int first, int cells, __global const short *restrict exemplar,

@@ -1,5 +1,5 @@
-// Seeds of SLIC from one iteration to the next (LSA16 section 3.1), for devices with double precision: this program is
-// built on no other. superpixels/slic.py does the same for those, to the bit: + - * / and rint in a fixed order.
+// Update of SLIC seeds in each iteration (LSA16 section 3.1), only built for devices with double precision. For others
+// superpixels/slic.py computes the same, bit for bit: + - * / and rint in a fixed order.
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 #pragma OPENCL FP_CONTRACT OFF
 #include "offsets.h"
@@ -9,8 +9,8 @@ typedef int4 candidate;   // as in superpixels.cl
 
 static inline int middle_of(const __global int *edges, int i) { return (edges[i] + edges[i + 1]) / 2; }
 
-// Centers (L, a, b, x, y) of seeds whose pixels' mean is further away than `still`, squared, become that mean; `start`:
-// all do, and those without pixels become NaN.
+// Centers (L, a, b, x, y) move to the mean of their pixels if its squared distance exceeds `still`; at the `start` all
+// move, and seeds without pixels become NaN.
 __kernel void slic_seeds_move(const __global long *restrict totals, const __global int *restrict row_edges,
                               const __global int *restrict edges, __global double *restrict centers,
                               __global uchar *restrict moved, int across, int down, double weight, double still,
@@ -18,7 +18,7 @@ __kernel void slic_seeds_move(const __global long *restrict totals, const __glob
   int gx = get_global_id(0), gy = get_global_id(1);
   if (gx >= across || gy >= down) return;
   long sum[SUMS] = {0, 0, 0, 0, 0, 0};
-  for (int t = 0; t < 9; t++) {   // the slot that the seed has in a cell beside it
+  for (int t = 0; t < 9; t++) {   // the seed's slot in a neighboring cell
     int x = gx + 1 - t % 3, y = gy + 1 - t / 3;
     if (x < 0 || x >= across || y < 0 || y >= down) continue;
     const __global long *from = totals + SUMS * (9 * AT(y, x, across) + t);
@@ -39,7 +39,7 @@ __kernel void slic_seeds_move(const __global long *restrict totals, const __glob
     for (int k = 0; k < 5; k++) centers[5 * seed + k] = sum[0] > 0 ? mean[k] : (double)NAN;
 }
 
-// Candidates of cells of whose nine seeds one has moved; a cell is active where they have changed, and at the `start`.
+// Recomputes the candidates of cells with a moved seed; a cell is active if they have changed, and at the `start`.
 __kernel void slic_seeds_follow(const __global double *restrict centers, const __global uchar *restrict moved,
                                  const __global int *restrict row_edges, const __global int *restrict edges,
                                  __global candidate *restrict candidates, __global uchar *restrict active, int across,

@@ -1,19 +1,18 @@
-// Steerable filters of MJH17 eq. 4 and the way back (section 4.3): stationarity/steerable.py says what they are.
+// Steerable filters of MJH17 eq. 4 and their inverse (section 4.3), defined in stationarity/steerable.py.
 //
-// Images are interleaved, so a row is CHANNELS * width values and a tap lies CHANNELS values further. `rows` holds four planes of
-// floats, one for every order of the derivative along x. A band keeps the root of a response, with its sign: a
-// histogram of roots has fine bins where responses are small, and matching does not care how values are spaced.
-// An item makes WIDE neighboring values; all widths do the same sums in the same order.
+// Images are interleaved, so a row is CHANNELS * width values and taps are CHANNELS values apart. `rows` holds four
+// planes of floats, one per order of the derivative along x. A band stores the signed square root of a response: a
+// histogram of roots has fine bins for small responses, and matching does not depend on the spacing of values.
+// An item computes WIDE neighboring values; all widths use the same sums in the same order.
 //
-// Buffers may hold bands of rows. A kernel makes `count` rows from row `top` of the image on, counted on beyond its border
-// where that wraps; `first` is the row at the start of what it looks at above and below. What it makes of a row, and what it
-// looks at there alone, lies in row 0 of its buffer on, but images and the rest that is added in rows `at` and `rest_at` on;
-// planes of floats are `held` rows high.
+// Buffers may hold bands of rows. A kernel computes `count` rows from row `top` of the image on, counted beyond its border
+// if it wraps; `first` is the first row of buffers that are also read above and below. Results and pointwise inputs begin
+// at row 0 of their buffers, but images at row `at` and the residual at row `rest_at`; planes of floats have `held` rows.
 #pragma OPENCL FP_CONTRACT OFF
 
 #include "offsets.h"
 
-#define OUTSIDE SHRT_MIN   // histograms.OUTSIDE: no pixel of the image; what sees one is no response
+#define OUTSIDE SHRT_MIN   // histograms.OUTSIDE: not a pixel of the image; filters over it have no response
 #define TAPS (2 * RADIUS + 1)
 #if LANES > 1
 #define WIDE 16
@@ -31,7 +30,7 @@ typedef short wide_short;
 #define LANE(v, k) (v)
 #endif
 
-// Where a place beyond the border is looked up: wrapped, or mirrored about the border pixel.
+// Coordinates beyond the border are wrapped, or mirrored about the border pixel.
 static inline int within(int i, int n, int wrap) {
   if (i >= 0 && i < n) return i;
   int period = wrap ? n : 2 * n - 2;
@@ -40,12 +39,12 @@ static inline int within(int i, int n, int wrap) {
   return i < n ? i : period - i;
 }
 
-// Where row y of the image lies in what is held of it from row `first` on.
+// Row y of the image within the rows held from `first` on.
 static inline int held_row(int y, int first, int height, int wrap) {
   return within((wrap ? y : within(y, height, 0)) - first, height, 1);
 }
 
-// Where value i of a row, moved by `step` pixels, is looked up; the last value stands for what follows the row.
+// Index of value i of a row moved by `step` pixels; the last value is repeated after the row.
 static inline int moved(int i, int step, int width, int wrap) {
   i = i < CHANNELS * width ? i : CHANNELS * width - 1;
   return CHANNELS * within(i / CHANNELS + step, width, wrap) + i % CHANNELS;
@@ -77,7 +76,7 @@ static inline void write_float(__global float *row, int i, int n, wide v) {
   else for (int k = 0; i + k < n; k++) row[i + k] = LANE(v, k);
 }
 
-// All four derivatives along x; NaN where a tap sees what is outside, and so in all that follows from it.
+// All four derivatives along x; NaN if a tap reads OUTSIDE, which propagates.
 __kernel void steerable_rows(const __global short *restrict image, __global float *restrict rows,
                              __constant float *taps, int count, int held, int width, int wrap) {
   int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
@@ -91,7 +90,7 @@ __kernel void steerable_rows(const __global short *restrict image, __global floa
   for (int k = 0; k < 4; k++) write_float(rows + AT(AT(k, y, held), 0, n), i, n, sum[k]);
 }
 
-// The other derivatives along y, turned to the four orientations (F_o * f of MJH17 eq. 4), as roots.
+// The derivatives along y, steered to the four orientations (F_o * f of MJH17 eq. 4), as roots.
 __kernel void steerable_columns(const __global float *restrict rows, __global short *restrict band0,
                                 __global short *restrict band1, __global short *restrict band2,
                                 __global short *restrict band3, __constant float *taps, __constant float *angular,
@@ -108,7 +107,7 @@ __kernel void steerable_columns(const __global float *restrict rows, __global sh
   for (int o = 0; o < 4; o++) {
     wide v = 0.0f;
     for (int k = 0; k < 4; k++) v += angular[4 * o + k] * sum[k];
-    wide root = 0.0f;   // one by one: some runtimes cannot compile the root of a vector
+    wide root = 0.0f;   // one by one: some runtimes cannot compile sqrt of a vector
     for (int k = 0; k < WIDE; k++) LANE(root, k) = sqrt(LANE(v, k) < 0.0f ? -LANE(v, k) : LANE(v, k));
     root = root * scale + 0.5f;
     wide_int whole = CONVERTED(v != v ? (wide)0.0f : root, wide_int);
@@ -117,15 +116,15 @@ __kernel void steerable_columns(const __global float *restrict rows, __global sh
   }
 }
 
-// A response, from the root that a band keeps; nothing where it is none.
+// The response of a stored root; 0 for OUTSIDE.
 static inline wide response(wide_short root, float unit) {
   wide_int v = CONVERTED(root, wide_int);
   wide f = CONVERTED(v, wide), squared = f * f * unit;
   return v == OUTSIDE ? (wide)0.0f : f < 0.0f ? -squared : squared;
 }
 
-// MJH17 section 4.3, after Heeger and Bergen: responses are weights of the filters, which are turned back and spread,
-// first along y. With `changes` it is what matching changed in them, else the responses themselves.
+// MJH17 section 4.3, after Heeger and Bergen: the transposed filters, weighted by responses, first along y. With
+// `changes` the weights are the changes by matching, else the responses themselves.
 __kernel void steerable_spread(const __global short *restrict before0, const __global short *restrict before1,
                                const __global short *restrict before2, const __global short *restrict before3,
                                const __global short *restrict after0, const __global short *restrict after1,
@@ -155,7 +154,7 @@ __kernel void steerable_spread(const __global short *restrict before0, const __g
   for (int k = 0; k < 4; k++) write_float(rows + AT(AT(k, y, held), 0, n), i, n, sum[k]);
 }
 
-// Then along x. The filters are odd, so turned back they are themselves with the other sign.
+// Then along x. The filters are odd, so their transposes have the opposite sign.
 static inline wide spread_along_x(const __global float *rows, __constant float *taps, int i, int y, int width, int held, int wrap) {
   wide sum = 0.0f;
   for (int k = 0; k < 4; k++)
@@ -164,10 +163,10 @@ static inline wide spread_along_x(const __global float *rows, __constant float *
   return sum;
 }
 
-// To the nearest: what is shifted is positive, and C's conversion rounds towards zero.
+// Round to nearest: the shifted value is positive, and C's conversion rounds towards zero.
 static inline wide_short rounded(wide v) { return CONVERTED(CONVERTED(v + 32768.5f, wide_int) - 32768, wide_short); }
 
-// What no filter sees: the image less its own responses, spread. The residuals of the pyramid, in one.
+// The residual: the image minus the reconstruction from its responses. All residuals of the pyramid in one.
 __kernel void steerable_rest(const __global short *restrict image, const __global float *restrict rows,
                              __global short *restrict rest, __constant float *taps, int at, int count, int held,
                              int width, int wrap) {
@@ -179,7 +178,7 @@ __kernel void steerable_rest(const __global short *restrict image, const __globa
   write_short(rest + AT(y, 0, n), i, n, rounded(left));
 }
 
-// The image and `strength` times what matching changed in its responses, spread, and in the rest.
+// The image plus `strength` times the reconstructed changes of its responses and of the residual.
 __kernel void steerable_add(const __global short *restrict image, const __global float *restrict rows,
                             const __global short *restrict rest, const __global short *restrict rest_matched,
                             __global short *restrict matched, __constant float *taps, __constant float *low,

@@ -1,10 +1,10 @@
 // SLIC and statistics of superpixels: LSA16 section 3.
 //
-// Pixels are four 16-bit numbers: L, a, b in steps, and 1 where the pixel is opaque. The image is cut into the cells of
-// the seed grid; a pixel belongs to one of the nine seeds of its own and the neighboring cells. Its squared distance
-// (LSA16 eq. 1) to each of them, less a term that all nine share, is a linear function of (L, a, b, x, y) whose integer
-// coefficients the host makes: a candidate. x and y count from the cell's reference pixel, shifted left by `shift`.
-// All of it, sums included, is whole numbers: no order, width of registers, cut into bands or device changes a bit.
+// Pixels are four 16-bit numbers: L, a, b in steps, and 1 if the pixel is opaque. The image is divided into the cells of
+// the seed grid; a pixel belongs to one of the nine seeds of its cell and the neighboring cells. Its squared distance
+// (LSA16 eq. 1) to each of them, minus a common term, is a linear function of (L, a, b, x, y) with integer coefficients
+// from the host: a candidate. x and y are relative to the cell's reference pixel, shifted left by `shift`.
+// Everything, including sums, is integers: results do not depend on order, register width, bands or device.
 #include "lanes.h"
 #include "offsets.h"
 #include "team.h"
@@ -22,8 +22,8 @@ static inline int low16(int v) { return v << 16 >> 16; }
 static inline int high16(int v) { return v >> 16; }
 
 // The slot (0 to 8, row by row) of every pixel, and sums over the pixels of each slot, for every cell of a strip of
-// rows, relative to the cell's reference pixel. Cells that are not active keep their sums. With `keep` the slots are
-// stored, else the sums. `row0` is the image row in which `lab` begins; `first` is the first strip.
+// rows, relative to the cell's reference pixel. Inactive cells keep their sums. With `keep` the slots are stored, else
+// the sums. `row0` is the first image row in `lab`; `first` is the first strip.
 #if LANES == 1
 __kernel void superpixels_clear(const __global strip *restrict strips, const __global uchar *restrict active,
                                 __global int *restrict sums, int across, int count) {
@@ -31,7 +31,7 @@ __kernel void superpixels_clear(const __global strip *restrict strips, const __g
   if (gx >= across || n >= count || !active[AT(strips[n].z, gx, across)]) return;
   for (int k = 0; k < 9 * SUMS; k++) sums[9 * SUMS * AT(n, gx, across) + k] = 0;
 }
-// One item looks down one column of the strip and adds once per run of equal slots. Sums must be 0 before.
+// One item processes one column of the strip and adds once per run of equal slots. Sums must be 0 before.
 __kernel void superpixels_assign(const __global short4 *restrict lab, const __global candidate *restrict candidates,
                                  const __global strip *restrict strips, const __global int *restrict edges,
                                  const __global int *restrict cells, const __global uchar *restrict active,
@@ -104,7 +104,7 @@ static inline iv dot2(iv a, iv b) {
   return __builtin_convertvector(p.even, iv) * __builtin_convertvector(q.even, iv) +
          __builtin_convertvector(p.odd, iv) * __builtin_convertvector(q.odd, iv);
 }
-// One item looks at one cell of the strip. `lab` must be readable for VW pixels after its end.
+// One item processes one cell of the strip. `lab` must be readable for VW pixels after its end.
 __kernel void superpixels_assign(const __global int *restrict lab, const __global candidate *restrict candidates,
                                  const __global strip *restrict strips, const __global int *restrict edges,
                                  const __global int *restrict cells, const __global uchar *restrict active,
@@ -176,8 +176,8 @@ __kernel void superpixels_total(const __global int *restrict sums, const __globa
 
 // --- the image in squares of `side` pixels ---
 
-// Sums of L, a, b over the opaque pixels of squares, and their number, from row `first` of squares on: what the Gaussian
-// stack begins with.
+// Sums of L, a, b over the opaque pixels of squares, and their number, from row `first` of squares on: the input of the
+// Gaussian stack.
 __kernel void superpixels_reduce(const __global short4 *restrict lab, __global int4 *restrict reduced, int width,
                                  int row0, int rows, int side, int across, int first, int down) {
   int i = get_global_id(0), n = get_global_id(1);
@@ -191,7 +191,7 @@ __kernel void superpixels_reduce(const __global short4 *restrict lab, __global i
   reduced[AT(n, i, across)] = sum;
 }
 
-// Their means, halves up, as pixels on which seeds settle; the fourth number is WHOLE where no pixel is missing.
+// Their means, halves up, as pixels for the first SLIC iterations; the fourth number is WHOLE if no pixel is missing.
 #define WHOLE 2
 __kernel void superpixels_means(const __global int4 *restrict reduced, __global short4 *restrict lab, int side,
                                 int across, int first, int down) {
@@ -205,8 +205,8 @@ __kernel void superpixels_means(const __global int4 *restrict reduced, __global 
   lab[AT(first + n, i, across)] = mean;
 }
 
-// The seeds that a square and the eight around it have chosen: a bit for each of the nine slots, PARTLY where the square
-// is not WHOLE. `rows` and `columns` say in which row and column of cells a square lies.
+// The seeds chosen by a square and its eight neighbors: a bit for each of the nine slots, PARTLY if the square is not
+// WHOLE. `rows` and `columns` hold the row and column of cells of a square.
 #define PARTLY 512
 __kernel void superpixels_seeds(const __global short4 *restrict lab, const __global uchar *restrict slots,
                                 const __global int *restrict rows, const __global int *restrict columns,
@@ -222,8 +222,8 @@ __kernel void superpixels_seeds(const __global short4 *restrict lab, const __glo
   seeds[AT(y, x, width)] = (ushort)bits;
 }
 
-// The slot of every pixel of an image whose seeds have settled on squares of 1 << `bits` pixels: one of the `seeds` of
-// the pixel's square. Where there is but one, pixels are not looked at.
+// The slot of every pixel after seeds have converged on squares of 1 << `bits` pixels: one of the `seeds` of the pixel's
+// square. If there is only one, pixels are not read.
 static inline int alone(uint some) { return some == PARTLY ? NONE : 31 - clz(some); }
 #if LANES == 1
 __kernel void superpixels_refine(const __global short4 *restrict lab, const __global candidate *restrict candidates,
@@ -256,7 +256,7 @@ __kernel void superpixels_refine(const __global short4 *restrict lab, const __gl
   }
 }
 #else
-// One item looks at one cell of the strip, in each row at stretches of squares that have the same seeds.
+// One item processes one cell of the strip, in each row by runs of squares with the same seeds.
 __kernel void superpixels_refine(const __global int *restrict lab, const __global candidate *restrict candidates,
                                  const __global strip *restrict strips, const __global int *restrict edges,
                                  const __global int *restrict cells, const __global ushort *restrict seeds,
@@ -302,9 +302,9 @@ __kernel void superpixels_refine(const __global int *restrict lab, const __globa
 }
 #endif
 
-// Sums of the first five powers of L, a, b over each superpixel, one team each, added to what there is. Fourth and
-// fifth powers are summed in two halves, the lower 32 bits apart, because together they would pass 64 bits.
-// A superpixel's runs are (row, first column, column after the last) and lie from starts[i] on.
+// Adds the sums of the first five powers of L, a, b over each superpixel, one team per superpixel. Fourth and fifth
+// powers are summed in two halves, the lower 32 bits separately, because they could exceed 64 bits.
+// A superpixel's runs are (row, first column, column after the last), from starts[i] on.
 #define POWERS 21
 __kernel void superpixels_powers(const __global short4 *restrict lab, const __global int *restrict starts,
                                  const __global int *restrict runs, __global long *restrict powers, int superpixels,
@@ -338,8 +338,8 @@ __kernel void superpixels_powers(const __global short4 *restrict lab, const __gl
 
 // --- the Gaussian stack (LSA16 section 3.3) over squares of `side` pixels ---
 //
-// Four planes of sums, L, a, b and the number of pixels, `margin` zeros around each: what lies beyond the border or is
-// transparent is missing and not black. Only + - * / in a fixed order: the same bits everywhere.
+// Four planes of sums, L, a, b and the number of pixels, each with a margin of `margin` zeros: pixels beyond the border
+// or transparent ones are missing, not black. Only + - * / in a fixed order: the same bits everywhere.
 
 #pragma OPENCL FP_CONTRACT OFF
 
@@ -351,9 +351,8 @@ typedef float fv;
 typedef float fv __attribute__((ext_vector_type(8), aligned(4)));
 #endif
 
-// Correlation with 2 radius + 1 taps along one axis (`step` is 1 along x, `stride` along y). One item makes FW squares;
-// planes end with room for what wide registers write too much, which the columns of zeros beyond must not keep:
-// whatever lies right of `width` is written as 0.
+// Correlation with 2 radius + 1 taps along one axis (`step` is 1 along x, `stride` along y). One item computes FW
+// squares; planes have room for the excess writes of wide registers. Columns from `width` on are written as 0.
 __kernel void superpixels_blur(const __global float *restrict from, __global float *restrict to,
                                       __constant float *restrict taps, int radius, int width, int height, int stride,
                                       int plane, int margin, int step) {
@@ -379,8 +378,8 @@ __kernel void superpixels_halve(const __global float *restrict from, __global fl
   to[c * (size_t)plane + AT(y + margin, x + margin, stride)] = (p[0] + p[1]) + (p[from_stride] + p[from_stride + 1]);
 }
 
-// How many pixels of each superpixel lie in each square of the box around it, one team per superpixel.
-// A box is (first square column, first square row, columns, where its table begins).
+// The number of pixels of each superpixel in each square of its bounding box, one team per superpixel.
+// A box is (first square column, first square row, columns, start of its table).
 __kernel void superpixels_shares(const __global int4 *restrict boxes, const __global int *restrict starts,
                                  const __global int *restrict runs, __global ushort *restrict shares, int superpixels,
                                  int side) {
@@ -399,7 +398,7 @@ __kernel void superpixels_shares(const __global int4 *restrict boxes, const __gl
       x = next;
     }
   }
-#else   // an item looks at one square after another: those of the runs, sorted by row, that pass through it
+#else   // an item processes one square after another: the runs, sorted by row, that cross it
   for (int k = TEAM_RANK; k < boxes[i + 1].w - box.w; k += TEAM) {
     int top = (box.y + k / box.z) * side, left = (box.x + k % box.z) * side, share = 0;
     int low = starts[i], high = starts[i + 1];
@@ -417,8 +416,8 @@ __kernel void superpixels_shares(const __global int4 *restrict boxes, const __gl
 #endif
 }
 
-// Sums over each superpixel's pixels of the blurred image, one team per superpixel: an item adds up one row after
-// another, and rows are added in their order.
+// Sums of the blurred image over each superpixel's pixels, one team per superpixel: an item sums row after row, and rows
+// are added in order.
 __kernel void superpixels_gather(const __global int4 *restrict boxes, const __global ushort *restrict shares,
                                  const __global float *restrict image, __global float4 *restrict sums, int superpixels,
                                  int stride, int plane, int margin) {

@@ -1,6 +1,6 @@
-// Items that work on one thing together: one on a CPU, a warp on a GPU. Kernels say what item TEAM_RANK of TEAM does and
-// meet at TEAM_SYNC. What they add up is whole numbers or stands in a fixed order, so the bits are the same.
-// The host starts them with `team=True` (device.py, Program), on the first axis.
+// Teams of cooperating items: one item on a CPU, a warp on a GPU. Kernels define the work of item TEAM_RANK of TEAM, and
+// synchronize at TEAM_SYNC. Sums are over integers or in a fixed order, so the bits are the same.
+// The host starts teams with `team=True` (device.py, Program), on the first axis.
 #if LANES > 1
 #define TEAM 1
 #define TEAM_RANK 0
@@ -10,11 +10,11 @@
 #define TEAM_RANK ((int)get_local_id(0))
 #define TEAM_SYNC(fence) barrier(fence)
 #endif
-// Functions in which a team meets: PoCL 3.0 writes beyond arrays where barriers stay in a function that is called.
+// For functions with barriers, which must be inlined: otherwise PoCL 3.0 writes beyond arrays.
 #define MEETING __attribute__((always_inline)) static inline
 #define TEAM_NUMBER ((int)(get_global_id(0) / TEAM))
 
-// What the items have, added up; all of them are told.
+// The sum over the items, returned to all.
 #if LANES > 1
 #define TEAM_SHARED(name)
 #define team_total(value, shared) (value)
@@ -28,7 +28,7 @@ MEETING long team_total(long value, __local long *shared) {
   }
   barrier(CLK_LOCAL_MEM_FENCE);
   value = shared[0];
-  barrier(CLK_LOCAL_MEM_FENCE);   // before it is written again
+  barrier(CLK_LOCAL_MEM_FENCE);   // before the next write
   return value;
 }
 #endif

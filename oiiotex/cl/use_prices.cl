@@ -1,11 +1,11 @@
-// What the use of an exemplar patch costs beside its distance, by what the field uses too much: regions that are shown
-// again and again, and the flat part of the exemplar, which mean votes drift to (patchmatch/use_prices.py).
-// All sums and prices are integers: no order of work changes a decision.
+// Reuse penalties of exemplar patches, for content that the field uses too often: repeated regions, and the flat parts of
+// the exemplar, which mean votes favor (patchmatch/use_prices.py).
+// All sums and penalties are integers: decisions do not depend on the order of work.
 #include "offsets.h"
 
-#define MOST 500000000   // of each price: two and a penalty of patchmatch.cl stay below INT_MAX together
+#define MOST 500000000   // of each penalty: two of them and one of patchmatch.cl stay below INT_MAX together
 
-// Where the region around patch `at` of `n` begins: pushed inside where it sticks out.
+// The start of the region around patch `at` of `n`, shifted inside at the borders.
 static inline int first_of_region(int at, int side, int n) {
   int first = at - side / 2, last = n > side ? n - side : 0;
   return first < 0 ? 0 : first > last ? last : first;
@@ -21,10 +21,10 @@ __kernel void use_prices_count(const __global uint *restrict field, const __glob
   atomic_inc(counts + kinds[AT(corner_y(at) - e_from, corner_x(at), e_columns)]);
 }
 
-// One step of dual ascent for the constraints 'of kinds 0 to k no more than most[k] patches': the price of a constraint
-// rises by `step` times the share of patches that are too many and falls by that of those that could be more. A step
-// grows while it goes one way and is halved where it turns (its sign says which way it went), between `least` and `greatest`:
-// fields answer to prices at once or hardly at all. A kind pays for all constraints that it is part of.
+// One step of dual ascent for the constraints 'at most most[k] patches of kinds 0 to k': the penalty of a constraint
+// rises by `step` times the fraction of excess patches, or falls by that of the remaining ones. A step grows while its
+// direction (its sign) is the same and is halved when it turns, between `least` and `greatest`, because fields react to
+// penalties at once or hardly at all. A kind pays for all constraints that it belongs to.
 __kernel void use_prices_ascend(const __global int *restrict counts, const __global int *restrict most,
                                 __global int *restrict duals, __global int *restrict steps, __global int *restrict prices,
                                 int kinds, int patches, int least, int greatest) {
@@ -46,7 +46,7 @@ __kernel void use_prices_ascend(const __global int *restrict counts, const __glo
   }
 }
 
-// Uses in the region around each exemplar patch, of which so many rows are counted: along rows here,
+// Uses in the region around each exemplar patch, over a given number of rows: along rows here,
 __kernel void use_prices_rows(const __global int *restrict count, __global int *restrict sums, int e_columns, int counted, int side) {
   int x = get_global_id(0), y = get_global_id(1);
   if (x >= e_columns || y >= counted) return;
@@ -54,9 +54,8 @@ __kernel void use_prices_rows(const __global int *restrict count, __global int *
   for (int i = first; i < first + side && i < e_columns; i++) sum += count[AT(y, i, e_columns)];
   sums[AT(y, x, e_columns)] = sum;
 }
-// and along columns here, where it becomes a price that grows with the square of what is used above `most`, added to
-// the penalty together with that of the patch's kind: of rows `e_from` to `e_to`. Of those that are counted, row `c_from`
-// is the first.
+// and along columns here, where uses above `most` become a quadratic penalty, which is added with that of the patch's kind
+// for rows `e_from` to `e_to`. `c_from` is the first counted row.
 __kernel void use_prices_add(const __global int *restrict sums, const __global uchar *restrict kinds,
                              const __global int *restrict prices, __global int *restrict penalty,
                              int e_columns, int e_rows, int e_from, int e_to, int c_from, int side, int most, int unit) {

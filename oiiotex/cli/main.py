@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The program: settings, exit codes, signals. All but the signals is imported once they are answered."""
+"""The program: exit codes and signals. Everything else is imported after the signal handlers are in place."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from .running.stopping import Stopped, end_unwound, ignore_interrupts, raise_if_
 
 
 def main(words: list[str] | None = None) -> None:
-    """Run the command line and exit: 0 well, 1 an error, 3 a measure beyond a limit, 128 + N after a signal N."""
+    """Run the command line and exit: 0 success, 1 error, 3 measure beyond a limit, 128 + N after signal N."""
     exit_with(sys.argv[1:] if words is None else words, _line)
 
 
 def exit_with(words: list[str], work: Callable[[list[str]], int]) -> None:
-    """Do the work of a program of this package with its words, and exit with the code that it returns.
+    """Call a program of this package with its words, and exit with the code that it returns.
 
-    What goes wrong is one line on stderr, and exit 1; after SIGINT, SIGTERM and SIGHUP it is 130, 143 and 129.
+    An error is one line on stderr and exit code 1; after SIGINT, SIGTERM and SIGHUP the code is 130, 143 and 129.
     """
     try:
         stop_on_signals()
@@ -34,15 +34,15 @@ def exit_with(words: list[str], work: Callable[[list[str]], int]) -> None:
         end_unwound(stopped.number)
     import gc
 
-    gc.unfreeze()  # what is held to the end is let go as ever: libraries look for leaks
+    gc.unfreeze()  # libraries that look for leaks see objects freed as usual
     sys.exit(status)
 
 
 def _line(words: list[str]) -> int:
     import gc
 
-    gc.disable()  # of what is imported nothing is rubbish: looking for some takes a tenth of the start
-    from .running.line_run import run  # only now: a signal while much is imported is answered too
+    gc.disable()  # collections while importing find nothing and take a tenth of the startup time
+    from .running.line_run import run  # imported here so that signals are handled meanwhile
 
     gc.freeze()
     gc.enable()
@@ -54,7 +54,7 @@ def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
     from .running.streams import drop
 
     try:
-        if os.environ.get("OCIO"):  # OpenImageIO opens it, whatever it is, with the first image
+        if os.environ.get("OCIO"):  # OpenImageIO opens it with the first image, even a pipe
             from ..io.documents import require_regular
 
             require_regular(os.environ["OCIO"])
@@ -63,24 +63,24 @@ def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
         return _failed(words, str(error))
     except MemoryError:
         return _failed(words, spelled(OUT_OF_MEMORY))
-    except BrokenPipeError:  # who reads what is printed has gone, with files perhaps not written
+    except BrokenPipeError:  # the reader of stdout has ended; files may be missing
         drop(1)
-        return 141  # as a shell says it of a program that SIGPIPE ends
-    except Exception as error:  # a fault of ours or of the machine: still one line, the rest on demand
+        return 141  # as a shell reports a program that SIGPIPE ended
+    except Exception as error:  # a bug or a failing machine
         raise_if_stopped()
         kind = "" if isinstance(error, OSError) else f"internal, {type(error).__name__}: "
-        return _failed(words, f"{kind}{error} (--debug shows where)")
+        return _failed(words, f"{kind}{error} (--debug prints a traceback)")
     try:
         sys.stdout.flush()
-    except BrokenPipeError:  # all is done, and nobody wants to read more
+    except BrokenPipeError:  # all work is done
         drop(1)
     except OSError as error:
-        return _failed(words, f"what is printed cannot be written: {error.strerror}")
+        return _failed(words, f"cannot write to standard output: {error.strerror}")
     return status
 
 
 def _failed(words: list[str], text: str) -> int:
-    """Say what went wrong in one line, behind what has been printed."""
+    """Print the error in one line, after flushing stdout."""
     from ..errors import one_line
     from .running.streams import drop
 
@@ -96,7 +96,7 @@ def _failed(words: list[str], text: str) -> int:
         if "--openjd" in words:
             print(f"openjd_fail: {one_line(text)}", flush=True)
         print(f"oiiotex ERROR: {one_line(text)}", file=sys.stderr, flush=True)
-    except OSError:  # nobody listens: the exit code has to do
+    except OSError:  # stderr is closed
         drop(sys.stderr.fileno())
     return 1
 

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All that a command line may say, put together."""
+"""All ops and options of a command line."""
 
 from __future__ import annotations
 
 from .. import filters, host
 from ..deferred import Shelf
-from .language.parse import Language, Refused
+from .language.parse import FURTHER, Language, Refused
 
 REFUSED = (
-    Refused("--capture", 0, "OpenImageIO's wheel has no OpenCV; save the camera's picture to a file"),
-    Refused("--gpu", 0, "OpenImageIO's own GPU support is not in its wheel; --device chooses where --tex... ops run"),
+    Refused("--capture", 0, "OpenImageIO's wheel is built without OpenCV; save the camera's image to a file"),
+    Refused("--gpu", 0, "OpenImageIO's wheel is built without GPU support; --device selects where --tex... ops run"),
 )
 
-_OPTIONS: dict[str, dict[str, str]] = {  # by heading and module, in the order of help
+_OPTIONS: dict[str, dict[str, str]] = {  # by heading and module, in the order of help; --help takes the first word
     "Reading": {
         "files.reading": "-i --iconfig --missingfile --testread -a --native --no-autopremult --autopremult"
         " --autoorient --auto-orient --autocc --noautocc",
@@ -23,7 +23,7 @@ _OPTIONS: dict[str, dict[str, str]] = {  # by heading and module, in the order o
         " --create-dir --iccwrite",
         "files.textures": "-otex -oenv -obump",
     },
-    "The stack, and parts of images": {
+    "Stack, subimages and MIP levels": {
         "stack.moves": "--label --dup --swap --pop --popbottom --stackreverse --stackextract --stackclear --subimage"
         " --sisplit --siappend --siappendall --layersplit --unmip --selectmip --thumbnail-get --thumbnail-set",
     },
@@ -34,12 +34,12 @@ _OPTIONS: dict[str, dict[str, str]] = {  # by heading and module, in the order o
         " --hardwarn",
         "printing.inventory": "--list-formats --buildinfo --colorconfiginfo",
     },
-    "Looking": {"files.viewing": "--tev", "running.living": "--texlive"},
+    "Viewing": {"files.viewing": "--tev", "running.living": "--texlive"},
     "Control flow": {
         "language.control": "--set --if --else --endif --while --endwhile --for --endfor --evaloff --evalon"
         " --oiioattrib",
     },
-    "The run": {
+    "Run settings": {
         "language.control:STATES": "-v --verbose --maxloop --no-error-exit --metamerge --sansattrib --autotile"
         " --experimental",
         "running.run_settings": "--device --devices --threads --cache --colorconfig --interchange -q --noprogress"
@@ -54,5 +54,8 @@ _SHELVES = tuple(
     for heading, modules in _OPTIONS.items()
     for (module, _, attribute), names in ((place.partition(":"), names) for place, names in modules.items())
 )
+_WORDS = {shelf.heading: "texture" for shelf in filters.SHELVES} | {FURTHER: "texture"}
+_WORDS |= {shelf.heading: shelf.attribute.lower() for shelf in host.SHELVES}
+_WORDS |= {heading: heading.replace(",", "").split()[0].lower() for heading in _OPTIONS}
 
-LANGUAGE = Language((*filters.SHELVES, *host.SHELVES, *_SHELVES), REFUSED, filters.further)
+LANGUAGE = Language((*filters.SHELVES, *host.SHELVES, *_SHELVES), REFUSED, filters.further, _WORDS)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Color spaces: the only room that knows OpenColorIO. Names of spaces; file color space <-> CIE Lab D65."""
+"""Color spaces: their names, and conversion between file color space and CIE Lab D65. Only here is OpenColorIO used."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .normal_maps import warn_of_normals
 
 # OpenImageIO embeds another OpenColorIO than PyOpenColorIO, so 'ocio://default' would mean two configs.
 DEFAULT_CONFIG = "ocio://cg-config-v4.0.0_aces-v2.0_ocio-v2.5"
-INTERCHANGE_SPACES = ("lin_rec709", "ACES2065-1", "CIE XYZ D65")  # of our own config
+INTERCHANGE_SPACES = ("lin_rec709", "ACES2065-1", "CIE XYZ D65")  # in our own config
 _INTERCHANGE = either("--interchange SPACE lin_rec709", "Session(interchange=(SPACE, 'lin_rec709'))")
-_HINT = f"; {_INTERCHANGE} says which of its spaces is linear Rec. 709 (or ACES2065-1, 'CIE XYZ D65')"
+_HINT = f"name its linear Rec. 709, ACES2065-1 or CIE XYZ D65 space: {_INTERCHANGE}"
 _BIT_DEPTHS = {
     "BIT_DEPTH_UINT8": ("uint8", 8), "BIT_DEPTH_UINT10": ("uint16", 10), "BIT_DEPTH_UINT12": ("uint16", 12),
     "BIT_DEPTH_UINT16": ("uint16", 16), "BIT_DEPTH_F16": ("half", 16), "BIT_DEPTH_F32": ("float", 32),
@@ -35,8 +35,8 @@ _SPACES_OF_FORMATS |= dict.fromkeys((".ppm", ".pnm"), "Rec709")
 class ColorConfig:
     """The user's color config: `path`, else $OCIO, else a built-in one.
 
-    `interchange` is for configs that do not say how they meet others (OCIO v1): one of their spaces, and that of
-    `INTERCHANGE_SPACES` which means the same colors.
+    `interchange` is for configs without interchange roles (OCIO v1): one of their spaces, and the space of
+    `INTERCHANGE_SPACES` with the same colors.
 
     Raises
     ------
@@ -50,26 +50,28 @@ class ColorConfig:
         try:
             self._config = ocio.Config.CreateFromFile(self.path)
             if os.path.exists(self.path) and not self.path.endswith(".ocioz"):
-                Path(self.path).read_text("utf-8")  # bindings fail later, at the first name that is not UTF-8
+                Path(self.path).read_text(
+                    "utf-8"
+                )  # otherwise the bindings fail later, at the first name that is not UTF-8
         except (ocio.Exception, ocio.ExceptionMissingFile, UnicodeDecodeError) as error:
-            raise ColorError(f"{self.path}: not a color config that can be used: {one_line(str(error))}") from error
+            raise ColorError(f"{self.path}: cannot load the color config: {one_line(str(error))}") from error
         self._names = oiio.ColorConfig(self.path)  # knows the names that OpenImageIO tags files with
         if interchange is not None and interchange[1] not in INTERCHANGE_SPACES:
-            allowed = ", ".join(INTERCHANGE_SPACES)
-            raise ColorError(f"no interchange space '{interchange[1]}'; there is {allowed}")
+            expected = f"one of {', '.join(INTERCHANGE_SPACES)}"
+            raise ColorError(f"unknown interchange space '{interchange[1]}'", expected=expected)
         self._doubted: set[str] | None = set()
         self._interchange = (self.resolve(interchange[0]), interchange[1]) if interchange else None
 
     def resolve(self, name: str) -> str:
-        """The config's own name of a color space, role or alias, or of what OCIO's own configs call by that name.
+        """The config's name of a color space, given its name, role or alias, or a name from OCIO's built-in configs.
 
-        So 'Utility - sRGB - Texture' of ACES' older configs is found in one that has srgb_rec709_scene, and the other
-        way round.
+        For example, 'Utility - sRGB - Texture' of older ACES configs is found in a config with srgb_rec709_scene, and
+        vice versa.
 
         Raises
         ------
         ColorError
-            The config has none of that name.
+            The config has no such color space.
         """
         space = self._space(name) or self._space_called(name)
         if space is None:
@@ -80,17 +82,17 @@ class ColorConfig:
         return space.getName()
 
     def known_name(self, name: str) -> str:
-        """By what name OpenImageIO knows a space that `resolve` finds; the name itself where it knows that, or none."""
+        """OpenImageIO's name of a space that `resolve` finds; the given name if OpenImageIO knows it, or none."""
         space = None if self._space(name) else self._space_called(name)
         return space.getName() if space else name
 
     def _space(self, name: str) -> ocio.ColorSpace | None:
-        """As the config, or OpenImageIO, knows it."""
+        """The color space by a name that the config or OpenImageIO knows."""
         return self._config.getColorSpace(name) or self._config.getColorSpace(self._names.resolve(name))
 
     def _space_called(self, name: str) -> ocio.ColorSpace | None:
-        """The config's space that has another of its names in OCIO's own configs."""
-        if name == "data":  # as OpenImageIO calls what is no color
+        """The config's space under another of its names in OCIO's built-in configs."""
+        if name == "data":  # OpenImageIO's name for maps other than color
             return next((space for space in self._config.getColorSpaces() if space.isData()), None)
         known = None if _builtin().hasRole(name) else _builtin().getColorSpace(name)
         names = (known.getName(), *known.getAliases()) if known else ()
@@ -98,47 +100,47 @@ class ColorConfig:
         return next(filter(None, spaces), None)
 
     def _all_names(self) -> list[str]:
-        """Of spaces, their aliases and roles, and those by which OpenImageIO knows them."""
+        """Names of spaces, aliases and roles, and those that only OpenImageIO knows."""
         names = [name for space in self._config.getColorSpaces() for name in (space.getName(), *space.getAliases())]
         known = [name for name in ("sRGB", "Rec709", "linear") if self._space(name)]
         return [*known, *names, *self._config.getRoleNames()]
 
     def warn_once(self, image: Image) -> None:
-        """Warn of an image that is about to be taken for colors, and seems to be none."""
+        """Warn, once per image, if it is used as color but looks like a normal map."""
         if self._doubted is not None and image.source not in self._doubted and warn_of_normals(image):
             self._doubted.add(image.source)
 
     def unwarned(self) -> ColorConfig:
-        """The same for who may look at no pixel: it warns of no image."""
+        """A copy that reads no pixels: it warns of no image."""
         config = copy.copy(self)
         config._doubted = None
         return config
 
     @property
     def config(self) -> ocio.Config:
-        """As OpenColorIO has it."""
+        """The OpenColorIO config."""
         return self._config
 
     @property
     def names(self) -> oiio.ColorConfig:
-        """What OpenImageIO finds in the config: displays, views, looks, transforms."""
+        """OpenImageIO's view of the config: displays, views, looks, transforms."""
         return self._names
 
     def is_data(self, name: str) -> bool:
-        """Whether the space says that its values are no colors."""
+        """Whether the color space is a data space."""
         return self._config.getColorSpace(self.resolve(name)).isData()
 
     def space_by_file_rules(self, path: str) -> str | None:
-        """What the config's file rules say of a file's name; None where only the default rule would speak."""
+        """The color space that the config's file rules give to a file name; None if only the default rule matches."""
         if self._config.filepathOnlyMatchesDefaultRule(path):
             return None
         return self._config.getColorSpaceFromFilepath(path)[0]
 
-    # --- what --autocc asks ---
+    # --- for --autocc ---
 
     @property
     def linear(self) -> str | None:
-        """The scene-linear space, where the config has the role."""
+        """The scene-linear space; None without that role."""
         space = self._config.getColorSpace(ocio.ROLE_SCENE_LINEAR)
         return space.getName() if space else None
 
@@ -147,34 +149,34 @@ class ColorConfig:
         return self._names.equivalent(a, b)
 
     def space_in_name(self, path: str) -> str | None:
-        """The space that the name of a file says: by the file rules, or because it contains the space's name."""
+        """The color space in a file name: by the file rules, or because it contains the space's name."""
         space = self._names.getColorSpaceFromFilepath(path, "", True)
         return None if space in ("", "unknown") else space
 
     def space_of_output(self, path: str) -> str | None:
-        """The space that a file of that name should be in: as its name says, else as its format has it."""
+        """The color space of an output file: from its name, else the usual one of its format."""
         return self.space_in_name(path) or _SPACES_OF_FORMATS.get(os.path.splitext(path)[1].lower())
 
     def pixel_type(self, name: str) -> tuple[oiio.TypeDesc, int] | None:
-        """The pixel type, and its significant bits, that the config wants for a space."""
+        """The pixel type, and its significant bits, that the config recommends for a space."""
         space = self._config.getColorSpace(self._names.resolve(name))
         depth = _BIT_DEPTHS.get(space.getBitDepth().name) if space else None
         return (oiio.TypeDesc(depth[0]), depth[1]) if depth else None
 
     @functools.lru_cache(maxsize=8)  # noqa: B019 - lives as long as the config, which lives as long as the run
     def to_lab(self, name: str) -> Callable[[np.ndarray], None]:
-        """A function that turns contiguous (..., 3) float32 of that space into Lab in place.
+        """A function that converts contiguous (..., 3) float32 of this space to Lab in place.
 
-        Lossless: OCIO's default optimization is forty times less exact on this path. Arrays of (..., 4), whose last
-        value stays as it is, go twice as fast and come to the same bits.
+        Lossless: OCIO's default optimization is forty times less exact here. Arrays of (..., 4), whose last value is
+        not changed, are twice as fast and yield the same bits.
         """
         return self._converter(name, forward=True)
 
     @functools.lru_cache(maxsize=8)  # noqa: B019
     def from_lab(self, name: str) -> Callable[[np.ndarray], None]:
-        """The inverse of `to_lab`: a function that turns Lab into that space in place.
+        """The inverse of `to_lab`: a function that converts Lab to this space in place.
 
-        There and back moves a value by less than 1e-5 of the pixel's brightest channel in linear spaces, 3e-4 in sRGB.
+        A round trip changes a value by less than 1e-5 of the pixel's brightest channel in linear spaces, 3e-4 in sRGB.
         """
         return self._converter(name, forward=False)
 
@@ -189,7 +191,7 @@ class ColorConfig:
         except (ocio.Exception, ocio.ExceptionMissingFile) as error:
             way = f"from '{name}' to CIE Lab" if forward else f"from CIE Lab to '{name}'"
             hint = "" if self._interchange or self._config.hasRole("aces_interchange") else _HINT
-            raise ColorError(f"no way {way}: {one_line(str(error))}{hint}") from error
+            raise ColorError(f"cannot convert {way}: {one_line(str(error))}", hint=hint) from error
 
         def convert(values: np.ndarray) -> None:
             (on_cpu.applyRGBA if values.shape[-1] == 4 else on_cpu.applyRGB)(values)
@@ -199,7 +201,7 @@ class ColorConfig:
 
 @functools.cache
 def _builtin() -> ocio.Config:
-    """OCIO's own config with the most names, ACES' older ones among them."""
+    """OCIO's built-in config with the most names, including older ACES ones."""
     return ocio.Config.CreateFromFile("ocio://studio-config-v4.0.0_aces-v2.0_ocio-v2.5")
 
 
@@ -209,27 +211,27 @@ def _lab_config() -> ocio.Config:
 
 
 def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:
-    """The image's color space: its tag, else the config's file rules where `autocc` asks for them."""
+    """The image's color space: its tag, else with `autocc` by the config's file rules."""
     tag = image.first.spec.get_string_attribute(TAG)
     if tag:
         return config.resolve(tag)
     by_name = config.space_by_file_rules(image.source) if autocc else None
     if by_name is None:
         raise ColorError(
-            f"does not say its color space: add {COLORSPACE}{either(' after it', '')}"
-            f" (or set the attribute '{TAG}'), or {IS_DATA} where its channels are no colors",
+            f"has no color space tag ('{TAG}')",
             subject=image.source,
+            hint=f"add {COLORSPACE}{either(' after it', '')}, or {IS_DATA} for maps other than color",
         )
     return by_name
 
 
 def color_space(image: Image, config: ColorConfig | None, autocc: bool = False) -> str | None:
-    """The image's color space, or None where its channels are data: without a config, or because the space says so.
+    """The image's color space, or None if its channels are data: without a config, or in a data space.
 
     Raises
     ------
     ImageError
-        Two channels that are to be taken as color.
+        The image has neither one nor three color channels.
     ColorError
         As by `space_of`.
     """
@@ -241,12 +243,17 @@ def color_space(image: Image, config: ColorConfig | None, autocc: bool = False) 
     config.warn_once(image)
     count = len(channels_of(image.first.spec).color)
     if count not in (1, 3):
-        raise ImageError(f"has {count} channels beside alpha: no color; say {IS_DATA}", subject=image.source)
+        raise ImageError(
+            f"has {count} channels without alpha",
+            subject=image.source,
+            expected="1 or 3 color channels",
+            hint=f"add {IS_DATA} for maps other than color",
+        )
     return space
 
 
 def as_float(rows: np.ndarray) -> np.ndarray:
-    """Pixel values as OpenImageIO means them: integers as shares of their type's largest value."""
+    """Pixel values as OpenImageIO interprets them: integers as fractions of their type's largest value."""
     if rows.dtype.kind in "ui":
         return rows.astype(np.float32) * np.float32(1.0 / np.iinfo(rows.dtype).max)
     return rows.astype(np.float32)

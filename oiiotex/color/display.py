@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a display shows of an image: by a display and a view of the config, with an exposure for looking."""
+"""Images as a display shows them: through a display and view of the config, with an exposure."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from ..deferred import np, ocio
 from ..errors import ColorError, one_line
 from .config import ColorConfig
 
-_PLAIN = "Un-tone-mapped"  # the view of OCIO's own configs that shows textures as their files are
+_PLAIN = "Un-tone-mapped"  # the view of OCIO's built-in configs without a tone curve
 
 
 def views(config: ColorConfig) -> dict[str, list[str]]:
-    """The config's displays, its default one first, and their views."""
+    """The config's displays, the default one first, and their views."""
     own = config.config
     displays = [own.getDefaultDisplay(), *own.getDisplays()]
     return {display: list(own.getViews(display)) for display in dict.fromkeys(displays) if own.getViews(display)}
 
 
 def usual_view(config: ColorConfig, space: str | None) -> tuple[str, str]:
-    """The display and view to begin with: the config's, but without a tone curve for what is no scene-linear image."""
+    """The initial display and view: the config's defaults, without a tone curve unless the image is scene-linear."""
     own = config.config
     display = own.getDefaultDisplay()
     linear = space is not None and own.getColorSpace(config.resolve(space)).getEncoding() == "scene-linear"
@@ -30,22 +30,22 @@ def usual_view(config: ColorConfig, space: str | None) -> tuple[str, str]:
 
 
 def shown_by(config: ColorConfig, space: str | None, display: str, view: str, exposure: float = 0.0) -> Shown:
-    """How pixels of a space look: a function from (height, width, 3) float32 to 8 bits.
+    """A function that converts pixels of a color space, (height, width, 3) float32, to 8 bits for display.
 
     Parameters
     ----------
     config : ColorConfig
     space : str or None
-        None, or one of data: shown as they are, less than 0 black, more than 1 white.
+        None or a data space: values are shown unchanged, clamped to 0 to 1.
     display, view : str
-        Of the config.
+        Names in the config.
     exposure : float
-        Stops, in the config's scene-linear space.
+        Stops, applied in the config's scene-linear space.
 
     Raises
     ------
     ColorError
-        The config has no such view, or no way there.
+        The config has no such view, or cannot convert to it.
     """
     if space is None or config.is_data(space):
         return functools.partial(_in_bytes, gain=2.0**exposure)
@@ -62,7 +62,8 @@ def shown_by(config: ColorConfig, space: str | None, display: str, view: str, ex
     try:
         processor = own.getProcessor(steps).getDefaultCPUProcessor()
     except (ocio.Exception, ocio.ExceptionMissingFile) as error:
-        raise ColorError(f"no way from '{space}' to view '{view}' of '{display}': {one_line(str(error))}") from error
+        problem = f"cannot convert from '{space}' to view '{view}' of '{display}': {one_line(str(error))}"
+        raise ColorError(problem) from error
 
     def shown(pixels: np.ndarray) -> np.ndarray:
         values = np.array(pixels, np.float32, order="C")

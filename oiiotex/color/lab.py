@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one way into a filter's working space, CIE Lab D65 or data, and back into the pixels of the image.
+"""Conversion of pixels to a filter's working space, CIE Lab D65 or data, and back.
 
-An op declares its space and gets a `Lens` for each of its images, which shows rows as they come by; `working_values`
-is a whole image through it. A pixel's values depend on nothing but that pixel, so the bits are the same through any
-window.
+An op declares its space and gets a `Lens` for each of its images, which converts rows; `working_values` converts a
+whole image. The conversion is pointwise, so the bits are the same through any window.
 """
 
 from __future__ import annotations
@@ -23,27 +22,27 @@ from ..scan import scan
 from ..session.resources import Resources
 from .config import as_float, color_space
 
-DATA = "the channels are no colors: compare them as they are"
-_SMALL = ("uint8", "uint16", "float16", "float32")  # types whose values are the same after a visit to float
+DATA = "Use the channels as data, without conversion to CIE Lab."
+_SMALL = ("uint8", "uint16", "float16", "float32")  # types that survive a round trip through float
 _MOST_LAB = 1e6
-_TINY = 2.0**-126  # the least normal number of 32 bits
+_TINY = 2.0**-126  # the smallest normal 32-bit float
 
 
 @dataclass(frozen=True)
 class Lens:
-    """How rows of an image are seen by a filter.
+    """Converts rows of an image to a filter's working space and back.
 
     Attributes
     ----------
     name : str
-        The image's, for messages.
+        The image's name, for messages.
     channels : Channels
     space : str or None
         The image's color space; None: the channels are data.
     to_lab, from_lab : callable or None
-        As `ColorConfig` gives them; None for data.
+        From `ColorConfig`; None for data.
     low, scale : float
-        Data become (value - low) * scale.
+        Data are mapped to (value - low) * scale.
     """
 
     name: str
@@ -56,11 +55,11 @@ class Lens:
 
     @property
     def count(self) -> int:
-        """How many of the values mean something: 3 of Lab, as many as there are of data."""
+        """Number of used values per pixel: 3 for Lab, the number of channels for data."""
         return len(self.channels.color) if self.space is None else 3
 
     def values(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Rows of the image -> what the filter works on.
+        """Rows of the image in the filter's working space.
 
         Parameters
         ----------
@@ -70,8 +69,8 @@ class Lens:
         Returns
         -------
         values : (height, width, 4) float32
-            Lab of unpremultiplied color, or scaled data, and a fourth value that is not to be changed. Gray is there
-            three times; the third of two channels of data is 0.
+            Lab of unpremultiplied color, or scaled data, and a fourth value that must not be changed. Gray is repeated
+            three times; for two channels of data the third value is 0.
         opaque : (height, width) bool or None
             Where alpha is not 0; None: everywhere.
 
@@ -83,7 +82,7 @@ class Lens:
         values, alpha = self._unpremultiplied(rows)
         if self.to_lab is not None:
             self.to_lab(values)
-            if not _all_finite(values):  # color over next to no alpha, in a space that takes powers of it
+            if not _all_finite(values):  # color divided by a tiny alpha overflows in spaces with a power curve
                 np.nan_to_num(values, copy=False, nan=0.0, posinf=_MOST_LAB, neginf=-_MOST_LAB)
         else:
             color = values[..., : 3 if len(self.channels.color) == 1 else len(self.channels.color)]
@@ -93,9 +92,9 @@ class Lens:
         return values, opaque
 
     def replaced(self, rows: np.ndarray, values: np.ndarray, opaque: np.ndarray | None) -> np.ndarray:
-        """A copy of `rows` whose color is that of `values`, premultiplied again; where alpha is 0 nothing changes.
+        """A copy of `rows` with the color of `values`, premultiplied again; pixels with alpha 0 do not change.
 
-        `values` is used up. Gray takes the mean of what the three channels have become.
+        `values` is overwritten. Gray becomes the mean of the three channels.
         """
         if self.from_lab is not None:
             self.from_lab(values)
@@ -103,7 +102,7 @@ class Lens:
             values[..., :3] *= np.float32(1.0 / self.scale)
             values[..., :3] += np.float32(self.low)
         color = self.channels.color
-        if self._is_rgba(rows) and opaque is None and rows.dtype in _SMALL:  # alpha has come along in the fourth value
+        if self._is_rgba(rows) and opaque is None and rows.dtype in _SMALL:  # the fourth value is alpha
             if not (values[..., 3] == 1).all():
                 values[..., :3] *= divisor(values[..., 3])[..., None]
             return in_type(values, rows.dtype)
@@ -111,7 +110,7 @@ class Lens:
             values *= divisor(as_float(rows[..., self.channels.alpha]))[..., None]
         out = rows.copy()
         if len(color) == 1 and self.space is not None:
-            # the weights are those of no space: the three are equal but for rounding, unless a and b were moved
+            # a plain mean: the three are equal up to rounding, unless a filter changed a or b
             values[..., 0] = (values[..., 0] + values[..., 1] + values[..., 2]) * np.float32(1.0 / 3.0)
         stored = in_type(values, rows.dtype)
         for n, channel in enumerate(color):
@@ -123,7 +122,7 @@ class Lens:
         return rows.shape[2] == 4 and self.channels == Channels((0, 1, 2), 3)
 
     def _unpremultiplied(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Color (height, width, 4) as floats without alpha, and alpha where there is one."""
+        """Unpremultiplied color (height, width, 4) as floats, and alpha if the image has it."""
         color, alpha = self.channels.color, self.channels.alpha
         share: np.ndarray | None
         if self._is_rgba(rows):
@@ -143,7 +142,7 @@ class Lens:
         return values, share
 
     def broken(self, rows: np.ndarray) -> np.ndarray:
-        """How many NaN and how many Inf there are in color and alpha: (2,) int64."""
+        """Number of NaN and of Inf in color and alpha: (2,) int64."""
         alpha = () if self.channels.alpha is None else (self.channels.alpha,)
         return count_broken(as_float(rows[..., [*self.channels.color, *alpha]]))
 
@@ -157,23 +156,23 @@ class Lens:
 
 
 def _all_finite(values: np.ndarray) -> bool:
-    """Whether there is neither NaN nor Inf; a quick look, which may say no where a sum overflows."""
+    """Whether there is neither NaN nor Inf; a quick check that may be false if the sum overflows."""
     with np.errstate(over="ignore", invalid="ignore"):
         return bool(np.isfinite(values.sum()))
 
 
 def divisor(alpha: np.ndarray) -> np.ndarray:
-    """What premultiplied color is divided by: alpha, but 1 where there is none."""
+    """The divisor to unpremultiply color: alpha, but 1 where alpha is 0."""
     return np.where(np.abs(alpha) < _TINY, np.float32(1.0), alpha)
 
 
 def count_broken(*seen: np.ndarray) -> np.ndarray:
-    """How many NaN and how many Inf there are: (2,) int64."""
+    """Number of NaN and of Inf: (2,) int64."""
     return np.array([sum(np.count_nonzero(f(s)) for s in seen) for f in (np.isnan, np.isinf)], np.int64)
 
 
 def in_type(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    """Floats as OpenImageIO stores them: integers rounded and cut to their range, halves kept finite."""
+    """Floats as OpenImageIO stores them: integers rounded and clamped to their range, halves kept finite."""
     if dtype.kind in "ui":
         most = np.iinfo(dtype).max
         wide = values.astype(np.float64) if dtype.itemsize > 2 else values
@@ -186,21 +185,21 @@ def in_type(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
 
 
 def lens_of(image: Image, resources: Resources, space: Space = Space.LAB) -> Lens:
-    """How an op that works in `space` sees the image's first part.
+    """The lens of the image's first part for an op that works in `space`.
 
     Parameters
     ----------
     image : Image
         Gray, gray + alpha, RGB, RGBA, with any further channels.
     space : Space
-        As `Op.working_space` gives it. Of an image whose own space says that it holds data, LAB is DATA: the common
-        range of its channels becomes 0 .. 100, so that distances mean what they mean in Lab. That range is asked of
-        the pixels: one look at the image.
+        From `Op.working_space`. For an image in a data space, LAB is the same as DATA: the common range of its
+        channels is mapped to 0 to 100, so that distances have the scale of Lab. Finding that range takes one pass
+        over the image.
 
     Raises
     ------
     ImageError
-        NaN or Inf in data or their alpha, or two channels that are to be taken as color.
+        NaN or Inf in data or their alpha, or a wrong number of color channels.
     ColorError
         As by `config.space_of`.
     """
@@ -212,13 +211,13 @@ def lens_of(image: Image, resources: Resources, space: Space = Space.LAB) -> Len
 
 
 def lens_for(image: Image, resources: Resources, space: str) -> Lens:
-    """How an image of that color space is seen in Lab."""
+    """The lens from an image of this color space to Lab."""
     config = resources.color
     return Lens(image.source, channels_of(image.first.spec), space, config.to_lab(space), config.from_lab(space))
 
 
 def _scaled(plain: Lens, part: Part, resources: Resources) -> Lens:
-    """The lens for data, with the range of what is opaque."""
+    """The lens for data, scaled by the range of the opaque pixels."""
     limits: list[tuple[float, float]] = []
 
     def look(values: np.ndarray, opaque: np.ndarray | None, _: Window) -> tuple[float, float] | None:
@@ -239,12 +238,12 @@ def _scaled(plain: Lens, part: Part, resources: Resources) -> Lens:
 def working_values(
     image: Image, resources: Resources, space: Space = Space.LAB, in_memory: bool = True
 ) -> tuple[np.ndarray | RowStore, np.ndarray | None]:
-    """The image's first part as an op that works in `space` sees it, whole.
+    """The image's whole first part in the working space of an op.
 
     Returns
     -------
     values : (height, width, 3) float32
-        Lab (L 0 to 100 for diffuse white, a, b), or data scaled to 0 .. 100; an array where it is held in memory.
+        Lab (L 0 to 100 for diffuse white, a, b), or data scaled to 0 to 100; with `in_memory` an array.
     opaque : (height, width) bool or None
         Where alpha is not 0; None: everywhere.
 
@@ -269,7 +268,7 @@ def working_values(
 
 @dataclass(frozen=True, kw_only=True)
 class InLab(Op):
-    """What looks at color in CIE Lab, and with `data` at channels as they are."""
+    """An op that works in CIE Lab, or with `data` on the channels without conversion."""
 
     space: ClassVar[Space] = Space.LAB
 

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The integer grid of Lab on which everything is decided: equal Lab gives equal decisions on every device."""
+"""The integer grid of Lab on which filters decide: equal Lab yields equal decisions on every device."""
 
 from __future__ import annotations
 
 from ..deferred import np
 
 FINE_STEPS = 8  # steps per Lab unit
-COARSE_STEPS = 4  # where sums of squares over a large patch must fit
-SUM_STEPS = 64  # of values that are only added up: not held to SPAN
-SPAN = 300  # Lab units that the grid reaches along every axis
+COARSE_STEPS = 4  # for sums of squares over a large patch
+SUM_STEPS = 64  # for values that are only added up and may exceed SPAN
+SPAN = 300  # extent of the grid along every axis, Lab units
 _LOW = (-16.0, -150.0, -150.0)
 
 
 def steps_for(patch: int, channels: int = 3) -> int:
-    """Steps per Lab unit, `FINE_STEPS` at most, such that the distance of two patches fits 32 bits.
+    """Steps per Lab unit, at most `FINE_STEPS`, with which the distance of two patches fits 32 bits.
 
     It is at most channels (SPAN steps)^2 patch^2 < 2^31; the sum of a patch's column then fits 16 bits.
     """
@@ -21,14 +21,14 @@ def steps_for(patch: int, channels: int = 3) -> int:
 
 
 def to_grid(lab: np.ndarray, steps: int, used_up: bool = False) -> np.ndarray:
-    """Lab on the grid; what lies outside is taken as the nearest.
+    """Lab on the grid; values outside are clamped.
 
     Parameters
     ----------
     lab : (..., channels) float
-        L, a, b; three more for each further map of a material, or a fourth that means nothing.
+        L, a, b; three more for each further map of a material, or an unused fourth value.
     steps : int
-        Per Lab unit.
+        Steps per Lab unit.
     used_up : bool
         `lab` may be overwritten.
 
@@ -43,15 +43,12 @@ def to_grid(lab: np.ndarray, steps: int, used_up: bool = False) -> np.ndarray:
 
 
 def mean_lab(sums: np.ndarray) -> np.ndarray:
-    """Lab of what `seen_on_grid` gives, added up: (..., 4) int -> (..., 3) float32; 0 where nothing is opaque."""
+    """Mean Lab from sums of `seen_on_grid`: (..., 4) int -> (..., 3) float32; 0 where nothing is opaque."""
     return (sums[..., :3] / (FINE_STEPS * np.maximum(sums[..., 3:], 1))).astype(np.float32)
 
 
 def seen_on_grid(values: np.ndarray, opaque: np.ndarray | None) -> np.ndarray:
-    """What a `Lens` shows, (h, w, 4) float32, which is used up, on the fine grid.
-
-    Returns (h, w, 4) int16.
-    """
+    """Values of a `Lens`, (h, w, 4) float32 (overwritten), on the fine grid, (h, w, 4) int16; the fourth is opacity."""
     grid = to_grid(values, FINE_STEPS, used_up=True)
     grid[..., 3] = 1
     if opaque is not None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lab of an image on an integer grid, kept where kernels can look at it again and again.
+"""Lab of an image on an integer grid, kept for repeated reading by kernels.
 
-An image that fits the device's memory lies there; a larger one goes through a temporary file of the host's and passes
+An image that fits the device's memory is held there; a larger one is kept in a temporary file on the host and sent to
 the device band by band.
 """
 
@@ -24,14 +24,14 @@ from .lab_grid import seen_on_grid
 
 PIXEL_BYTES = 8  # L, a, b and whether the pixel is opaque, 16 bits each
 _PADDING = 128  # bytes past the end that wide registers may read: 16 pixels
-# where the device computes in the host's memory, more than that goes to a file: the system's cache holds it as well
+# on devices that use the host's memory, larger images go to a file, which the system's cache holds as well
 _HOST_BYTES = 512 << 20
-_SHARE = 4  # an image that stays takes one part in so many, and leaves the rest to what is worked out from it
+_SHARE = 4  # a resident image takes at most 1 / _SHARE of the budget and leaves the rest to results
 
 
 @dataclass(frozen=True)
 class Band:
-    """Full rows of the image as they lie on the device: rows `top` to `bottom`, counted from the data window's."""
+    """Full rows of the image on the device: rows `top` to `bottom`, counted from the top of the data window."""
 
     top: int
     bottom: int
@@ -39,30 +39,30 @@ class Band:
 
 
 def most_on_device(resources: Resources) -> int:
-    """Bytes of an image that may lie on the device at a time: by its own memory, or the host's where it uses that."""
+    """Bytes of an image that may be on the device at a time."""
     device = resources.device
     return max(0, min(device.memory_budget(resources.budget) // _SHARE, device.largest - _PADDING))
 
 
 class LabGrid:
-    """The image's first part as kernels see it; a context that gives back what it holds.
+    """The image's first part as kernels read it; a context manager that releases its memory.
 
     Parameters
     ----------
     image, lens
     align : int
-        Bands of an image that does not fit begin at multiples of so many rows.
+        Bands of an image that does not fit begin at multiples of this number of rows.
     most : int, optional
-        Bytes of the image that may lie on the device at a time; `most_on_device` when left out.
+        Bytes of the image that may be on the device at a time. Default: `most_on_device`.
     look : callable, optional
-        Called with every band, from top to bottom, while the image is read: a first look without reading it again.
+        Called with every band, from top to bottom, while the image is read: saves a second pass.
 
     Raises
     ------
     BrokenValues
-        NaN or Inf: all are counted.
+        NaN or Inf; all are counted.
     DeviceError, ImageError
-        No room on the device or the disk.
+        Not enough memory on the device, or space on the disk.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class LabGrid:
         self._rows = None  # and its file
 
     def bands(self, wanted: Callable[[int, int], bool] = lambda top, bottom: True) -> Iterator[Band]:
-        """Bands from top to bottom, those of which `wanted(top, bottom)` says so."""
+        """Bands from top to bottom for which `wanted(top, bottom)` is true."""
         for top in range(0, self.height, self.band_rows):
             bottom = min(top + self.band_rows, self.height)
             if not wanted(top, bottom):

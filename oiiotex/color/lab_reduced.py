@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lab of an image on an integer grid in the host's memory, reduced by a whole factor where the image is large."""
+"""Lab of an image on an integer grid in the host's memory, reduced by an integer factor if the image is large."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from .lab_grid import mean_lab, seen_on_grid
 
 @dataclass(frozen=True)
 class LabPixels:
-    """Means of `factor` x `factor` pixels; squares at the right and bottom border may be smaller.
+    """Means over squares of `factor` x `factor` pixels; squares at the right and bottom border may be smaller.
 
     Attributes
     ----------
     lab : (h, w, 3) float32
-        CIE Lab on a grid of 1 / (8 factor^2); what is not seen has the mean of what is.
+        CIE Lab on a grid of 1 / (8 factor^2); transparent squares have the mean of the others.
     seen : (h, w) bool
-        Where a pixel of the square is opaque.
+        Whether any pixel of the square is opaque.
     factor : int
     opaque : (height, width // 8) uint8 or None
-        A bit for every pixel of the image, 1 where alpha is not 0; None: everywhere.
+        One bit per pixel of the image, 1 where alpha is not 0; None: everywhere.
     width, height : int
-        Of the image, px.
+        Size of the image, px.
     """
 
     lab: np.ndarray
@@ -40,7 +40,7 @@ class LabPixels:
     height: int
 
     def part(self, name: str, spec: oiio.ImageSpec, values: np.ndarray) -> Part:
-        """Values (h, w, channels) of the squares in the image's windows, as `spec` has them: 0 where alpha is 0."""
+        """Values (h, w, channels) of the squares, enlarged to the image's windows in `spec`; 0 where alpha is 0."""
         whole = Window.data(spec)
 
         def fetch(window: Window) -> np.ndarray:
@@ -55,30 +55,30 @@ class LabPixels:
 
 
 def reduction(width: int, height: int, most: int) -> int:
-    """The smallest whole factor that leaves at most so many pixels."""
+    """The smallest integer factor that leaves at most `most` pixels."""
     return max(1, math.ceil(math.sqrt(width * height / most)))
 
 
 def lab_pixels(
     image: Image, lens: Lens, resources: Resources, factor: int = 1, allowed: np.ndarray | None = None
 ) -> LabPixels:
-    """The image's first part in Lab, looked at once on all threads.
+    """The image's first part in Lab, in one pass on all threads.
 
-    Equal Lab gives equal integers, and sums of integers do not depend on bands, so what follows from them is the same
-    on every device.
+    Equal Lab yields equal integers, and sums of integers do not depend on bands, so results are the same on every
+    device.
 
     Parameters
     ----------
     image, lens
     factor : int
-        Pixels on a side of the squares whose means are taken.
+        Side of the squares whose means are taken, px.
     allowed : (height, width) bool, optional
-        What is not is as if it were transparent.
+        Other pixels are treated as transparent.
 
     Raises
     ------
     BrokenValues
-        NaN or Inf: all are counted.
+        NaN or Inf; all are counted.
     """
     part = image.first
     width, height = part.window.width, part.window.height

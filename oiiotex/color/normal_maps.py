@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Maps of normals that are about to be taken for colors, because their file does not say what it holds."""
+"""Warning about untagged normal maps that are about to be used as color."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from ..io.description import is_ours, is_tagged
 
 log = logging.getLogger("oiiotex")
 
-_ASSUMED = "srgb_rec709_scene"  # by OpenImageIO's readers where a file says nothing
+_ASSUMED = "srgb_rec709_scene"  # OpenImageIO's readers assume it for untagged files
 _FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff", ".exr": "openexr"}
 _WORDS = {"normal", "normals", "normalmap", "nor", "nrm", "nml"}
-_PIXELS = 1 << 16  # that are looked at: a map of normals looks like one everywhere
-_FEWEST = 64  # black ones, as around UV islands, say nothing
-_LENGTH = 0.1  # by how far one may be off 1, of most
+_PIXELS = 1 << 16  # sample size: a normal map looks like one everywhere
+_FEWEST = 64  # nonblack pixels; black ones, as around UV islands, do not count
+_LENGTH = 0.1  # largest deviation of a normal's length from 1
 
 
 def warn_of_normals(image: Image) -> bool:
-    """Warn of a file without a color space of its own that looks like normals or is named so; True where it did.
+    """Warn of an untagged file that looks like a normal map or is named like one; True if it did.
 
-    Of one that says sRGB, where it looks like them and is named so: OpenImageIO's tools say it of every PNG they write.
+    A file tagged sRGB must both look like one and be named like one: OpenImageIO's tools tag every PNG as sRGB.
     """
     part = image.first
     if part.stored is None or not part.ready or is_ours(part.spec) or not os.path.isfile(image.source):
@@ -39,22 +39,22 @@ def warn_of_normals(image: Image) -> bool:
     if not (named and alike if tagged else named or alike):
         return False
     log.warning(
-        "%s %s a normal map, says %s and is taken for sRGB colors: data=1 takes it as data, --iscolorspace sRGB behind"
-        " it says that they are colors", image.source, "looks like" if alike else "is named like",
-        "sRGB" if tagged else "no color space",
+        "%s %s a normal map, but %s and is used as sRGB color: add data=1 to use it as data, or --iscolorspace sRGB"
+        " after it to confirm", image.source, "looks like" if alike else "is named like",
+        "is tagged sRGB" if tagged else "has no color space tag",
     )  # fmt: skip
     return True
 
 
 def named_as_normals(path: str) -> bool:
-    """Whether a file's name has one of the words normal, nor, nrm ..., or n behind another."""
+    """Whether a file name contains one of the words normal, nor, nrm and so on, or n after another word."""
     stem = os.path.splitext(os.path.basename(path))[0]
     words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+[0-9]*|[A-Z]+[0-9]*", stem)]
     return "n" in words[1:] or any(word.rstrip("0123456789") in _WORDS for word in words)
 
 
 def looks_like_normals(part: Part) -> bool:
-    """Whether colors, decoded from 0 .. 1, are vectors of length 1 that point up, in the first rows."""
+    """Whether the colors of the first rows, decoded from 0 to 1, are vectors of length 1 that point up."""
     color, whole = channels_of(part.spec).color, part.window
     if len(color) != 3:
         return False

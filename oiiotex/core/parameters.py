@@ -136,9 +136,9 @@ class Parameter:
             return "1024x1024"
         if not {int, float} & set(kinds):
             return ""
-        least, most = (-_INTEGERS if self.ge is None else self.ge), (_INTEGERS if self.le is None else self.le)
-        twice = 2 * self.default if isinstance(self.default, (int, float)) else least
-        return f"{min(max(twice or 1, least), most):g}"
+        twice = 2 * self.default if isinstance(self.default, (int, float)) else self.ge
+        value = min(max(twice or 1, -_FLOATS if self.ge is None else self.ge), _FLOATS if self.le is None else self.le)
+        return str(int(value)) if int in kinds or value == int(value) else f"{value:g}"
 
     def described(self, help: str) -> str:
         """`help`, followed by valid values and default as sentences."""
@@ -328,8 +328,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """', did you mean ...?' if a known name is similar, ignoring case; otherwise empty."""
     import difflib  # slow to import, and only used for errors
 
-    by_lower = {each.lower(): each for each in known}
-    close = difflib.get_close_matches(name.lower(), list(by_lower), 1)
+    by_lower = {each.lower().lstrip("-"): each for each in known}
+    close = difflib.get_close_matches(name.lower().lstrip("-"), list(by_lower), 1)
     return f", did you mean '{by_lower[close[0]]}'?" if close else ""
 
 

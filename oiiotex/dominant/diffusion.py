@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The dominant texture: the largest group of texels that heat from the densest one reaches.
+"""The dominant texture: the largest group of texels reached by heat from the densest texel.
 
 LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance Manifolds, Eurographics 2009, section 5 step 6.
 """
@@ -32,47 +32,47 @@ from .patch_manifold import (
 )
 
 DOMINANT, SMALL, BRIDGE, SCATTERED = range(4)  # texel types 0, I, II, III: LDR09 section 4
-SHARE = 0.4  # of all texels that a dominant group holds
+SHARE = 0.4  # least proportion of all texels in a dominant group
 MOST_STEPS = 200  # of the diffusion
-_LEAST_CORRELATION = 0.1  # of pixels with the next; the least of the textures at hand has 0.5
-_FAR = 64  # texels that all are joined with then
-_WIDER = (4.0, 16.0)  # kernel sizes that are tried, too, before an image is rejected
+_LEAST_CORRELATION = 0.1  # of pixels with their neighbors; textures at hand have at least 0.5
+_FAR = 64  # random texels to which each texel is then linked
+_WIDER = (4.0, 16.0)  # kernel sizes tried before an image is rejected
 _BINS, _SMOOTH, _PROMINENCE = 64, 2.0, 0.03
-_DEPTH = 12.0  # decades of heat below the hottest texel that are told apart
-_LOW = 0.2  # quantile of density where it has no valley
-_BLOCK = 1024  # texels that are looked at together
+_DEPTH = 12.0  # decades of heat below the hottest texel that are distinguished
+_LOW = 0.2  # quantile of density used where it has no valley
+_BLOCK = 1024  # texels per block
 _EVEN = 0.1  # of the mean weight, added to all before a normalized cut
-_MOST_KEPT = 0.75  # of the texels that are left, the hottest
+_MOST_KEPT = 0.75  # greatest proportion of the remaining texels that is kept, the hottest
 
 
 @dataclass(frozen=True)
 class Round:
-    """One pass of step 6: what the picture of LDR09 figure 4 (d) shows."""
+    """One pass of step 6, as plotted in LDR09 figure 4 (d)."""
 
-    seed: int  # the texel that the heat comes from
-    left: int  # texels that took part
-    density: float  # its threshold
-    heat: float | None  # its threshold, as a decimal logarithm; None: no valley
-    group: int  # texels above both
-    small: bool  # they are a small group, and were taken out
+    seed: int  # texel that is the source of heat
+    left: int  # remaining texels
+    density: float  # threshold of density
+    heat: float | None  # threshold of heat, as a decimal logarithm; None: no valley
+    group: int  # texels above both thresholds
+    small: bool  # whether they are a small group, which is removed
 
 
 @dataclass(frozen=True)
 class Dominance:
-    """What was found of N texels."""
+    """Result for N texels."""
 
     texels: Texels
     types: np.ndarray  # (N,) int8: 0 to 3
     density: np.ndarray  # (N,) float64: eq. 4
-    heat: np.ndarray  # (N,) float64: decimal logarithm of eq. 3 in the last round
-    kernel: Kernel | None = None  # None: all texels are alike
+    heat: np.ndarray  # (N,) float64: decimal logarithm of eq. 3 in the last pass
+    kernel: Kernel | None = None  # None: all texels are equal
     steps: int = 0  # tau
     rounds: list[Round] = field(default_factory=list)
-    rejected: str = ""  # why there is no dominant texture; empty where there is one
+    rejected: str = ""  # reason why there is no dominant texture; empty if there is one
 
     @property
     def share(self) -> float:
-        """Of dominant texels among all."""
+        """Proportion of dominant texels."""
         return float((self.types == DOMINANT).mean()) if len(self.types) else 0.0
 
 
@@ -88,9 +88,9 @@ def dominant_texture(
     rule: str = "repaired",
     seed: int = 0,
 ) -> Dominance:
-    """LDR09 section 5 but for the mask; parameters as of --texdominant.
+    """LDR09 section 5 without the mask; parameters as for --texdominant.
 
-    `patch` is odd; `most` is how many texels there are at most where `step` is left out; `seed` chooses landmarks.
+    `patch` is odd; without `step` there are at most `most` texels; `seed` chooses landmarks.
     """
     with threadpool_limits(1, "blas"), resources.in_background(lambda: neighbor_correlation(pixels)) as correlated:
         side = patch or patch_size(pixels.lab[..., 0], resources.spread)
@@ -108,7 +108,7 @@ def dominant_texture(
                 return Dominance(texels, *alike, np.zeros(texels.count))
             correlation = correlated()
             if correlation < _LEAST_CORRELATION and rule != "paper":
-                why = f"a pixel says nothing of the next one (correlation {correlation:.2f}): it is noise"
+                why = f"neighboring pixels are not correlated ({correlation:.2f}), as in noise"
                 return Dominance(texels, *nothing, kernel, rejected=why)
             euclidean = mode == "euclidean"
             density = densities(texels, chosen, kernel.size, euclidean, resources)
@@ -123,8 +123,8 @@ def dominant_texture(
             else:
                 dominant = _classified(texels, kernel, density, weights, rule)
             if dominant.rejected and mode == "diffusion" and rule != "paper":
-                # a pattern in regular order falls into groups, one of each phase, that no near neighbor joins: once
-                # more with wider kernels, and with every texel beside a few others drawn from all
+                # A regular pattern splits into one group per phase, which no near neighbors connect: retry with wider
+                # kernels, and link each texel to a few random ones.
                 far = landmark_squares(texels, chosen[:: max(1, len(chosen) // _FAR)], resources)
                 for times in _WIDER:
                     if dominant.rejected:
@@ -139,10 +139,10 @@ def dominant_texture(
 
 
 def neighbor_correlation(pixels: LabPixels) -> float:
-    """Of Lab with that of the next pixel to the right or below, the larger of the two.
+    """Correlation of Lab with that of the next pixel to the right or below, the larger of the two; 0 without pixels.
 
-    The paper does not say how noise is told from a texture; through heat it looks like one, of which every patch is as
-    near to the next as to any other. 0 where nothing is seen.
+    The paper does not say how to tell noise from a texture. Diffusion cannot: in noise, each patch is equally near to
+    all others.
     """
     if not pixels.seen.any():
         return 0.0
@@ -158,7 +158,7 @@ def neighbor_correlation(pixels: LabPixels) -> float:
 
 
 def step_for(shape: tuple[int, int], patch: int, most: int) -> int:
-    """The smallest step of texels that leaves at most `most` of them."""
+    """The smallest spacing that gives at most `most` texels."""
     rows, columns = (max(1, s - patch + 1) for s in shape)
     step = 1
     while -(-rows // step) * -(-columns // step) > most:
@@ -167,7 +167,7 @@ def step_for(shape: tuple[int, int], patch: int, most: int) -> int:
 
 
 def heat_steps(count: int, dimension: float) -> int:
-    """tau = d N^(1/d): LDR09 section 3; held below `MOST_STEPS`, which a small d would pass by orders."""
+    """tau = d N^(1/d): LDR09 section 3; clipped to `MOST_STEPS`, which a small d would exceed by far."""
     return int(np.clip(round(dimension * count ** (1 / dimension)), 1, MOST_STEPS))
 
 
@@ -181,7 +181,7 @@ def heat_from(matrix: csr_array, seed: int, steps: int) -> np.ndarray:
 
 
 def _classified(texels: Texels, kernel: Kernel, density: np.ndarray, weights: csr_array, rule: str) -> Dominance:
-    """Step 6: groups are taken out until one is dominant."""
+    """Step 6: remove groups until one is dominant."""
     count = texels.count
     matrix = (diags_array(1 / weights.sum(1)) @ weights.astype(np.float64)).tocsr()  # Table 1: A is row-normalized
     steps = heat_steps(count, kernel.dimension)
@@ -201,19 +201,19 @@ def _classified(texels: Texels, kernel: Kernel, density: np.ndarray, weights: cs
             types[group] = DOMINANT
             return Dominance(texels, types, density, heat, kernel, steps, rounds)
         types[group] = SMALL
-        hot[seed] = True  # so that it ends
+        hot[seed] = True  # ensures that the loop ends
         left &= ~hot
-    why = f"no group of texels holds {100 * SHARE:.0f} % of the image"
+    why = f"no group of patches contains {100 * SHARE:.0f} % of the image"
     return Dominance(texels, types, density, heat, kernel, steps, rounds, why)
 
 
 def _literal(density: np.ndarray, heat: np.ndarray, count: int) -> tuple[float, float | None, bool]:
-    """Thresholds of density and heat, and whether the group is a small one: LDR09 step 6 as it is written."""
+    """Thresholds of density and heat, and whether the group is small: LDR09 step 6 as published."""
     counts, edges = _histogram(density)
     valleys, _ = _valleys(counts, 0.0)
     dense = float(edges[valleys[0] + 1]) if len(valleys) else float(np.quantile(density, _LOW))
     counts, edges = _histogram(_shown(heat))
-    # "the first valley beyond the 0.4-quantile point": counted from the hottest, as it makes sure of 40 %
+    # "the first valley beyond the 0.4-quantile point": counted from the hottest, which guarantees 40 %
     point = np.quantile(_shown(heat), 1 - SHARE)
     valleys, _ = _valleys(counts, 0.0)
     below = [v for v in valleys if edges[v + 1] <= point]
@@ -224,14 +224,14 @@ def _literal(density: np.ndarray, heat: np.ndarray, count: int) -> tuple[float, 
 
 
 def _repaired(density: np.ndarray, heat: np.ndarray, count: int) -> tuple[float, float | None, bool]:
-    """As `_literal`, but a small group can be found small, and the last word has a limit.
+    """As `_literal`, with detection of small groups and a limit on the last threshold.
 
-    The text keeps at least 40 % whatever it finds, so that a densest texel in a small group, a pipe on a wall, takes
-    the wall out with it. Here the seed's group is small where the deepest valley of heat leaves less than 40 % above
-    it, or where less than that many texels are warm at all. Where it is not, the first valley that keeps 40 % is the
-    threshold, but never more than the hottest `_MOST_KEPT` stay: texels that overlap an outlier cool down without a
-    valley, and those that are lost without need are covered again when the mask is dilated by a patch. Density is
-    looked at in decades, which outliers lack by the number, and among the hot; its valley must leave 40 %, too.
+    The paper always keeps at least 40 %, so if the densest texel is in a small group, such as a pipe on a wall, the
+    wall is removed with it. Here the seed's group is small if the deepest valley of heat leaves less than 40 % above
+    it, or if fewer texels than that are warm at all. Otherwise the first valley that keeps 40 % is the threshold, but
+    at most the hottest `_MOST_KEPT` are kept: texels that overlap an outlier cool down without a valley, and texels
+    lost unnecessarily are covered again when the mask is dilated by a patch. Density is thresholded by decades, where
+    outliers are rare, and among hot texels only; its valley must also leave 40 %.
     """
     shown = _shown(heat)
     counts, edges = _histogram(shown)
@@ -262,25 +262,25 @@ def _shown(heat: np.ndarray) -> np.ndarray:
 
 
 def _histogram(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A smoothed histogram and its edges."""
+    """A smoothed histogram and its bin edges."""
     counts, edges = np.histogram(values, _BINS)
     return gaussian_filter1d(counts.astype(np.float64), _SMOOTH), edges
 
 
 def _valleys(counts: np.ndarray, prominence: float) -> tuple[np.ndarray, np.ndarray]:
-    """Minima between two peaks, in order, and how deep they are; of a flat one the middle.
+    """Minima between two peaks, in order, and their depths; the center of a flat minimum.
 
-    As scipy.signal.find_peaks has peaks and prominences; to import it takes half a second.
+    Defined as peaks and prominences in scipy.signal.find_peaks, whose import takes half a second.
     """
     least, n = max(prominence * counts.max(), 1e-9), len(counts)
-    begins = np.flatnonzero(np.diff(counts, prepend=-np.inf) != 0)  # of stretches of one value
+    begins = np.flatnonzero(np.diff(counts, prepend=-np.inf) != 0)  # of runs of equal values
     ends, values = np.append(begins[1:], n), counts[begins]
     valleys, depths = [], []
     for k in range(1, len(begins) - 1):
         if not values[k - 1] > values[k] < values[k + 1]:
             continue
         lower = np.flatnonzero(values < values[k])
-        left, right = lower[lower < k], lower[lower > k]  # peaks beside it lie this side of what is deeper
+        left, right = lower[lower < k], lower[lower > k]  # peaks count up to the next deeper minimum on each side
         left_peak = values[left[-1] + 1 if len(left) else 0 : k].max()
         right_peak = values[k + 1 : right[0] if len(right) else None].max()
         depth = min(left_peak, right_peak) - values[k]
@@ -293,8 +293,8 @@ def _valleys(counts: np.ndarray, prominence: float) -> tuple[np.ndarray, np.ndar
 def _larger_half(texels: Texels, chosen: np.ndarray, kernel: Kernel, resources: Resources) -> np.ndarray:
     """The larger of two segments of a normalized cut as Type 0, the other as Type I (LDR09 section 7.4).
 
-    Of the landmarks, whose every pair is weighed; the other texels get the mean of the landmarks' eigenvector, by
-    their weights. A tenth of the mean weight is added to all, or one patch alone would be the smaller segment.
+    The cut is computed on all pairs of landmarks; other texels get the weighted mean of the landmarks' eigenvector. A
+    tenth of the mean weight is added to all weights, otherwise a single patch would be the smaller segment.
     """
     squares = squared_distances(texels.values[chosen], texels.values[chosen])
     weights = weights_of(squares, kernel.landmark_size, False).astype(np.float64)
@@ -303,7 +303,7 @@ def _larger_half(texels: Texels, chosen: np.ndarray, kernel: Kernel, resources: 
     vector = np.linalg.eigh(weights / np.sqrt(np.outer(total, total)))[1][:, -2] / np.sqrt(total)
     order = np.argsort(vector, kind="stable")
     weights, mass = weights[np.ix_(order, order)], total[order].cumsum()[:-1]
-    inside = np.diag(weights.cumsum(0).cumsum(1))[:-1]  # of weights, among the first n
+    inside = np.diag(weights.cumsum(0).cumsum(1))[:-1]  # total weight among the first n
     cut = (mass - inside) / mass + (mass - inside) / (total.sum() - mass)
     best = int(cut.argmin())
     split = (vector[order[best]] + vector[order[best + 1]]) / 2
@@ -318,11 +318,11 @@ def _larger_half(texels: Texels, chosen: np.ndarray, kernel: Kernel, resources: 
     return np.where(halves == (2 * halves.sum() > len(halves)), DOMINANT, SMALL).astype(np.int8)
 
 
-# --- what pixels get ---
+# --- values per pixel ---
 
 
 def spread_over(texels: Texels, values: np.ndarray, shape: tuple[int, int], outside: float) -> np.ndarray:
-    """Values (N,) of texels at their centers, else at the pixels nearest: (h, w), `outside` where no whole patch is."""
+    """Values (N,) of texels at their centers, else at the nearest pixels: (h, w); `outside` beyond all patches."""
     height, width = shape
     half, step = texels.patch // 2, texels.step
     down, across = (max(0, -(-(s - texels.patch + 1) // step)) for s in shape)
@@ -338,6 +338,6 @@ def spread_over(texels: Texels, values: np.ndarray, shape: tuple[int, int], outs
 
 
 def dominant_mask(dominant: Dominance, seen: np.ndarray) -> np.ndarray:
-    """LDR09 step 7: centers of dominant texels dilated by a patch, (h, w) bool; never where nothing is seen."""
+    """LDR09 step 7: centers of dominant texels dilated by a patch, (h, w) bool; false where `seen` is false."""
     centers = spread_over(dominant.texels, (dominant.types == DOMINANT).astype(np.uint8), seen.shape, 0)
     return (maximum_filter(centers, dominant.texels.patch, mode="constant") > 0) & seen

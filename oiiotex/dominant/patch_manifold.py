@@ -2,8 +2,8 @@
 """Texels: overlapping patches of a texture as points of a low-dimensional manifold.
 
 LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance Manifolds, Eurographics 2009, sections 4 to 6.
-Patches come from Lab on an integer grid; all products are of blocks of one fixed shape, on as many threads as there
-are, so that neither threads nor budget show.
+Patches are from Lab on an integer grid. All products are of blocks of one fixed shape, distributed over threads, so
+that results do not depend on the number of threads or the memory budget.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from scipy.sparse import csr_array
 from ..color.lab_reduced import LabPixels
 from ..session.resources import Resources
 
-ENERGY = 0.999  # of the texels that the principal components keep: LDR09 section 6.1
+ENERGY = 0.999  # proportion of variance kept by the principal components: LDR09 section 6.1
 LANDMARKS = 0.7  # N' = N^0.7: LDR09 section 6.2
 LEAST_PATCH, MOST_PATCH = 5, 25  # px
-_BLOCK = 1024  # texels whose distances are looked at together
-_ROWS = 256  # texels whose neighbors are looked for together: what is found on the way stays in the cache
-_EVERY = 16  # of a row's distances, from which the k smallest of all are estimated
-_COVARIANCE = 4096  # texels that the components are learned from
+_BLOCK = 1024  # texels per block of distances
+_ROWS = 256  # texels per search for neighbors, so that intermediate results fit the cache
+_EVERY = 16  # stride of the sample of a row's distances from which the k smallest are estimated
+_COVARIANCE = 4096  # texels from which the components are learned
 _PIECES = 8  # in which an image is blurred
-_CURVE = 96  # kernel sizes that are tried
-_STRONG = 0.7  # of the strongest response: a longer period that reaches it goes first
+_CURVE = 96  # kernel sizes to try
+_STRONG = 0.7  # of the strongest response: a longer period above this is preferred
 
 
 def patch_size(light: np.ndarray, spread: Callable[..., Iterable[np.ndarray]] = map) -> int:
-    """LDR09 step 1: the period of lightness (h, w) that answers most strongly along one of four directions, odd, px.
+    """LDR09 step 1: period of lightness (h, w) with the strongest response in one of four directions, odd, px.
 
-    Departures, because the text says no more than that: the window is Hann's; a direction is a wedge of 45 degrees; a
-    response is the power above a power law fitted to the mean of all directions, since textures have more power in low
-    frequencies anyway; of strong responses the lowest frequency goes first, the others being its harmonics.
+    Choices that the paper leaves open: a Hann window; wedges of 45 degrees as directions; as response the power above a
+    power law fitted to the mean of all directions, since textures have more power in low frequencies; and of strong
+    responses the lowest frequency, since the others are its harmonics.
     """
     height, width = light.shape
     most = min(MOST_PATCH, min(height, width) // 8)
@@ -75,7 +75,7 @@ def patch_size(light: np.ndarray, spread: Callable[..., Iterable[np.ndarray]] = 
 
 
 def _blurred(light: np.ndarray, sigma: float, spread: Callable[..., Iterable[np.ndarray]]) -> np.ndarray:
-    """`scipy.ndimage.gaussian_filter`, some columns and then some rows at a time."""
+    """`scipy.ndimage.gaussian_filter`, by blocks of columns and then of rows."""
     for axis in (0, 1):
         pieces = np.array_split(light, _PIECES, axis=1 - axis)
         done = spread(lambda piece, along=axis: gaussian_filter1d(piece, sigma, along), pieces)
@@ -88,10 +88,10 @@ class Texels:
     """N overlapping patches."""
 
     values: np.ndarray  # (N, d) float32: principal components
-    rows: np.ndarray  # (N,) int, of centers, as columns
+    rows: np.ndarray  # (N,) int, of centers; columns likewise
     columns: np.ndarray
     patch: int  # side, px
-    step: int  # distance of neighboring centers, px
+    step: int  # spacing of centers, px
 
     @property
     def count(self) -> int:
@@ -100,7 +100,7 @@ class Texels:
 
 
 def texels_of(pixels: LabPixels, patch: int, step: int, resources: Resources) -> Texels:
-    """LDR09 steps 2 and 6.1: patches around every `step`th pixel, where all of a patch is seen, reduced by PCA."""
+    """LDR09 steps 2 and 6.1: patches around each `step`th pixel that are valid throughout, reduced by PCA."""
     height, width = pixels.seen.shape
     half = patch // 2
     whole = np.lib.stride_tricks.sliding_window_view(pixels.seen, (patch, patch))[::step, ::step].all((2, 3))
@@ -136,7 +136,7 @@ def squared_distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Kernel:
-    """The kernel's size, and the manifold's dimension."""
+    """Size of the kernel, and dimension of the manifold."""
 
     size: float  # epsilon of eq. 1, Lab^2 per texel, for all texels: eq. 6
     landmark_size: float  # epsilon' for the landmarks
@@ -145,7 +145,7 @@ class Kernel:
 
 
 def landmarks(texels: Texels, seed: int) -> np.ndarray:
-    """N' = N^0.7 texels chosen by a counter-based hash, in order: LDR09 section 6.2."""
+    """N' = N^0.7 texels chosen by a counter-based hash, ascending: LDR09 section 6.2."""
     count = max(2, int(texels.count**LANDMARKS))
     if count >= texels.count:
         return np.arange(texels.count)
@@ -154,13 +154,13 @@ def landmarks(texels: Texels, seed: int) -> np.ndarray:
 
 
 def kernel_of(texels: Texels, chosen: np.ndarray) -> Kernel | None:
-    """LDR09 step 4: epsilon where log sum w over log epsilon is steepest, which is its linear part; None: all alike.
+    """LDR09 step 4: epsilon in the linear part, where log sum w over log epsilon is steepest; None if all are equal.
 
-    The sum over pairs is one over classes of distances, a hundredth of an octave wide.
+    The sum over pairs is computed from a histogram of distances with bins of a hundredth of an octave.
     """
     squares = squared_distances(texels.values[chosen], texels.values[chosen]).astype(np.float64)
     np.fill_diagonal(squares, 0)
-    apart = squares[squares > 1e-4 * texels.patch**2]  # closer ones are equal on the grid of Lab
+    apart = squares[squares > 1e-4 * texels.patch**2]  # smaller ones are equal on the grid of Lab
     if not len(apart):
         return None
     cell = np.floor(100 * np.log2(apart)).astype(np.int64)
@@ -175,20 +175,20 @@ def kernel_of(texels: Texels, chosen: np.ndarray) -> Kernel | None:
     slope = np.gradient(curve[:, 1], curve[:, 0])
     best = int(slope.argmax())
     dimension = max(2 * float(slope[best]), 0.5)  # eq. 2
-    # eq. 6; by eq. 2 the exponent should be 2 / d, which made no difference that could be measured
+    # eq. 6; by eq. 2 the exponent should be 2 / d, which made no measurable difference
     size = float(sizes[best]) * (len(chosen) / texels.count) ** (1 / dimension)
     return Kernel(size, float(sizes[best]), dimension, curve)
 
 
 def weights_of(squares: np.ndarray, size: float, euclidean: bool) -> np.ndarray:
-    """LDR09 eq. 1; eq. 7 where `euclidean`: 1 / distance, which is kept finite below a step of Lab."""
+    """LDR09 eq. 1; if `euclidean` eq. 7: 1 / distance, clipped below a step of Lab."""
     if euclidean:
         return 1 / np.sqrt(np.maximum(squares, np.float32(1 / 64)))
     return np.exp(squares * np.float32(-0.5 / size))
 
 
 def densities(texels: Texels, chosen: np.ndarray, size: float, euclidean: bool, resources: Resources) -> np.ndarray:
-    """LDR09 eq. 4 by the landmarks `chosen` (section 6.2), (N,) float64; euclidean: eq. 7 instead of eq. 1."""
+    """LDR09 eq. 4 by the landmarks `chosen` (section 6.2), (N,) float64; `euclidean`: eq. 7 instead of eq. 1."""
     marks = texels.values[chosen]
 
     def density(first: int) -> np.ndarray:
@@ -199,16 +199,16 @@ def densities(texels: Texels, chosen: np.ndarray, size: float, euclidean: bool, 
 
 
 def neighbor_count(count: int) -> int:
-    """k = log^2 N: LDR09 section 6.3; the natural logarithm."""
+    """k = log^2 N: LDR09 section 6.3, with the natural logarithm."""
     return min(count, max(8, int(math.log(max(count, 2)) ** 2)))
 
 
 def neighbor_squares(texels: Texels, resources: Resources) -> csr_array:
-    """Squared distances to the k nearest, itself among them (LDR09 section 6.3), rows of k entries each.
+    """Squared distances to the k nearest, including itself (LDR09 section 6.3), rows of k entries each.
 
-    The paper's neighbors are approximate; these are exact. Distances are one product of blocks, in which the squares
-    are two further dimensions. Of every `_EVERY`th of a row, one is found that k of all should not exceed; only those
-    that do not are sorted, unless they are fewer than k.
+    Exact, unlike the paper's. Distances are matrix products of blocks, with the squared norms as two additional
+    dimensions. A sample of each row, every `_EVERY`th entry, gives an upper bound of the k smallest. Only entries below
+    it are sorted, unless they are fewer than k.
     """
     count = texels.count
     k = neighbor_count(count)
@@ -239,7 +239,7 @@ def neighbor_squares(texels: Texels, resources: Resources) -> csr_array:
 
 
 def landmark_squares(texels: Texels, chosen: np.ndarray, resources: Resources) -> csr_array:
-    """Squared distances of all texels to some, as `neighbor_squares` has them to near ones."""
+    """Squared distances of all texels to landmarks, in the format of `neighbor_squares`."""
 
     def away(first: int) -> np.ndarray:
         return squared_distances(texels.values[first : first + _BLOCK], texels.values[chosen])
@@ -251,17 +251,17 @@ def landmark_squares(texels: Texels, chosen: np.ndarray, resources: Resources) -
 
 
 def neighbor_weights(squares: csr_array, size: float, euclidean: bool) -> csr_array:
-    """The symmetric sparse kernel: a weight where either of two is a near neighbor of the other."""
+    """The symmetric sparse kernel: a weight if either of two texels is a near neighbor of the other."""
     weights = weights_of(squares.data, size, euclidean)
     directed = csr_array((weights, squares.indices, squares.indptr), shape=squares.shape)
     return directed.maximum(directed.T).tocsr()
 
 
 def memory_needed(pixels: int, texels: int, patch: int, threads: int) -> int:
-    """Bytes that the search for a dominant texture holds at its height.
+    """Peak memory of the search for a dominant texture, in bytes.
 
-    Components may be as many as a patch has values: of grass nearly all are kept, and they are there three times while
-    neighbors are looked for.
+    There may be as many components as values in a patch, as for grass, and they are held three times during the search
+    for neighbors.
     """
     k, values = neighbor_count(texels), 3 * patch * patch
     marks = texels**LANDMARKS

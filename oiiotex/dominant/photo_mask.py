@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The dominant texture of a photo of any size: looked at reduced, said in the photo's own windows."""
+"""The dominant texture of a photo of any size: analyzed at reduced resolution, output in the photo's windows."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from .patch_manifold import MOST_PATCH, memory_needed
 log = logging.getLogger("oiiotex")
 
 WORKING_PIXELS = 1 << 20
-TEXELS = 12000  # at most, unless step says otherwise: the paper's images have up to 11,000 at a step of 1
+TEXELS = 12000  # maximum without `step`: the paper's images have up to 11,000 at a step of 1
 
 
 @dataclass(frozen=True, eq=False)
 class PhotoMask:
-    """Where a photo shows its dominant texture."""
+    """Mask of the dominant texture of a photo."""
 
     photo: Part
     pixels: LabPixels  # of the photo, reduced
@@ -38,7 +38,7 @@ class PhotoMask:
 
     @property
     def part(self) -> Part:
-        """Part 'dominant': 1 where the dominant texture is, else 0; attributes say how it was found."""
+        """Part 'dominant': 1 in the dominant texture, else 0; attributes record the analysis."""
         texture, kernel = self.texture, self.texture.kernel
         facts = {"patch": texture.texels.patch, "share": texture.share}
         if kernel is not None:
@@ -47,7 +47,7 @@ class PhotoMask:
 
     @property
     def types(self) -> Part:
-        """Part 'types': 1 to 4 for patches of type 0 to III around a pixel, 0 where none."""
+        """Part 'types': 1 to 4 for a patch of type 0 to III around each pixel, else 0."""
         return self._spread("types", ("Y",), self.texture.types.astype(np.uint32) + 1)
 
     @property
@@ -69,7 +69,7 @@ class PhotoMask:
         return self.pixels.part(name, spec, values)
 
     def facts(self) -> dict[str, Any]:
-        """What there is to say, for JSON: LDR09 figures 3 and 4 as numbers."""
+        """Facts for JSON: LDR09 figures 3 and 4 as numbers."""
         texture, kernel = self.texture, self.texture.kernel
         return {
             "patch": texture.texels.patch,
@@ -107,24 +107,27 @@ def photo_mask(
     rule: str = "repaired",
     strict: bool = False,
 ) -> PhotoMask:
-    """Where a photo shows its dominant texture, for op `flag`, as --texdominant says; `allowed` gives what of it is
-    looked at, (height, width) bool or None."""
+    """Mask of the dominant texture, for op `flag`; parameters as for --texdominant.
+
+    `allowed` gives the pixels to analyze, (height, width) bool or None.
+    """
     width, height = photo.first.window.width, photo.first.window.height
     factor = reduction(width, height, WORKING_PIXELS)
     shape = -(-height // factor), -(-width // factor)
     side = None if patch is None else patch - 1 + patch % 2
     if side is not None and side > min(shape):
-        raise ImageError(f"patch={side}: {photo.source} has only {width}x{height} px")
+        problem = f"exceeds {photo.source}, {width}x{height}"
+        raise ImageError(problem, parameter="patch", value=side)
     apart = step or step_for(shape, side or 5, TEXELS)
     texels = -(-shape[0] // apart) * -(-shape[1] // apart)
     threads = resources.thread_count
     need = memory_needed(shape[0] * shape[1], texels, side or MOST_PATCH, threads) + width * height // 8
-    resources.require(need, f"{flag} of {width}x{height} px", "take a larger step")
+    resources.require(need, f"{flag} of {width}x{height} px", "increase step")
     pixels = lab_pixels(photo, lens_of(photo, resources, space), resources, factor, allowed())
     progress.advance(1, 6)
 
     def colored() -> np.ndarray | None:
-        """What refines the mask, found while texels are: to import k-means takes a fifteenth of a second."""
+        """Colors that refine the mask, computed in parallel with texels: importing k-means takes 1/15 s."""
         from .refinement import pixel_colors
 
         return None if rule == "paper" else pixel_colors(pixels)
@@ -145,7 +148,7 @@ def photo_mask(
 
 
 def _mask(texture: Dominance, pixels: LabPixels, colors: np.ndarray | None) -> np.ndarray:
-    """Where the texture is, (h, w) bool; by LDR09 where no colors are given."""
+    """Mask of the texture, (h, w) bool; as in LDR09 without colors."""
     from .refinement import refined_mask
 
     return dominant_mask(texture, pixels.seen) if colors is None else refined_mask(texture, pixels, colors)

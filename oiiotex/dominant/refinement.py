@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The dominant texture's mask at the resolution of pixels, by their colors.
+"""Refinement of the mask of the dominant texture to pixels, by their colors.
 
-Not in LDR09, whose step 7 dilates the centers of dominant texels by a patch: then what is narrower than a patch (veins,
-cracks, ledges, bars) is covered from both sides, and the border of what is not runs along squares.
+Not in LDR09, whose step 7 dilates the centers of dominant texels by a patch: structures narrower than a patch (veins,
+cracks, ledges, bars) are then covered from both sides, and the border of the mask consists of squares.
 """
 
 from __future__ import annotations
@@ -14,21 +14,20 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 from ..color.lab_reduced import LabPixels
 from .diffusion import DOMINANT, Dominance, spread_over
 
-_COLORS = 16  # kinds of colors; 32 changed nothing
-_SAMPLE = 6000  # pixels that they are learned from
-_WEIGHT = 3.0  # of what a color says, beside the texels around
-_LEAST = -5.0  # log odds: to leave a pixel out takes texels and color
-_PRIOR = 0.02  # share that is never certain
-_SMOOTH = 1.0  # px: the Gaussian over log odds
-_COVERED = 1e-6  # of a patch: less is rounding
+_COLORS = 16  # clusters of colors; 32 changed nothing
+_SAMPLE = 6000  # pixels from which they are learned
+_WEIGHT = 3.0  # of the color's evidence, relative to that of surrounding texels
+_LEAST = -5.0  # log odds: both texels and color are needed to exclude a pixel
+_PRIOR = 0.02  # proportion that is never certain
+_SMOOTH = 1.0  # px: sigma of the Gaussian over log odds
+_COVERED = 1e-6  # of a patch: less is rounding error
 
 
 def refined_mask(dominant: Dominance, pixels: LabPixels, colors: np.ndarray) -> np.ndarray:
-    """Where the dominant texture is, (h, w) bool; never where nothing is seen or no whole patch lies.
+    """Mask of the dominant texture, (h, w) bool; false at invalid pixels and outside of complete patches.
 
-    Two things say whether a pixel belongs to it: which share of the texels that cover it is dominant, and how many of
-    all pixels of its color (`pixel_colors`) lie under dominant ones. Log odds of both are added, as of independent
-    evidence.
+    Evidence for a pixel is the proportion of dominant texels among those that cover it, and the proportion of pixels of
+    its color (`pixel_colors`) that lie in dominant texels. Their log odds are added, as for independent evidence.
     """
     seen, texels = pixels.seen, dominant.texels
     if not (dominant.types == DOMINANT).any():
@@ -45,7 +44,7 @@ def refined_mask(dominant: Dominance, pixels: LabPixels, colors: np.ndarray) -> 
 
 
 def pixel_colors(pixels: LabPixels) -> np.ndarray:
-    """The kind of color of every pixel, (h, w) int: k-means in Lab; 0 where nothing is seen at all."""
+    """Index of each pixel's color cluster, (h, w) int, by k-means in Lab; 0 if no pixel is valid."""
     if not pixels.seen.any():
         return np.zeros(pixels.seen.shape, np.int32)
     values = pixels.lab.reshape(-1, 3)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Smooth drift of light, color and contrast: its field, and how it is removed."""
+"""Low-frequency variation of light, color and contrast: its measurement and removal."""

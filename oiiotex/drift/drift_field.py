@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Low-frequency variation of an image: its local level and local contrast, as medians over a disc.
 
-A gradient of light or a stain changes the level of a texture over distances larger than its elements. A Gaussian
-blurs the rim of a stain and leaves it; a median follows the rim and ignores elements smaller than half the disc. The
-level is the value of a locally fitted plane plus the median of what is left in the cells of a disc: the plane keeps
-gradients exact up to the border, where a median alone would lean inwards.
+A lighting gradient or a stain changes the level of a texture over distances larger than its elements. A Gaussian
+blurs the rim of a stain and leaves it. A median follows the rim and ignores elements smaller than half the disc. The
+level is the value of a locally fitted plane plus the median of the residuals in the cells of a disc: the plane keeps
+gradients exact up to the border, where a median alone would be biased inwards.
 """
 
 from __future__ import annotations
@@ -23,35 +23,35 @@ from ..session.progress import Progress
 from ..session.resources import Resources
 from ..stationarity.grid_statistics import MARGIN, Cells, SplineSurface, close_margins, correlated, smoothing_taps
 
-_LIMIT = 2048 * SUM_STEPS  # what lies beyond is taken as this: the squares in a cell still add up exactly in doubles
+_LIMIT = 2048 * SUM_STEPS  # values beyond are clamped: so the squares in a cell are summed exactly in doubles
 _CELLS_PER_RADIUS = 8  # the rim of a stain is followed to within one cell
-_PLANE = 2.0  # radii is the sigma that planes are fitted with
-_SPOT = 0.4  # of the radius: of the smaller disc, which sees smaller stains
-_NEAR, _FAR = 3.0, 8.0  # deviations from the texture's own variation at which a stain ends, and that it must have
-_MOST_SPOTS, _LARGEST_SPOTS = 2, 0.15  # how many, and which share of the photo they may cover
-_MOST_CELLS = 1 << 14  # in which they are looked for: of a photo up to 16 radii wide
-_AT_ONCE = 1 << 13  # values of discs that are sorted together, or as many as there are cells
-_PLANES = 28  # of all places that lie between the sums and what is made of them, at most
-_LARGEST_CELL = 512  # px; how many values can lie in a cell is bounded by it
-_NOISE = 1.0  # Lab: contrast below it is taken for noise and hardly raised
-_LEAST_IN_SPOTS = 1 / 16  # of contrast: a stain lends its color to every element
+_PLANE = 2.0  # sigma of the plane fit, in radii
+_SPOT = 0.4  # radius of the disc for smaller stains, relative to the radius
+_NEAR, _FAR = 3.0, 8.0  # in deviations of the texture's own variation: end of a stain, and minimum peak of one
+_MOST_SPOTS, _LARGEST_SPOTS = 2, 0.15  # maximum number of stains, and share of the photo they may cover
+_MOST_CELLS = 1 << 14  # of the search for stains: sufficient for a photo 16 radii wide
+_AT_ONCE = 1 << 13  # values of discs sorted at a time, or as many as there are cells
+_PLANES = 28  # maximum number of arrays of cells between the sums and the results
+_LARGEST_CELL = 512  # px; bounds the number of values in a cell
+_NOISE = 1.0  # Lab; contrast below it is treated as noise and hardly amplified
+_LEAST_IN_SPOTS = 1 / 16  # minimum gain of contrast there: a stain adds its color to every element
 MOST_GAIN = 2.0  # contrast is at most doubled and at least halved
-_RIDGE = 0.02  # of sigma^2, in the fit of a slope: nothing where there is something to fit, all where there is not
+_RIDGE = 0.02  # regularization of the slope fit, relative to sigma^2
 
 
 @dataclass(frozen=True)
 class Drift:
     """Local and global statistics of an image.
 
-    `level` (down + 4, across + 4, channels) float: local level at the cells' centers, with the margin of
-    `grid_statistics.MARGIN`; `spots` (down + 4, across + 4) float: where a stain smaller than the disc was found, 0 to
-    1: it may change contrast more than the texture does.
+    `level` (down + 4, across + 4, channels) float: local level at the cells' centers, with the margin
+    `grid_statistics.MARGIN`; `spots` (down + 4, across + 4) float: mask of stains smaller than the disc, 0 to
+    1, where contrast may change more than in the texture.
     """
 
     cells: Cells
     level: np.ndarray
-    contrast: np.ndarray  # Median over the disc of the standard deviation in a cell, once the local level is subtracted
-    overall_level: np.ndarray  # (channels,) float: medians of both over the image
+    contrast: np.ndarray  # median over the disc of the standard deviation in a cell, after subtracting the local level
+    overall_level: np.ndarray  # (channels,) float: median of the level over the image
     overall_contrast: np.ndarray
     spots: np.ndarray
 
@@ -66,18 +66,18 @@ def drift_of(
     usable: np.ndarray | None = None,
     robust: bool = True,
 ) -> Drift | None:
-    """The statistics of an image's first part at that scale, from one pass over its pixels.
+    """The statistics of an image's first part at the scale of a radius, from one pass over its pixels.
 
     Parameters
     ----------
     radius : float
-        Of the disc, px.
+        Radius of the disc, px.
     wraps : (bool, bool)
         The image is a torus along y, along x.
     usable : (height, width) bool, optional
-        Pixels that count. Default: all with alpha.
+        Pixels that count. Default: all with nonzero alpha.
     robust : bool
-        Medians; else the level is a Gaussian mean of half the radius, and contrast is 0.
+        Use medians. Otherwise the level is a Gaussian mean with half the radius as sigma, and contrast is 0.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def drift_of(
     Raises
     ------
     ImageError
-        NaN or Inf, or so many cells that they do not fit the budget.
+        NaN or Inf, or the cells do not fit the budget.
     """
     whole, count = image.first.window, lens.count
     cells = Cells.for_sigma(whole, radius, _LARGEST_CELL, _CELLS_PER_RADIUS, wraps)
@@ -95,7 +95,7 @@ def drift_of(
     layout = dict.fromkeys(("level", "contrast"), ((*places, count), np.float64)) | {"spots": (places, np.float64)}
     layout["sums"] = ((*places, 1 + 2 * count), np.float64)
     beside = 8 * _PLANES * max(math.prod(places), _AT_ONCE // 4)
-    scratch = resources.scratch(layout, f"a radius of {radius:g} px", "increase the radius", beside)
+    scratch = resources.scratch(layout, f"radius={radius:g}", "increase the radius", beside)
     sums = scratch["sums"][MARGIN:-MARGIN, MARGIN:-MARGIN]
 
     def look(values: np.ndarray, opaque: np.ndarray | None, piece: Window) -> list[np.ndarray]:
@@ -106,7 +106,7 @@ def drift_of(
         return [cell_sums(values[at][..., :count], None if opaque is None else opaque[at], cells) for at in rows]
 
     keep = functools.partial(cells.add, sums)
-    cell = 0 if wraps[0] else cells.side  # around a torus rows of cells differ by a pixel
+    cell = 0 if wraps[0] else cells.side  # around a torus the heights of rows of cells differ by up to a pixel
     scan(image.first, lens, resources, look, keep, cell=cell, larger=2, advance=progress.advance)
     if not sums[..., 0].any():
         return None
@@ -116,7 +116,7 @@ def drift_of(
 def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np.ndarray:
     """Number, sums and sums of squares of values on the integer grid, per cell of a row of cells.
 
-    Integers held in doubles, which add them exactly in any order.
+    Integers in doubles, whose sums are exact in any order.
 
     `values` (height, width, channels) float32; `opaque` (height, width) bool or None; returns (across, 1 + 2 channels)
     float64.
@@ -139,9 +139,9 @@ def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np
 
 
 def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: bool) -> Drift:
-    """From sums and into arrays of all places, the margin's too; channel by channel, so that little lies between."""
+    """Compute the statistics from sums into preallocated arrays, channel by channel to limit temporaries."""
     wraps = cells.wraps
-    torus = tuple(slice(MARGIN, -MARGIN) if around else slice(None) for around in wraps)  # has no margin of its own
+    torus = tuple(slice(MARGIN, -MARGIN) if around else slice(None) for around in wraps)  # wrapped axes without margin
     sums, level, contrast = (scratch[name][torus] for name in ("sums", "level", "contrast"))
     number, count = sums[..., 0], level.shape[-1]
     sigma = _PLANE * radius if robust else radius / 2
@@ -165,7 +165,7 @@ def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: 
 def _add_contrast(
     level: np.ndarray, contrast: np.ndarray, spots: np.ndarray, sums: np.ndarray, disc: _Disc, near: _Disc
 ) -> None:
-    """Fill `spots` and `contrast`, and let `level` follow what is in spots; arrays as of `Drift`."""
+    """Fill `spots` and `contrast`, and let `level` follow the stains in `spots`. Arrays as in `Drift`."""
     number, count = sums[..., 0], level.shape[-1]
     inside, safe = number > 0, np.maximum(number, 1.0)
     means = sums[..., 1 : 1 + count] / SUM_STEPS / safe[..., None]
@@ -174,7 +174,7 @@ def _add_contrast(
     level += spots[..., None] * rest
     for c in range(count):
         total, squares, own = sums[..., 1 + c] / SUM_STEPS, sums[..., 1 + count + c] / SUM_STEPS**2, level[..., c]
-        # the sum of squares that is left once the local level, constant in a cell, is subtracted from every value
+        # sum of squares after subtracting the local level, constant in a cell, from every value
         spread = np.sqrt(np.maximum(squares - 2.0 * own * total + own**2 * number, 0.0) / safe)
         contrast[..., c] = disc.medians(spread)
         if spots.any():
@@ -182,11 +182,11 @@ def _add_contrast(
 
 
 def _spots(rest: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Where a stain is smaller than the disc, 0 to 1: one or two compact places far from the texture's own variation.
+    """Mask of stains smaller than the disc, 0 to 1: one or two compact areas far from the texture's own variation.
 
     More of them are objects, such as windows in a wall, or the texture itself.
     """
-    typical = np.maximum(_NOISE, 1.4826 * np.median(np.abs(rest[inside]), axis=0))  # a deviation, from the median
+    typical = np.maximum(_NOISE, 1.4826 * np.median(np.abs(rest[inside]), axis=0))  # deviation
     away = np.where(inside, (np.abs(rest) / typical).max(-1), 0.0)
     if inside.size > _MOST_CELLS or not (away > _FAR).any():
         return np.zeros(inside.shape)
@@ -199,7 +199,7 @@ def _spots(rest: np.ndarray, inside: np.ndarray) -> np.ndarray:
 
 
 def _connected(marked: np.ndarray) -> np.ndarray:
-    """Numbers of connected places, 0 elsewhere, of a few thousand cells; scipy.ndimage takes longer to import."""
+    """Labels of connected components, 0 elsewhere, on a few thousand cells. scipy.ndimage is slow to import."""
     places = np.where(marked, np.arange(1, marked.size + 1).reshape(marked.shape), 0)
     while True:
         wide = np.pad(places, 1)
@@ -211,7 +211,7 @@ def _connected(marked: np.ndarray) -> np.ndarray:
 
 
 class _Disc:
-    """Medians over a disc of cells; cells without pixels, and those beyond the border, do not count."""
+    """Medians over a disc of cells. Empty cells, and those beyond the border, do not count."""
 
     def __init__(self, counts: np.ndarray, radius: list[float], wraps: tuple[bool, bool]):
         self._counts = counts
@@ -223,7 +223,7 @@ class _Disc:
         self._reach, self._wraps = reach, wraps
 
     def medians(self, values: np.ndarray) -> np.ndarray:
-        """Around every cell, (down, across) float64; 0 where nothing counts."""
+        """Median around every cell, (down, across) float64. 0 if nothing counts."""
         down, across = values.shape
         padded = np.where(self._counts, values, np.inf)
         for axis, (reach, wraps) in enumerate(zip(self._reach, self._wraps, strict=True)):
@@ -244,10 +244,10 @@ class _Disc:
 
 
 class _LocalFit:
-    """Local means: the value at a cell's center of a plane fitted to what lies around it.
+    """Local means: the value at a cell's center of a plane fitted to its surroundings.
 
-    A plain weighted mean leans inwards at the border and away from holes, and would leave a part of a gradient of
-    light there; a fitted plane does not. Inside, both are the same.
+    A weighted mean is biased inwards at the border and away from holes, and would leave a part of a lighting gradient
+    there. A fitted plane is not. Inside, both are the same.
     """
 
     def __init__(self, number: np.ndarray, taps_y: np.ndarray, taps_x: np.ndarray, wraps: tuple[bool, bool]):
@@ -263,7 +263,7 @@ class _LocalFit:
         self._inverse = 1.0 / (self._xx * self._yy - self._xy * self._xy)
 
     def means(self, total: np.ndarray) -> np.ndarray:
-        """Of values whose sums in the cells are `total`, (down, across)."""
+        """Means of values whose sums in the cells are `total`, (down, across)."""
         x, y, xx, yy, xy = self._x, self._y, self._xx, self._yy, self._xy
         mean, along_x, along_y = (self._around(total, *pair) / self._safe for pair in self._along)
         along_x, along_y = along_x - x * mean, along_y - y * mean
@@ -276,19 +276,19 @@ class _LocalFit:
 
 
 def _moments(taps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Taps, and these times the cells away and their square."""
+    """Taps, and their products with the distance in cells and with its square."""
     away = np.arange(len(taps)) - len(taps) // 2
     return taps, taps * away, taps * away**2
 
 
 @dataclass(frozen=True)
 class Correction:
-    """What removes drift from an image: value * gain + offset, per channel."""
+    """The correction that removes low-frequency variation: value * gain + offset, per channel."""
 
-    field: SplineSurface  # Four gains, then four offsets, as `Lens.values` has four values
+    field: SplineSurface  # four gains, then four offsets, for the four values of `Lens.values`
 
     def apply(self, values: np.ndarray, window: Window) -> None:
-        """Correct (height, width, 4) float32 in place; `window` says which pixels they are."""
+        """Correct (height, width, 4) float32 in place. `window`: the position of these pixels."""
         for line, y in zip(values, range(window.top, window.bottom), strict=True):
             field = self.field.row(y, window.left, window.right)
             line *= field[:, :4]
@@ -296,11 +296,11 @@ class Correction:
 
 
 def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray) -> Correction:
-    """Bring local levels to `target` and local contrast to the overall one.
+    """Correct local levels to `target` and local contrast to that of the whole image.
 
-    The gain is ((G + 1) / (g + 1)) ^ contrast for an overall contrast G and a local g in Lab units, within 1/2 and 2:
-    what has no detail must not have its noise raised. A stain may lend its color to every element, so contrast goes
-    down to 1/16 there. Pixels outside a mask are corrected by what lies around it.
+    The gain is ((G + 1) / (g + 1)) ^ contrast for an overall contrast G and a local contrast g in Lab units, between
+    1/2 and 2: noise in areas without detail must not be amplified. A stain may add its color to every element, so
+    contrast is reduced to as little as 1/16 there. Pixels outside a mask are corrected by their surroundings.
 
     `target` (channels,) float.
     """

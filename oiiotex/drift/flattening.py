@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An image without its drift, and the correction that was applied to it, as parts."""
+"""An image without its low-frequency variation, and the correction that was applied, as parts."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ log = logging.getLogger("oiiotex")
 DRIFT = Output(
     "drift",
     Kind.MEASURE,
-    "the correction: Lab x gain + offset, channels gain.L, gain.a, gain.b, offset.L, offset.a, offset.b",
+    "Correction: Lab x gain + offset. Channels: gain.L, gain.a, gain.b, offset.L, offset.a, offset.b.",
     asked_by="drift",
 )
-DRIFT_HELP = "1: the correction as part 'drift' of the result; a file name: there. Default: 0."
-DEFAULT_RADIUS = 0.2  # of the longer side: less removes the texture's own variation at 1/24 of it
+DRIFT_HELP = "Write the correction: 1 as part 'drift' of the result, a file name as a separate image."
+DEFAULT_RADIUS = 0.2  # of the longer side: a smaller one removes the texture's own variation at 1/24 of it
 _CENTER = (50.0, 0.0, 0.0)  # of Lab; data are scaled to 0 .. 100
 
 
 @dataclass(frozen=True, kw_only=True)
 class Flattening:
-    """How drift is removed.
+    """How low-frequency variation is removed.
 
     Attributes
     ----------
     radius : float or None
-        Of the disc, px. None: `DEFAULT_RADIUS` of the longer side.
+        Radius of the disc, px. None: `DEFAULT_RADIUS` of the longer side.
     amount : float
-        Share of the drift that is removed, 0 to 1.
+        Share of the variation that is removed, 0 to 1.
     contrast : float
         Share of the variation in local contrast that is removed, 0 to 1.
     centered : bool
-        The overall level becomes middle gray; else it is kept.
+        Move the overall level to middle gray. Otherwise it is kept.
     wraps : (bool, bool)
         The image is a torus along y, along x.
     """
@@ -60,16 +60,16 @@ class Flattening:
         self, flag: str, source: Image, space: Space, resources: Resources, progress: Progress,
         usable: np.ndarray | None = None,
     ) -> tuple[Part, Part]:  # fmt: skip
-        """The first part of an image without its drift, in its own color space and type, and the correction.
+        """The flattened first part of an image, in its own color space and type, and the correction.
 
         Parameters
         ----------
         flag : str
-            Of the op, for the log.
+            Name of the op, for the log.
         space : Space
-            That the op works in.
+            Working space of the op.
         usable : (height, width) bool, optional
-            Pixels that the field is measured on. Default: all with alpha.
+            Pixels that the field is measured on. Default: all with nonzero alpha.
 
         Raises
         ------
@@ -77,20 +77,20 @@ class Flattening:
             NaN or Inf, or the field does not fit the budget.
         """
         from ..stationarity.grid_statistics import MARGIN
-        from .drift_field import correction, drift_of  # help needs none of it
+        from .drift_field import correction, drift_of  # not needed for help
 
         part, change = source.first, None
         lens = lens_of(source, resources, space)
         radius = self.radius or max(1.0, DEFAULT_RADIUS * max(part.window.size))
         drift = None if self.amount == 0 else drift_of(source, lens, radius, resources, progress, self.wraps, usable)
-        if drift is None:  # nothing to see, or nothing to do: not even rounding
+        if drift is None:  # no usable pixels, or nothing to do: copy without rounding
             return part, correction_part(None, part)
         center = np.array(_CENTER if lens.space is not None else _CENTER[:1] * 3)[: lens.count]
         target = center if self.centered else drift.overall_level
         change = correction(drift, self.amount, self.contrast, target)
         away = np.abs(drift.level[MARGIN:-MARGIN, MARGIN:-MARGIN] - drift.overall_level).max((0, 1))
         shown = ", ".join(f"{v:.1f}" for v in away)
-        log.info("%s: local levels differ from the overall one by up to %s (radius %g px)", flag, shown, radius)
+        log.info("%s: local levels differ from the overall level by up to %s (radius %g px)", flag, shown, radius)
 
         def work(rows: np.ndarray, window: Window) -> np.ndarray:
             values, opaque = lens.values(rows)
@@ -101,7 +101,7 @@ class Flattening:
 
 
 def correction_part(change: Correction | None, part: Part) -> Part:
-    """A correction as an image over `part`: gains, then offsets; None: gain 1 and offset 0."""
+    """A correction as an image over `part`: gains, then offsets. None: gain 1 and offset 0."""
     names = tuple(f"{kind}.{channel}" for kind in ("gain", "offset") for channel in "Lab")
 
     def fetch(window: Window) -> np.ndarray:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines spread over machines by schedulers that studios have. See README.md."""
+"""Distributes command lines over machines with existing schedulers. See README.md."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Jobs on a Dask cluster that runs: `tcp://scheduler:8786`. What `local:4` says is done without Dask."""
+"""Jobs on a running Dask cluster, such as `tcp://scheduler:8786`. `local:4` means local processes without Dask."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ if TYPE_CHECKING:
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
-RETRIES = 2  # of a job whose worker has died
-_WAIT = "20s"  # for a scheduler to answer
+RETRIES = 2  # retries of a job whose worker has died
+_WAIT = "20s"  # timeout of the connection to the scheduler
 _LOCAL = re.compile(r"local:([1-9]\d{0,3})", re.ASCII)
 _ADDRESS = re.compile(r"(tcp|tls|ws|wss)://\S+:\d+", re.ASCII)
 
 
 def local_workers(address: str) -> int:
-    """Processes of this machine that an address asks for (`local:4`): they need no scheduler, and nothing listens.
+    """Number of local processes in an address such as `local:4`, which needs neither scheduler nor open ports.
 
     Returns
     -------
     int
-        0 where the address is that of a scheduler.
+        0 for the address of a scheduler.
 
     Raises
     ------
     ParameterError
-        It is neither.
+        The address is neither.
     """
     local = _LOCAL.fullmatch(address)
     if not local and not _ADDRESS.fullmatch(address):
@@ -47,33 +47,33 @@ def local_workers(address: str) -> int:
 
 @contextlib.contextmanager
 def cluster(address: str) -> Iterator[tuple[Client, int]]:
-    """A client of a cluster, and how many workers that has.
+    """A client of a cluster, and the number of its workers.
 
     Raises
     ------
     Error
-        Dask is not installed, nobody answers there, or there are no workers.
+        Dask is not installed, the scheduler does not answer, or it has no workers.
     """
     try:
         from distributed import Client
     except ImportError as error:
         raise Error("Dask is not installed: pip install oiiotex[farm]") from error
-    logging.getLogger("distributed").setLevel(logging.ERROR)  # whoever runs a cluster reads its own log
+    logging.getLogger("distributed").setLevel(logging.ERROR)  # the cluster has its own log
     with contextlib.ExitStack() as stack:
         try:
             client = stack.enter_context(Client(address, timeout=_WAIT))
         except (OSError, TimeoutError) as error:
-            raise Error(f"dask={address}: no scheduler answers there") from error
-        except TypeError as error:  # Dask's, of a configuration without them
+            raise Error(f"dask={address}: no answer from the scheduler; check the address, and that it runs") from error
+        except TypeError as error:  # raised by Dask if its configuration has no TLS files
             if not address.startswith("tls:"):
                 raise
             raise Error(
-                f"dask={address}: TLS requires a certificate, a key and an authority: name them in"
+                f"dask={address}: TLS requires a certificate, a key and a certificate authority; configure them in"
                 " ~/.config/dask/distributed.yaml (docs/how-to/farm.md)"
             ) from error
         workers = client.scheduler_info(n_workers=-1)["workers"]
         if not workers:
-            raise Error(f"dask={address}: the scheduler has no workers: start `dask worker {address}` on some machine")
+            raise Error(f"dask={address}: the scheduler has no workers; start one with `dask worker {address}`")
         yield client, len(workers)
 
 
@@ -83,37 +83,37 @@ def results(
     jobs: Sequence[Job],
     instead: Callable[[Job, str], Result] | None = None,
 ) -> Iterator[Result]:
-    """What `work` makes of each job, as they end; a job whose worker dies is done again elsewhere.
+    """Yield the results of `work` as jobs end. A job whose worker dies is retried on another worker.
 
     Parameters
     ----------
     client : Client
     work : callable
-        A function of a module that workers can import.
+        Function of a module that workers can import.
     jobs : sequence
     instead : callable, optional
-        (job, why): gives the result of a job that could not be done.
+        Called with (job, reason): returns a substitute result for a failed job.
 
     Raises
     ------
     Error
-        A job has lost `RETRIES` workers, or failed otherwise than by an answer, and nothing stands instead.
+        A job has lost more than `RETRIES` workers or raised an exception, and `instead` is None.
     """
     from distributed import KilledWorker, as_completed
 
     futures = {client.submit(work, job, pure=False, retries=RETRIES): job for job in jobs}
-    beside_killed: list[Job] = []
+    with_killed: list[Job] = []
     try:
         for future in as_completed(futures):
             if future.status == "finished":
                 yield future.result()
             elif instead is None:
-                raise Error(f"a worker could not do its share: {future.exception()}")
+                raise Error(f"a job failed on its worker: {future.exception()}")
             elif isinstance(future.exception(), KilledWorker):
-                beside_killed.append(futures[future])
+                with_killed.append(futures[future])
             else:
                 yield instead(futures[future], str(future.exception()))
-        for job in beside_killed:  # alone: Dask blames all that a worker had before it when it died
+        for job in with_killed:  # one at a time, because Dask fails all jobs that a dead worker had queued
             future = client.submit(work, job, pure=False)
             futures[future] = job
             why = future.exception()

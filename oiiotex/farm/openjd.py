@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines as Open Job Description templates (jobtemplate-2023-09), the standard that Deadline Cloud and others take.
+"""Writes command lines as Open Job Description templates (jobtemplate-2023-09), for Deadline Cloud and others.
 
-A template is JSON, which is YAML as well. Its words run in the folder that its parameter says, with the program that
-its other parameter says.
+A template is JSON, which is valid YAML. The parameter Folder is the working folder, Program the executable.
 """
 
 from __future__ import annotations
@@ -19,28 +18,28 @@ from ..errors import ParameterError
 
 _VERSION = "jobtemplate-2023-09"
 _PLACE = re.compile(r"((?:.*/)?[^/,]+)(?:,([1-9][0-9]{0,4}))?", re.DOTALL)
-_SHARES = 16  # when the line does not say
+_SHARES = 16  # default
 _IN_FOLDER = 'cd "$0" && exec "$@"'
-_TIMEOUT = 86_400  # s that a task may take
+_TIMEOUT = 86_400  # s; time limit of a task
 
 
 def share_template(
     name: str, words: Sequence[str], shares: int, memory: int, program: str = "oiiotex"
 ) -> dict[str, Any]:
-    """A line as so many shares of what it writes, and a step that puts them together.
+    """A template that runs a line in shares of its output, followed by a step that joins them.
 
     Parameters
     ----------
     name : str
-        Of the job.
+        Name of the job.
     words : sequence of str
         The line, without the program.
     shares : int
-        >= 1.
+        Number of shares, >= 1.
     memory : int
-        MB that a task needs.
+        Memory requirement of a task in MB.
     program : str
-        What is run on workers, where the job does not say another.
+        Default of the parameter Program.
     """
     _require_sayable(words)
     share = _step("Shares", [*words, "--share", f"{{{{Task.Param.Share}}}}/{shares}"], memory)
@@ -51,17 +50,17 @@ def share_template(
 
 
 def frame_template(name: str, words: Sequence[str], frames: Sequence[int], memory: int) -> dict[str, Any]:
-    """A line over a sequence as a task for each frame.
+    """A template that runs a line for a sequence, with one task per frame.
 
     Parameters
     ----------
     name : str
-        Of the job.
+        Name of the job.
     words : sequence of str
         The line with its wildcards, without the program and without `--frames`.
     frames : sequence of int
     memory : int
-        MB that a task needs.
+        Memory requirement of a task in MB.
     """
     _require_sayable(words)
     step = _step("Frames", [*words, "--frames", "{{Task.Param.Frame}}"], memory)
@@ -70,56 +69,56 @@ def frame_template(name: str, words: Sequence[str], frames: Sequence[int], memor
 
 
 def place_of(text: str) -> tuple[Path, int]:
-    """FILE or FILE,SHARES -> the file and how many shares.
+    """Parse FILE or FILE,SHARES into the file and the number of shares.
 
     Raises
     ------
     ParameterError
-        It is neither: what follows a comma is no number of shares.
+        The number of shares is invalid.
     """
     match = _PLACE.fullmatch(text)
     if not match:
         raise ParameterError(
-            f"--farm openjd={text}: expected openjd=FILE or openjd=FILE,SHARES, 1 to 99999, no comma in FILE"
+            f"--farm openjd={text}: expected openjd=FILE or openjd=FILE,SHARES (1 to 99999), without a comma in FILE"
         )
     return Path(match[1]), int(match[2] or _SHARES)
 
 
 def write_template(path: Path, template: dict[str, Any], words: Iterable[str]) -> None:
-    """Write a template, over an older one but over nothing else.
+    """Write a template. An existing template is replaced, other files are not.
 
     Parameters
     ----------
     path : Path
     template : dict
     words : iterable of str
-        Of the line: what it reads and writes is among them, or among their modifiers' values.
+        The line, including the names of the files that it reads and writes.
 
     Raises
     ------
     ParameterError
-        The file is one of the line's, or there is one that is no template.
+        The line uses the file, or it exists and is not a template.
     ImageError
-        It cannot be written.
+        The file cannot be written.
     """
     target = os.path.realpath(path)
     for word in words:
         values = [word, *re.split("[:=]", word)] if word.startswith("-") else [word]
         if any(os.path.realpath(value) == target for value in values if value):
             raise ParameterError(
-                f"--farm openjd={path}: the line reads or writes that file: give the template another name"
+                f"--farm openjd={path}: the line reads or writes that file; choose another name for the template"
             )
     if os.path.lexists(path) and not _is_template(path):
         raise ParameterError(
-            f"--farm openjd={path}: there is a file that is no job template of oiiotex: remove it first"
+            f"--farm openjd={path}: the file exists and is not a job template of oiiotex; remove it first"
         )
     with temporary_beside(path) as temporary:
         temporary.write_text(json.dumps(template, indent=2) + "\n")
 
 
 def _is_template(path: Path) -> bool:
-    """Whether a file is what `write_template` writes."""
-    if not path.is_file():  # reading a pipe would wait
+    """Whether a file is a template of `write_template`."""
+    if not path.is_file():  # reading a pipe would block
         return False
     try:
         found = json.loads(path.read_bytes())
@@ -130,10 +129,10 @@ def _is_template(path: Path) -> bool:
 
 
 def _require_sayable(words: Sequence[str]) -> None:
-    """Templates have no way to say two braces."""
+    """Raise ParameterError for `{{`, which templates cannot escape."""
     for word in words:
         if "{{" in word:
-            raise ParameterError(f"a job template: '{word}' has {{{{, which it cannot say")
+            raise ParameterError(f"'{word}': a job template cannot contain {{{{")
 
 
 def _step(name: str, line: Sequence[str], memory: int) -> dict[str, Any]:
@@ -160,9 +159,9 @@ def _template(name: str, steps: list[dict[str, Any]], program: str) -> dict[str,
                 "objectType": "DIRECTORY",
                 "dataFlow": "INOUT",
                 "default": ".",
-                "description": "where the line's names lie",
+                "description": "Working folder, to which file names are relative.",
             },
-            {"name": "Program", "type": "STRING", "default": program, "description": "the program on workers"},
+            {"name": "Program", "type": "STRING", "default": program, "description": "Executable on workers."},
         ],
         "steps": steps,
     }

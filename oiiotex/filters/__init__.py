@@ -16,41 +16,26 @@ from ..deferred import Shelf
 if TYPE_CHECKING:
     from ..core.op import Op
 
-HEADING = "Texture filters"
+_GROUPS = {  # the name of each filter and the class that declares it, in the order of help
+    "Texture synthesis": {
+        "stationarize": "Stationarize", "synth": "Synth", "quilt": "Quilting", "cut": "Cut",
+        "patchmatch": "PatchMatch", "composite": "Composite", "paint": "Paint", "atlas": "Atlas", "zoom": "Zoom",
+        "graph": "ExemplarGraph", "join": "Join",
+    },
+    "Texture preparation and material maps": {
+        "flatten": "Flatten", "rectify": "Rectify", "warp": "Warp", "estimateheight": "EstimateHeight",
+        "estimateao": "EstimateAO", "estimateroughness": "EstimateRoughness", "checkmaterial": "CheckMaterial",
+    },
+    "Texture analysis and labels": {
+        "label": "Label", "superpixel": "Superpixel", "decompose": "Decompose", "dominant": "Dominant",
+        "palette": "Palette", "content": "Content", "stationarity": "Stationarity", "sigmas": "Sigmas", "lab": "Lab",
+    },
+    "Texture previews": {"preview": "Preview", "variants": "Variants", "labelview": "LabelView"},
+}  # fmt: skip
 SHELVES = tuple(
-    Shelf(HEADING, f"{__name__}.tex{name}", (f"--tex{name}",), declared)
-    for name, declared in (
-        ("stationarize", "Stationarize"),
-        ("patchmatch", "PatchMatch"),
-        ("quilt", "Quilting"),
-        ("synth", "Synth"),
-        ("zoom", "Zoom"),
-        ("graph", "ExemplarGraph"),
-        ("join", "Join"),
-        ("atlas", "Atlas"),
-        ("cut", "Cut"),
-        ("composite", "Composite"),
-        ("palette", "Palette"),
-        ("paint", "Paint"),
-        ("flatten", "Flatten"),
-        ("sigmas", "Sigmas"),
-        ("stationarity", "Stationarity"),
-        ("superpixel", "Superpixel"),
-        ("label", "Label"),
-        ("decompose", "Decompose"),
-        ("dominant", "Dominant"),
-        ("labelview", "LabelView"),
-        ("content", "Content"),
-        ("lab", "Lab"),
-        ("warp", "Warp"),
-        ("rectify", "Rectify"),
-        ("estimateheight", "EstimateHeight"),
-        ("estimateao", "EstimateAO"),
-        ("estimateroughness", "EstimateRoughness"),
-        ("checkmaterial", "CheckMaterial"),
-        ("preview", "Preview"),
-        ("variants", "Variants"),
-    )
+    Shelf(heading, f"{__name__}.tex{name}", (f"--tex{name}",), declared)
+    for heading, group in _GROUPS.items()
+    for name, declared in group.items()
 )
 
 __all__ = ["FILTERS", "OURS"]

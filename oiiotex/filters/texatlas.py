@@ -11,7 +11,7 @@ from ..core.access import Whole
 from ..core.image import Part, channels_of
 from ..core.op import Kind, Output
 from ..core.parameters import Size, param
-from ..core.source_map import COPIED, ST, require_addressable
+from ..core.source_map import ST, require_addressable
 from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..exemplar.exemplar_op import MaterialOp
@@ -21,55 +21,65 @@ if TYPE_CHECKING:
     from ..atlas.mesh import Mesh
 
 _LARGEST = 65536  # px of all tiles together
-_FINEST, _COARSEST = 0.5, 2.0  # px of the atlas that a pixel of the photo is wide
-_PIXEL_BYTES, _PHOTO_BYTES, _MAP_BYTES = 120, 200, 40  # at the widest: for each pixel of atlas, photo, further map
+_FINEST, _COARSEST = 0.5, 2.0  # width of a pixel of the photo, in pixels of the atlas
+_PIXEL_BYTES, _PHOTO_BYTES, _MAP_BYTES = 120, 200, 40  # peak, per pixel of: atlas, photo, further map
 
 
 @dataclass(frozen=True, kw_only=True)
 class Atlas(MaterialOp, Whole):
-    """Make a texture for a 3-D object, that runs on over its surface where its charts end.
+    """Create a texture for a 3-D object that continues across the borders of its UV charts.
 
-    Dominant texture on objects is figure 7 of LDR09 (Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
-    Manifolds, 2009): a mask of the dominant texture (`dominant`) keeps the photo's other things off the object. The
-    pixels of the mesh's charts are synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture
-    synthesis, SIGGRAPH 2006, section 5), each beside those that are its neighbors on the surface: through shared
-    edges, turned and scaled. Directions follow the charts' u, evened out over the surface; texture has one size
-    everywhere, whatever the charts' own. All maps of a material are made together (n=3:kinds=color,data,normal), and
-    tangent-space normals turn with the texture. Gutters of 8 px show what lies beyond. A mesh without UVs gets charts
-    by xatlas: unwrapped=FILE.obj is the mesh that goes with the result. Needs `pip install oiiotex[atlas]`.
+    This is dominant texture on objects, LDR09 figure 7 (Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
+    Manifolds, 2009). A mask from `dominant` keeps other things in the photo off the object. Pixels of the charts are
+    synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture synthesis, SIGGRAPH 2006, section 5),
+    each from its neighbors on the surface, which are rotated and scaled across shared edges.
+
+    Directions follow the u axis of the charts, smoothed over the surface. The texture has the same scale everywhere,
+    regardless of the scale of each chart. All maps of a material are synthesized together
+    (n=3:kinds=color,data,normal), and tangent-space normals rotate with the texture. Gutters of 8 px continue the
+    texture beyond the border of each chart. A mesh without UVs is unwrapped by xatlas: render the result on the mesh
+    that unwrapped=FILE.obj writes. Requires `pip install oiiotex[atlas]`.
     """
 
+    example: ClassVar[str] = '>>> atlas = filters.atlas("photo.png", mesh="statue.obj", size=(1024, 1024))'
     name: ClassVar[str] = "atlas"
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("atlas", Kind.PIXELS, f"{COPIED}; of n maps n images, in their order; normals are turned"),
+        Output("atlas", Kind.PIXELS, "Atlas of pixels copied from the photo, one for each map. Normals are rotated."),
         ST,
-        Output("mesh", Kind.MESH, "the mesh with the charts that the result is for", asked_by="unwrapped"),
+        Output("mesh", Kind.MESH, "Mesh with the UV charts of the atlas.", asked_by="unwrapped"),
     )
 
     mesh: Path | None = param(
         None,
-        help="needed: OBJ, PLY, glTF, GLB, STL or OFF; its own UVs, in 0 to 1, without overlaps, else made ones",
+        example="chair.obj",
+        help="Mesh to texture (required): OBJ, PLY, glTF, GLB, STL or OFF. UVs must lie within 0 to 1 without overlaps;"
+        " a mesh without UVs is unwrapped.",
     )
     size: Size | None = param(
-        None, ge=16, le=16384, unit="px", help="of the result, with udim of a tile; the exemplar's own when left out"
+        None, ge=16, le=16384, unit="px", unset="the exemplar's size", help="Size of the result; with udim, of a tile."
     )
     udim: Size | None = param(
         None,
         ge=1,
         le=10,
-        help="columns x rows of UDIM tiles in which the mesh's UVs lie, from 1001 on; the result shows all of them,"
-        ' and -o:udim=3x2 "albedo.<UDIM>.exr" writes them apart',
+        example="3x2",
+        help="Columns x rows of the UDIM tiles of the mesh, starting at 1001. The result contains all tiles;"
+        ' -o:udim=3x2 "albedo.<UDIM>.exr" writes a file for each.',
     )
     scale: float | None = param(
-        None, ge=1e-9, help="how wide the photo is on the surface, in the mesh's units; pixel for pixel when left out"
+        None, ge=1e-9, unset="a pixel of the photo is a pixel of the atlas", example="0.5",
+        help="Width of the photo on the surface, in units of the mesh.",
+    )  # fmt: skip
+    unwrapped: Path | None = param(
+        None, example="unwrapped.obj", help="File (.obj) for the mesh with the UV charts of the result."
     )
-    unwrapped: Path | None = param(None, help="the mesh with the charts of the result goes to this file (.obj)")
     convention: str = param(
-        "opengl", choices=("opengl", "directx"), help="where green of maps of kind normal points: up (opengl) or down"
-    )
+        "opengl", choices=("opengl", "directx"), advanced=True,
+        help="Direction of the green channel of maps of kind normal. opengl: up; directx: down.",
+    )  # fmt: skip
 
     def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
-        """The atlas, and where its pixels come from; of several maps one such mapping each."""
+        """The atlas and its source coordinates; a tuple of such mappings for several maps."""
         from ..atlas.charts import Frames  # trimesh and its like are slow to import
         from ..atlas.mesh import read_mesh
         from ..atlas.normals import turned, turns
@@ -77,7 +87,7 @@ class Atlas(MaterialOp, Whole):
 
         resources, progress = session.resources, session.progress
         if self.mesh is None:
-            raise ParameterError("mesh=FILE is missing: the object that is textured")
+            raise ParameterError("requires mesh=FILE, the mesh to texture")
         if self.unwrapped is not None and self.unwrapped.suffix.lower() != ".obj":
             raise ParameterError(parameter="unwrapped", value=str(self.unwrapped), expected="a file that ends in .obj")
         maps = self.all_maps()
@@ -85,11 +95,13 @@ class Atlas(MaterialOp, Whole):
         tile, tiles = self.size or Size(photo.width, photo.height), self.udim or Size(1, 1)
         size = Size(tile.width * tiles.width, tile.height * tiles.height)
         if max(size) > _LARGEST:
-            raise ParameterError(f"udim={tiles}: an atlas of {size} is wider or higher than {_LARGEST} px")
+            raise ParameterError(
+                f"an atlas of {size} exceeds {_LARGEST} px", parameter="udim", value=tiles, hint="reduce size or udim"
+            )
         require_addressable((photo.height, photo.width))
         need = size.width * size.height * _PIXEL_BYTES
         need += photo.width * photo.height * (_PHOTO_BYTES + len(self.maps) * _MAP_BYTES)
-        resources.require(need, f"an atlas of {size}", "make size smaller")
+        resources.require(need, f"an atlas of {size}", "reduce size")
         with resources.stats.time("mesh"):
             mesh = read_mesh(self.mesh, *size, tiles)
         unit = self._unit(mesh, size, photo.width)
@@ -101,7 +113,8 @@ class Atlas(MaterialOp, Whole):
             try:
                 levels = stack(np.ascontiguousarray(seen.values), seen.usable)
             except ImageError as error:
-                raise ImageError(f"{self.exemplar.source}: {error}, without {seen.why or 'its border'}") from error
+                missing = f"expected one free of {seen.why or 'the border'}"
+                raise ImageError(f"{self.exemplar.source}: {error}: {missing}") from error
             source, face = synthesize(
                 fine, frames, size, levels, self.seed, self.mesh.name, resources.spread, progress.advance
             )
@@ -120,19 +133,19 @@ class Atlas(MaterialOp, Whole):
         return (first, *others) if others else first
 
     def _unit(self, mesh: Mesh, size: Size, photo_width: int) -> float:
-        """How wide a pixel of the photo is on the surface; says what charts do to areas."""
+        """Width of a pixel of the photo on the surface, in units of the mesh; logs the distortion of the charts."""
         solid, flat = mesh.areas()
         texel = (solid.sum() / (flat.sum() * size.width * size.height)) ** 0.5
         unit = texel if self.scale is None else self.scale / photo_width
         if not _FINEST <= unit / texel <= _COARSEST:
             raise ParameterError(
-                f"scale={self.scale:g}: a pixel of the photo is {unit / texel:.3g} pixels of {size} on this mesh;"
-                f" expected {_FINEST:g} to {_COARSEST:g}: a scale about {texel * photo_width:.3g}, another size, or a"
-                " smaller or larger photo"
-            )
+                f"makes a pixel of the photo {unit / texel:.3g} pixels of the {size} atlas wide",
+                parameter="scale", value=f"{self.scale:g}", expected=f"{_FINEST:g} to {_COARSEST:g} pixels",
+                hint=f"use a scale near {texel * photo_width:.3g}, or change the size of the atlas or of the photo",
+            )  # fmt: skip
         stretch = np.sort(flat / solid)
         low, high = stretch[[len(stretch) // 20, -1 - len(stretch) // 20]]
         charts = f"{mesh.chart.max() + 1} charts{' by xatlas' if mesh.unwrapped else ''}"
-        text = "%s on %.0f %% of the atlas; areas of triangles are stretched by a factor of up to %.3g"
+        text = "%s cover %.0f %% of the atlas; triangle areas vary by a factor of %.3g"
         self.inform(text, charts, 100 * flat.sum(), high / low)
         return float(unit)

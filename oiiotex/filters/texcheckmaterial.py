@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texcheckmaterial: what a renderer will not like about the maps of a material."""
+"""--texcheckmaterial: validation of the maps of a material."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SCHEMA = "oiiotex.materialcheck/1"
 
 
 def _lines(report: dict[str, Any]) -> Iterator[str]:
-    """Findings for people, and how many."""
+    """A line for each finding, and the totals."""
     for finding in report["findings"]:
         yield f"{finding['level']}: {finding['map']}: {finding['text']}"
     levels = [finding["level"] for finding in report["findings"]]
@@ -30,55 +30,66 @@ def _lines(report: dict[str, Any]) -> Iterator[str]:
 
 
 def _without_hash(spec: oiio.ImageSpec) -> None:
-    """Nobody has looked whether it is that of these pixels."""
+    """Remove the hash, which was not verified against these pixels."""
     spec.erase_attribute("oiio:SHA-1")
 
 
 @dataclass(frozen=True, kw_only=True)
 class CheckMaterial(ScanThenMap):
-    """Find what a renderer will not like about the maps of a material; the maps go on as they are.
+    """Check the maps of a material for problems in rendering, and pass them on unchanged.
 
-    Of all maps: sizes that differ, NaN and Inf, a color space that is wrong for what they hold. Of albedo: values that
-    no surface has, and baked light: slow drift of lightness, lightness that follows the normals (light from one side)
-    or the heights (occlusion). Of normals: vectors that are not of length 1 or point down, a mean that leans, and green
-    that points the wrong way (OpenGL up, DirectX down), by the heights where there are any, else because slopes of a
-    surface have no curl. Of heights: none at all, and 8 bits. Of other data: values outside of 0 to 1.
-    Each finding is printed on a line, and json= keeps them with all measures. An error renders wrong, a warning may;
-    with fail=errors, as it is, the run goes to its end and its exit code is 3 where there is an error.
+    All maps: different sizes, NaN and Inf, a color space that does not suit the kind of the map.
+    Albedo: values that no real surface has, and baked lighting: low-frequency variation of lightness, or lightness
+    that correlates with the normals (directional light) or with the heights (occlusion).
+    Normals: vectors that are not of unit length or point down, a tilted mean, and a green channel of the wrong sign
+    (OpenGL up, DirectX down). The sign is tested against the heights, or without heights by the curl of the slopes.
+    Heights: a constant map, and 8-bit files. Other data: values outside of 0 to 1.
+
+    Each finding is printed as a line; json= writes them to a file with all measures. An error renders incorrectly, a
+    warning may. The run always completes; with fail=errors its exit code is 3 if there is an error.
     """
 
+    example: ClassVar[str] = """\
+>>> maps = ["roughness.png"]
+>>> same = filters.checkmaterial("photo.png", maps=maps, kinds=["color", "data"], json="checks.json")
+"""
     name: ClassVar[str] = "checkmaterial"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("map", Kind.PIXELS, "the maps as they came"),
+        Output("map", Kind.PIXELS, "Maps, unchanged."),
         Output(
-            "report", Kind.TABLE, "findings, and measures of every map", asked_by="json", judged_by="fail", lines=_lines
+            "report", Kind.TABLE, "Findings, and measures of each map.", asked_by="json", judged_by="fail", lines=_lines
         ),
     )  # fmt: skip
 
-    source: Image = image(help="the map; of n maps of a material, the first")
-    maps: tuple[Image, ...] = image((), help="the other maps of the material", count="n")
-    n: int = param(1, ge=1, le=16, help="how many maps are looked at together, the last images of the stack")
+    source: Image = image(help="Map to check. Of n maps of a material, the first.")
+    maps: tuple[Image, ...] = image((), help="Other maps of the material.", count="n")
+    n: int = param(1, ge=1, le=16, help="Number of maps to check together: the last images on the stack.")
     kinds: Words | None = param(None, help=KINDS_HELP)
-    convention: str = param("opengl", choices=("opengl", "directx"), help="green of normals shall point up or down")
-    fail: str = param("errors", choices=("errors", "warnings", "none"), help="what makes the exit code 3")
-    json: Path | None = param(None, help="findings and measures go to this file")
+    convention: str = param(
+        "opengl", choices=("opengl", "directx"), help="Expected green channel of normals. opengl: up; directx: down."
+    )
+    fail: str = param(
+        "errors", choices=("errors", "warnings", "none"),
+        help="Findings that set the exit code to 3. errors: errors only; warnings: both; none: neither.",
+    )  # fmt: skip
+    json: Path | None = param(None, example="report.json", help="File for findings and measures.")
 
     def result_count(self) -> int:
-        """As many as there are maps."""
+        """The number of maps."""
         return 1 + len(self.maps)
 
     def compute(self, session: Session) -> tuple[dict[str, Any], ...]:
-        """The maps, the first with what was found of all."""
+        """The maps; the first has the report on all of them."""
         images = (self.source, *self.maps)
         if self.n != len(images):
-            raise ParameterError(f"n={self.n}: there are {len(images)} maps")
+            raise ParameterError(parameter="n", value=self.n, expected=f"{len(images)}, the number of maps")
         kinds = kinds_of(self.kinds, len(images), data=False)
         first, *others = ({"map": one.first.respecced(_without_hash)} for one in images)
         return ({**first, "report": lambda: self._report(images, kinds, session)}, *others)
 
     def _report(self, images: tuple[Image, ...], kinds: list[str], session: Session) -> dict[str, Any]:
-        from ..capture.material_checks import check_material, document  # what a line alone says needs none of it
+        from ..capture.material_checks import check_material, document  # not needed to parse the command line
 
         found = document(*check_material(images, kinds, self.convention, session.resources, session.progress))
         failing = {"errors": ("error",), "warnings": ("error", "warning"), "none": ()}[self.fail]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texcomposite: a non-stationary texture of any size from one photo, LSA16 section 7."""
+"""--texcomposite: a non-stationary texture of any size from one photo (LSA16 section 7)."""
 
 from __future__ import annotations
 
@@ -24,40 +24,52 @@ from ..session import Session
 from ..session.progress import Progress
 from ..session.resources import Resources
 
-_CELL_BYTES = 400  # bytes for every cell of the grown map and every pixel of the found one, about
+_CELL_BYTES = 400  # approximately, per cell of the grown map and per pixel of the original
 _PIXEL_BYTES = 24
 
 
 @dataclass(frozen=True, kw_only=True)
 class Composite(Reported, Quilted):
-    """Grow what a photo consists of to any size, and fill it with the photo's texture.
+    """Create a texture of any size that varies as the photo does.
 
-    Grows a new label map from the one that `label` has found, with its shares and neighborhoods, and quilts it
-    (`quilt` with the grown map as its guide): the automatic synthesis of non-stationary textures that LSA16
-    (Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis,
-    SIGGRAPH 2016) leaves for the future in section 7. Every pixel of the result is a copy of one pixel of the photo.
+    Grows a new label map with the proportions and neighborhoods of the map from `label`, and fills it with texture
+    from the photo (as `quilt` with the grown map as its guide). LSA16 (Lockerman, Sauvage, Allegre, Dischler, Dorsey,
+    Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016) names this automatic synthesis of
+    non-stationary textures as future work in section 7. Each pixel of the result is a copy of one pixel of the photo.
     """
 
+    example: ClassVar[str] = """\
+>>> photo = filters.label("photo.png", keep=True)
+>>> texture = filters.composite(photo, size=(1024, 512))
+"""
     name: ClassVar[str] = "composite"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("composite", Kind.PIXELS, COPIED),
         ST,
         CARRIED,
-        Output("plan", Kind.ARRAYS, "offsets and cuts", asked_by="plan"),
-        Output("grown", Kind.IDS, "the label map that was grown: a guide for `quilt` and `paint`", asked_by="grown"),
+        Output("plan", Kind.ARRAYS, "Offsets and cuts.", asked_by="plan"),
+        Output("grown", Kind.IDS, "Grown label map, a guide for `quilt` and `paint`.", asked_by="grown"),
         REPORT,
     )
 
     mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
     size: Size | None = param(
-        None, ge=8, le=1 << 22, unit="px", help="of the result; twice the exemplar's when left out"
+        None, ge=8, le=1 << 22, unit="px", unset="twice the exemplar's size", help="Size of the result."
     )
-    tries: int = param(4, ge=1, le=64, help="label maps that are grown; the nearest to the found one is taken")
-    plan: Path | None = param(None, help="the plan goes to this file (.npz): `quilt` with `render` renders it")
-    grown: bool = param(False, help="the grown label map follows as part 'grown'")
+    tries: int = param(
+        4,
+        ge=1,
+        le=64,
+        advanced=True,
+        help="Number of label maps to grow. The one closest to the original is used.",
+    )
+    plan: Path | None = param(
+        None, example="plan.npz", help="File (.npz) for the plan, which `quilt` with `render` renders."
+    )
+    grown: bool = param(False, help="Append the grown label map as part 'grown'.")
 
     def compute(self, session: Session) -> dict[str, Any]:
-        """The composite, and what else can be asked for."""
+        """The composite, and what other outputs are requested."""
         resources, progress = session.resources, session.progress
         spec = self.exemplar.first.spec
         size = self.size or Size(2 * spec.width, 2 * spec.height)
@@ -72,7 +84,7 @@ class Composite(Reported, Quilted):
         return {**results, "grown": lambda: _enlarged(grown, results["composite"])}
 
     def _grown(self, labels: LabelMap, size: Size, resources: Resources, progress: Progress) -> Part:
-        """The grown map as a part of ids."""
+        """The grown map as an image part of ids."""
         spec = labels.part.spec
         side = cell_side(labels.scale, spec.width, spec.height)
         cells = -(-size.width // side) * -(-size.height // side)
@@ -84,7 +96,7 @@ class Composite(Reported, Quilted):
                 resources.budget, progress.advance, self.tries,
             )  # fmt: skip
         height, width = growth.ids.shape
-        text = "%s grown to %d x %d cells of %d px; shares are off by %.1f %%, neighborhoods by %.1f %%"
+        text = "%s grown to %d x %d cells of %d px; errors: proportions %.1f %%, neighborhoods %.1f %%"
         self.inform(text, labels.part.name, width, height, side, 100 * growth.shares, 100 * growth.neighbors)
         spec = oiio.ImageSpec(width, height, 1, oiio.UINT32)
         spec.channelnames = ("id",)
@@ -92,7 +104,7 @@ class Composite(Reported, Quilted):
 
 
 def _enlarged(cells: Part, like: Part) -> Part:
-    """A map of cells in the windows of an image: parts of one file have one display window."""
+    """A map of cells, enlarged to the windows of an image: parts of one file share a display window."""
     ids, whole = cells.pixels(), like.window
 
     def fetch(window: Window) -> np.ndarray:

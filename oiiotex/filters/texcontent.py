@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texcontent: where in an image there is something of the same content, and which contents there are."""
+"""--texcontent: where an image has the same content, and a table of all contents."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ log = logging.getLogger("oiiotex")
 
 
 def _lines(facts: dict[str, Any]) -> Iterator[str]:
-    """The facts for people: what the patch consists of, and how many are like it."""
+    """The label histogram of the patch, and the number of patches with the same key."""
     for name, counts in facts["histograms"].items():
         ordered = sorted(counts.items(), key=lambda i: (-i[1], int(i[0])))
         shares = ", ".join(f"{c}: {n / facts['patch'] ** 2:.1%}" for c, n in ordered)
@@ -41,34 +41,49 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Content(ScanThenMap):
-    """Show where an image has the same content as at a place, or draw the table of all contents.
+    """Show where an image has the same content as a given patch, or draw a table of all contents.
 
-    The content of a square patch is its key: the two most frequent labels in it at a level (LSA16: Lockerman, Sauvage,
+    The content of a square patch is its key: its two most frequent labels at a level (LSA16: Lockerman, Sauvage,
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
-    section 6.1). The centers of all patches with the key of the patch around `at` are marked red on the photo, and
-    that patch is outlined (figure 10). The histograms of that patch at every level are printed (figure 9); json keeps
-    them. With `table` every key is shown by a patch that has it, first label down, second across (figure 11).
-    The result is an 8-bit sRGB image for screens: do not measure it.
+    section 6.1). The patch at `at` is outlined on the photo, and the centers of all patches with the same key are
+    marked red (figure 10). The label histograms of the patch at each level are printed (figure 9); json= writes them
+    to a file. With `table`, each key is illustrated by a patch: rows by the first label, columns by the second
+    (figure 11). The result is an 8-bit sRGB image for display, not for measurement.
     """
 
+    example: ClassVar[str] = """\
+>>> labeled = filters.label("photo.png", keep=True)
+>>> same = filters.content(labeled, at=(20, 30))
+"""
     name: ClassVar[str] = "content"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("view", Kind.PICTURE, "the photo with what is alike, or the table of keys"),
-        Output("facts", Kind.TABLE, "key, histograms of every level, sizes of all keys", asked_by="json", lines=_lines),
+        Output("view", Kind.PICTURE, "Photo with similar patches marked, or the table of keys."),
+        Output(
+            "facts", Kind.TABLE, "Key, histograms at each level, number of patches of each key.",
+            asked_by="json", lines=_lines,
+        ),
+    )  # fmt: skip
+
+    source: Image = image(help="Image with label parts, from `label` with `keep`.")
+    labels: Image | None = image(None, help=LABELS)
+    at: Numbers | None = param(
+        None, unit="px", unset="the center of the image", example="512,384",
+        help="Center of the patch: x,y in the data window.",
+    )  # fmt: skip
+    level: int | None = param(None, ge=1, unset="the coarsest", help="Level of the label map: N of label.N.")
+    patch: int | None = param(
+        None, ge=4, le=256, unit="px", unset="the power of two nearest to the level's scale, from 16 to 256",
+        help="Side of a patch.",
+    )  # fmt: skip
+    table: bool = param(False, help="Draw the table of keys instead.")
+    json: Path | None = param(
+        None, example="content.json", help="File for the key, histograms and the number of patches of each key."
     )
 
-    source: Image = image(help="an image with label parts, as `label` with `keep` makes it")
-    labels: Image | None = image(None, help=LABELS)
-    at: Numbers | None = param(None, unit="px", help="x,y in the data window: the patch's middle; that of the image's")
-    level: int | None = param(None, ge=1, help="which label map; the coarsest when left out")
-    patch: int | None = param(None, ge=4, le=256, unit="px", help="side; the level's scale as a power of two")
-    table: bool = param(False, help="draw the table of keys instead")
-    json: Path | None = param(None, help="key, histograms of every level and the sizes of all keys go to this file")
-
     def compute(self, session: Session) -> dict[str, Any]:
-        """The picture, and what it shows as facts."""
-        from ..charts.content_chart import drawing_bytes, key_table, marked  # what a line alone says needs none of it
+        """The picture, and its data."""
+        from ..charts.content_chart import drawing_bytes, key_table, marked  # not needed to parse the command line
 
         first = self.source.first
         labels = label_map(self.source, self.labels, self.level)
@@ -76,7 +91,10 @@ class Content(ScanThenMap):
         side = self.patch or patch_side(labels.scale or min(width, height) / 8)
         side = side if self.patch else min(side, 1 << (min(width, height).bit_length() - 1))
         if side > min(width, height):
-            raise ImageError(f"patch={side} is larger than {self.source.source}, {width}x{height}")
+            raise ImageError(
+                f"exceeds {self.source.source}, {width}x{height}", parameter="patch", value=self.patch,
+                hint="reduce patch",
+            )  # fmt: skip
         needed = scan_bytes(width, height, side, session.resources) + drawing_bytes(width)
         session.resources.require(needed, f"the content of rows of {width} px in patches of {side} px")
         left, top = self._place(first, side)
@@ -90,7 +108,7 @@ class Content(ScanThenMap):
         return {"view": drawn, "facts": lambda: _facts(contents, labels.level, left, top, histograms)}
 
     def _place(self, part: Part, side: int) -> tuple[int, int]:
-        """Left and top of the patch, in the data window."""
+        """Left and top of the patch, relative to the data window."""
         width, height = part.spec.width, part.spec.height
         if self.at is None:
             return (width - side) // 2, (height - side) // 2
@@ -99,18 +117,18 @@ class Content(ScanThenMap):
         x, y = (int(np.floor(n)) for n in self.at)
         x, y = x - part.spec.x, y - part.spec.y
         if not (0 <= x < width and 0 <= y < height):
-            raise ParameterError(f"at={self.at}: outside the data window {part.window}")
+            raise ParameterError(parameter="at", value=self.at, expected=f"a point in the data window {part.window}")
         return min(max(x - side // 2, 0), width - side), min(max(y - side // 2, 0), height - side)
 
 
 def _histogram(labels: Part, left: int, top: int, side: int) -> dict[int, int]:
-    """Of the labels in a window."""
+    """Histogram of the labels in a window."""
     whole = labels.window
     return histogram(labels.read(Window.sized(whole.left + left, whole.top + top, side, side))[..., 0], 0, 0, side)
 
 
 def _shown(photo: Part, labels: Part, resources: Resources, window: Window) -> np.ndarray:
-    """A window (in the data window) as sRGB, or its labels in colors where there is no photo; (h, w, 3) float32."""
+    """A window (in the data window) as sRGB, or its labels in colors without a photo; (h, w, 3) float32."""
     if not (photo.exact or dtype_of(photo.spec) == np.uint32):
         return shown_pixels(photo.read(window.shifted(photo.spec.x, photo.spec.y)), photo, resources).astype(np.float32)
     around = Window(max(0, window.left - 1), max(0, window.top - 1), window.right, window.bottom)  # for borders

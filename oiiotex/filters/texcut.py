@@ -19,32 +19,41 @@ from ..regularity.lattice import bytes_needed as lattice_bytes
 from ..session import Session
 from ..session.resources import Resources
 
-_MASK_BYTES, _LAB_BYTES, _SEEN_BYTES = 3, 12, 28  # of a pixel of the photo: _SEEN_BYTES where it lies in memory
+_MASK_BYTES, _LAB_BYTES, _SEEN_BYTES = 3, 12, 28  # per pixel of the photo; _SEEN_BYTES where it is in memory
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cut(Reported, ExemplarOp, Structured, InBands):
-    """Lay a texture from large pieces of a photo, cut where it is seen least.
+    """Synthesize a texture from large patches of a photo, joined along minimum-error seams (graph cuts).
 
-    Graph-cut textures (KSE03: Kwatra, Schoedl, Essa, Turk, Bobick, Graphcut Textures, SIGGRAPH 2003): patches that fit
-    are laid one after another, and each is cut against all that is there along the cheapest line of any shape; where
-    an old seam is expensive, a new patch covers it. Of a photo with labels it takes one alone (LSA16: Lockerman,
-    Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
-    2016, section 5.2): label=3, or a mask. Every pixel of the result is a copy of one pixel of the photo.
+    Graph-cut textures (KSE03: Kwatra, Schoedl, Essa, Turk, Bobick, Graphcut Textures, SIGGRAPH 2003): matching patches
+    are placed one after another, and each is cut against the existing texture along the cheapest seam of any shape.
+    A visible seam is covered by a further patch. With label=3, or a mask, only that label of the photo is used (LSA16:
+    Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis,
+    SIGGRAPH 2016, section 5.2). Each pixel of the result is a copy of one pixel of the photo.
     """
 
+    example: ClassVar[str] = """\
+>>> photo = filters.label("photo.png", keep=True)
+>>> tile = filters.cut(photo, label=1)
+"""
     name: ClassVar[str] = "cut"
     outputs: ClassVar[tuple[Output, ...]] = (Output("cut", Kind.PIXELS, COPIED), ST, REPORT)
 
-    size: Size | None = param(None, ge=5, le=16384, unit="px", help="of the result; the exemplar's own when left out")
-    tile: str = param("xy", choices=("xy", "x", "y", "none"), help="along which axes the result tiles")
+    size: Size | None = param(None, ge=5, le=16384, unit="px", unset="the exemplar's size", help="Size of the result.")
+    tile: str = param("xy", choices=("xy", "x", "y", "none"), help="Axes along which the result tiles.")
     patch: int | None = param(
-        None, ge=5, le=512, unit="px", help="side of a patch; shorter side of the exemplar / 5, 16 to 96, when left out"
+        None, ge=5, le=512, unit="px", unset="shorter side of the exemplar / 5, from 16 to 96", help="Side of a patch."
     )
-    passes: int = param(1, ge=0, le=100, help="of refinement: patches over the worst seams, as many as were laid")
+    passes: int = param(
+        1,
+        ge=0,
+        le=100,
+        help="Number of refinement passes. Each places as many patches again over the worst seams.",
+    )
 
     def compute(self, session: Session) -> dict[str, Any]:
-        """The texture, and where its pixels come from."""
+        """The texture and its source coordinates."""
         from ..graphcut.placement import Layout, bytes_needed, graph_cut  # scipy is not loaded before it is needed
 
         resources, progress = session.resources, session.progress
@@ -65,13 +74,13 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
             resources.require(
                 needed + spec.width * spec.height * pixel,
                 f"cutting {size} from {spec.width}x{spec.height}",
-                "make the result or the photo smaller",
+                "reduce the size of the result or of the photo",
             )
             return layout
 
         wraps = "x" in self.tile, "y" in self.tile
         fitted = self.size is None and self.structure > 0
-        layout_of(least_size(size, wraps) if fitted else size)  # known before the work
+        layout_of(least_size(size, wraps) if fitted else size)  # checks memory before the work starts
         seen = self.read(resources)
         if seen.usable is not None and not seen.usable.any():
             raise ImageError(f"no pixel of {self.exemplar.source} is free of {seen.why}")
@@ -88,5 +97,5 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         return quality.add_to_copies(source.parts("cut", photo, self.tile, by_rows=not held))
 
     def holds_photo(self, resources: Resources) -> bool:
-        """Whether the photo lies in memory, its own pixels and their values."""
+        """Whether the photo and its Lab values are held in memory."""
         return self.holds(resources, max(_LAB_BYTES, self.exemplar.first.pixel_bytes))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texdecompose: the subtextures of a texture, how many there are being found."""
+"""--texdecompose: the subtextures of a texture, whose number is found."""
 
 from __future__ import annotations
 
@@ -27,71 +27,87 @@ _HAAR_SAMPLES = 1000  # CZF02 section III C: "similar to the typical texture seg
 
 @dataclass(frozen=True, kw_only=True)
 class Decompose(OnePart, InLab, ScanThenMap):
-    """Decompose a texture into the simpler ones that it is a patchwork of.
+    """Segment a texture into the simpler textures that it consists of.
 
-    Regions compete for pixels by their textons; those that are likelier one texture than two are merged, until none
-    are, or as many are left as labels asks for; then the subtextures compete once more. The result is a label map: ids
-    from 1 on, 0 where alpha is 0. Images above a megapixel are looked at reduced by a whole factor. group=cliques
-    compares places by their texton histograms instead, each with the best match near the other, and groups them by a
-    clique partition; `paper` is that way by the letter (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised
+    Regions compete for pixels by their textons. Regions that are more likely one texture than two are merged, until
+    none are left or the number `labels` is reached; then the remaining subtextures compete once more. The result is a
+    label map with ids from 1, and 0 where alpha is 0. Images above a megapixel are analyzed at an integer fraction of
+    their resolution. group=cliques instead compares the texton histograms of places, each with the best match near
+    the other place, and groups them by clique partitioning (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised
     Texture Segmentation by Clique Partitioning).
     """
 
+    example: ClassVar[str] = """\
+>>> ids = filters.decompose("photo.png")
+>>> view = filters.labelview(ids)
+"""
     name: ClassVar[str] = "decompose"
     carries: ClassVar[bool] = True
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("photo", Kind.PIXELS, "the photo, before all others", asked_by="keep", of="source"),
-        Output("label.1", Kind.IDS, "one channel, of the image's windows: write it to EXR or TIFF"),
-        Output("cryptomatte", Kind.CRYPTOMATTE, "the labels", asked_by="cryptomatte"),
-        Output("facts", Kind.TABLE, "count, areas and settings", asked_by="json"),
+        Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="keep", of="source"),
+        Output("label.1", Kind.IDS, "Label map: one channel in the image's windows. Write it to EXR or TIFF."),
+        Output("cryptomatte", Kind.CRYPTOMATTE, "Labels as Cryptomatte.", asked_by="cryptomatte"),
+        Output("facts", Kind.TABLE, "Number and areas of subtextures, and settings.", asked_by="json"),
     )
 
-    source: Image = image(help="the image")
-    labels: int | None = param(None, ge=1, le=50, help="how many subtextures, at most; found when left out")
+    source: Image = image(help="Image to segment.")
+    labels: int | None = param(None, ge=1, le=50, unset="found", help="Maximum number of subtextures.")
     group: str | None = param(
-        None, choices=("merging", "cliques"), help="of regions, or of places that are compared; with haar: cliques"
-    )
+        None, choices=("merging", "cliques"), unset="merging; with features=haar, cliques", advanced=True,
+        help="Grouping method. merging: of regions; cliques: of places that are compared in pairs.",
+    )  # fmt: skip
     threshold: float | None = param(
-        None,
-        ge=0,
-        le=1,
-        help="probability of two regions to be one texture, or similarity of two places, above which they belong"
-        " together; more gives more subtextures",
-    )
+        None, ge=0, le=1, unset="0.32; with group=cliques, 0.76; with features=haar, 0.95",
+        help="Threshold above which two regions (by probability) or two places (by similarity) are one texture. Larger"
+        " values give more subtextures.",
+    )  # fmt: skip
     radius: float | None = param(
-        None,
-        ge=1,
-        le=512,
-        unit="px",
-        help="of the disc whose textons describe a place; a quarter of it is what a pixel minds",
-    )
+        None, ge=1, le=512, unit="px", unset="48; with features=haar, 8",
+        help="Radius of the disc whose textons describe a place. The neighborhood of a pixel is a quarter of it.",
+    )  # fmt: skip
     shift: float | None = param(
-        None, ge=0, le=512, unit="px", help="cliques: how far from a place its best match may be; 0: plain comparison"
-    )
-    features: str = param("bank", choices=("bank", "haar"), help="what textons are made of; haar: the paper's")
-    bins: int | None = param(None, ge=2, le=64, help="textons; with haar so many of color and so many of detail")
+        None, ge=0, le=512, unit="px", unset="24; with features=haar, the radius", advanced=True,
+        help="Search radius for the best match of a place, with group=cliques. 0: no search.",
+    )  # fmt: skip
+    features: str = param(
+        "bank", choices=("bank", "haar"), advanced=True,
+        help="Features of the textons. bank: filter bank; haar: color and Haar wavelets, as in the paper.",
+    )  # fmt: skip
+    bins: int | None = param(
+        None, ge=2, le=64, unset="64; with features=haar, 8", advanced=True,
+        help="Number of textons; with features=haar, of color and of detail each.",
+    )  # fmt: skip
     step: int | None = param(
-        None, ge=1, le=512, unit="px", help="cliques: between the places that are compared with all others"
-    )
-    scales: int = param(1, ge=1, le=5, help="cliques: radii of the second place, half an octave apart")
+        None, ge=1, le=512, unit="px", unset="from the size of the image", advanced=True,
+        help="Spacing of the places that are compared, with group=cliques.",
+    )  # fmt: skip
+    scales: int = param(
+        1, ge=1, le=5, advanced=True,
+        help="Number of radii at which the second place is compared, half an octave apart, with group=cliques.",
+    )  # fmt: skip
     search: str = param(
-        "grid", choices=("grid", "meanshift"), help="cliques: for the best match; meanshift: the paper's, slow"
+        "grid", choices=("grid", "meanshift"), advanced=True,
+        help="Search method for the best match, with group=cliques. meanshift: as in the paper, slow.",
+    )  # fmt: skip
+    refine: bool = param(
+        True, advanced=True, help="Refinement of the cliques by moves of single places, which the paper does not have."
     )
-    refine: bool = param(True, help="of the cliques, by moves of single places; the paper does not")
     assign: str = param(
-        "competition", choices=("competition", "neighbors"), help="of pixels to subtextures; neighbors: the paper's"
-    )
+        "competition", choices=("competition", "neighbors"), advanced=True,
+        help="Assignment of pixels to subtextures. competition: by textons; neighbors: by places, as in the paper.",
+    )  # fmt: skip
     paper: bool = param(
         False,
-        help="CZF02 by the letter: features=haar:group=cliques:scales=3:search=meanshift:refine off:assign=neighbors",
+        help="Settings of the paper (CZF02):"
+        " features=haar:group=cliques:scales=3:search=meanshift:refine=0:assign=neighbors.",
     )
-    keep: bool = param(False, help="the photo stays the first part, the labels follow it")
+    keep: bool = param(False, help="Keep the photo as the first part, before the labels.")
     cryptomatte: bool | Path = param(
-        False, help="1: a further part with Cryptomatte 1.2; a file name: its manifest goes there"
+        False, help="Append Cryptomatte 1.2 as a part. A file name: also write the manifest to that file."
     )
-    names: Path | None = param(None, help=LabelNames.HELP)
-    single: bool = param(False, help=SINGLE)
-    json: Path | None = param(None, help="count, areas and settings go to this file")
+    names: Path | None = param(None, example="labels.json", help=LabelNames.HELP)
+    single: bool = param(False, advanced=True, help=SINGLE)
+    json: Path | None = param(None, example="facts.json", help="File for the number and areas of subtextures.")
 
     PAPER: ClassVar[dict[str, Any]] = {
         "features": "haar",
@@ -103,7 +119,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
     }
 
     def compute(self, session: Session) -> dict[str, Any]:
-        """The label map, and what else can be asked for."""
+        """The label map, and what other outputs are requested."""
         resources, progress = session.resources, session.progress
         self.require_single()
         names = None if self.names is None else LabelNames(self.names)
@@ -115,14 +131,14 @@ class Decompose(OnePart, InLab, ScanThenMap):
         factor = reduction(width, height, WORKING_PIXELS)
         settings = self._settings(-(-width // factor) * -(-height // factor))
         need = memory_needed(-(-width // factor) * -(-height // factor), settings) + width * height // 8
-        resources.require(need, f"{self.flag()} of {width}x{height} px", "take a larger step")
+        resources.require(need, f"{self.flag()} of {width}x{height} px", "increase step")
         lens = lens_of(self.source, resources, self.working_space)
         pixels = lab_pixels(self.source, lens, resources, factor)
         progress.advance(1, 4)
         split = decomposed(pixels, settings, resources, progress.advance)
         self.inform("%d subtextures, from %d groups of %d", split.count, split.groups, split.samples)
         if self.labels is not None and 0 < split.count < self.labels:
-            self.warn("%d subtextures, not %d: no more hold their own", split.count, self.labels)
+            self.warn("found %d subtextures, not %d: no others are distinct", split.count, self.labels)
         labels = label_map_of(first, pixels, split)
         if names is not None:
             (labels,) = names.of([labels])
@@ -158,5 +174,5 @@ class Decompose(OnePart, InLab, ScanThenMap):
 
 
 def _step(pixels: int) -> int:
-    """Between samples: 16 px, more where there would be many, less in small images."""
+    """Spacing of samples: 16 px, more in large images, less in small ones."""
     return max(4, min(16, round(math.sqrt(pixels) / 16 / 4) * 4), math.ceil(math.sqrt(pixels / 2500)))

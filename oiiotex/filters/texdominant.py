@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texdominant: where a photo shows its main texture, and nothing else."""
+"""--texdominant: a mask of the dominant texture of a photo."""
 
 from __future__ import annotations
 
@@ -21,57 +21,74 @@ from ..session import Session
 class Dominant(InLab, ScanThenMap):
     """Find the dominant texture of a photo: a mask without objects, cracks, stains and shadows.
 
-    Overlapping patches are points in a space of colors; heat that spreads from the densest one reaches the large
-    group of patches that look alike, and hardly those that do not (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and
-    Diffusion Distance Manifolds, Eurographics 2009). The mask is 1 where dominant patches lie, else 0. A photo of
-    which no group of patches holds 40 % is rejected: a warning and an empty mask, or an error with `strict`. With
-    `keep` the photo stays the first part and the mask follows it as part 'dominant', ready to guide a synthesis.
-    Attributes say the patch's side in px (oiiotex:patch), the kernel's size (oiiotex:epsilon), the manifold's
-    dimension (oiiotex:dimension), the steps of the diffusion (oiiotex:tau) and the share of dominant patches
+    Overlapping patches are points in a space of colors. Heat diffuses from the densest point: it reaches the large
+    group of similar patches, and hardly reaches others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion
+    Distance Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of the
+    patches, the photo is rejected with a warning and an empty mask; with `strict`, with an error. With `keep` the
+    photo is the first part and the mask follows it as part 'dominant', which can guide a synthesis.
+
+    Attributes record the patch side in px (oiiotex:patch), the size of the kernel (oiiotex:epsilon), the dimension of
+    the manifold (oiiotex:dimension), the diffusion steps (oiiotex:tau) and the proportion of dominant patches
     (oiiotex:share).
     """
 
+    example: ClassVar[str] = """\
+>>> mask = filters.dominant("photo.png")
+>>> tile = filters.stationarize("photo.png", mask=mask)
+"""
     name: ClassVar[str] = "dominant"
     carries: ClassVar[bool] = True
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("photo", Kind.PIXELS, "the photo, before all others", asked_by="keep", of="source"),
-        Output("dominant", Kind.MASK, "1 where the dominant texture is; in the image's windows"),
-        Output("types", Kind.IDS, "1 to 4 for patches of type 0 to III around a pixel, 0 where none", asked_by="types"),
-        Output("score", Kind.MEASURE, "density, and the decimal logarithm of heat", asked_by="score"),
-        Output("facts", Kind.TABLE, "the kernel's curve, thresholds, rounds and shares", asked_by="json"),
-        Output("chart", Kind.PICTURE, "the kernel's curve, and density over heat", asked_by="chart"),
+        Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="keep", of="source"),
+        Output("dominant", Kind.MASK, "Mask: 1 in the dominant texture, in the image's windows."),
+        Output("types", Kind.IDS, "Type of the patch around each pixel: 1 to 4 for 0 to III.", asked_by="types"),
+        Output("score", Kind.MEASURE, "Density, and the decimal logarithm of heat.", asked_by="score"),
+        Output("facts", Kind.TABLE, "Kernel curve, thresholds, iterations and proportions.", asked_by="json"),
+        Output("chart", Kind.PICTURE, "Plots of the kernel curve, and of density against heat.", asked_by="chart"),
     )
 
-    source: Image = image(help="the photo")
-    mask: Image | None = image(None, help="where to look: what it leaves out is no part of the photo")
+    source: Image = image(help="Photo to mask.")
+    mask: Image | None = image(None, help="Region to analyze. Pixels outside of it are ignored.")
     patch: int | None = param(
-        None, ge=3, le=63, unit="px", help="side of a patch, made odd; from the Fourier transform when left out"
-    )
+        None, ge=3, le=63, unit="px", unset="from the Fourier transform", example="15",
+        help="Side of a patch. Even values are made odd.",
+    )  # fmt: skip
     step: int | None = param(
-        None, ge=1, le=256, unit="px", help="between patches; the smallest that leaves 12000 of them when left out"
-    )
-    rule: str = param("repaired", choices=("repaired", "paper"), help="thresholds, mask; paper: as its text has them")
+        None, ge=1, le=256, unit="px", unset="the smallest that gives at most 12000 patches", example="4",
+        help="Spacing of patches.",
+    )  # fmt: skip
+    rule: str = param(
+        "repaired", choices=("repaired", "paper"), advanced=True,
+        help="Thresholds and mask. repaired: the paper's with corrections; paper: as published.",
+    )  # fmt: skip
     mode: str = param(
         "diffusion",
         choices=("diffusion", "euclidean", "spectral"),
-        help="euclidean: the paper's eq. 7; spectral: the larger half of a normalized cut",
+        help="Similarity of patches. diffusion: diffusion distance; euclidean: color distance (LDR09 eq. 7); spectral:"
+        " the larger half of a normalized cut.",
     )
     paper: bool = param(
-        False, help="LDR09 by the letter: rule=paper:mode=diffusion:step=1, and noise is not looked for"
+        False, help="Settings of the paper (LDR09): rule=paper:mode=diffusion:step=1, without an estimate of noise."
     )
-    strict: bool = param(False, help="a photo without a dominant texture is an error")
-    keep: bool = param(False, help="the photo stays the first part, the mask follows it")
-    types: bool = param(False, help="a further part: 1 to 4 for patches of type 0 to III around a pixel, 0 where none")
-    score: bool = param(False, help="a further part: density, and the decimal logarithm of heat")
-    json: Path | None = param(None, help="the kernel's curve, thresholds, rounds and shares go to this file")
+    strict: bool = param(False, help="Reject a photo without a dominant texture with an error.")
+    keep: bool = param(False, help="Keep the photo as the first part, before the mask.")
+    types: bool = param(
+        False, advanced=True, help="Append part 'types': 1 to 4 for a patch of type 0 to III around each pixel, else 0."
+    )
+    score: bool = param(False, advanced=True, help="Append part 'score': density, and the decimal logarithm of heat.")
+    json: Path | None = param(
+        None, example="facts.json", help="File for the kernel curve, thresholds, iterations and proportions."
+    )
     chart: Path | None = param(
-        None, help="a picture of the kernel's curve, and of density over heat with their thresholds, goes to this file"
+        None,
+        example="chart.png",
+        help="File for plots of the kernel curve, and of density against heat.",
     )
 
     PAPER: ClassVar[dict[str, Any]] = {"rule": "paper", "mode": "diffusion", "step": 1}
 
     def compute(self, session: Session) -> dict[str, Any]:
-        """The mask, and what else can be asked for."""
+        """The mask, and what other outputs are requested."""
         from ..dominant.photo_mask import photo_mask  # scipy is not loaded before it is needed
 
         def allowed() -> np.ndarray | None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texestimateao: ambient occlusion where a material has none, from its heights."""
+"""--texestimateao: ambient occlusion from the heights of a material."""
 
 from __future__ import annotations
 
@@ -16,40 +16,44 @@ from ..core.window import Window
 from ..deferred import np
 from ..session import Session
 
-_HIGHEST = 1e12  # px, up or down: what is higher hides no more, and squares of differences are finite
-_RELIEF = 1 / 32  # of the longer side: what a height of 1 is taken for where nothing says it
+_HIGHEST = 1e12  # px, up or down: larger heights occlude no more, and squares of differences stay finite
+_RELIEF = 1 / 32  # of the longer side: height that a value of 1 stands for, unless given
 
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateAO(Gather):
-    """Work out how much of an even sky every place of a height map sees.
+    """Compute ambient occlusion from a height map.
 
-    1 is a place that nothing stands around. Of sixteen directions the steepest horizon within the radius is taken, and
-    the light between horizons in closed form (Jimenez and others 2016, eq. 10). It is right for the heights that it is
-    given, to 0.01 of what rays say; what is guessed is how high they are, where neither scale= nor the attribute
-    oiiotex:heightpx says it, and that what is farther away than the radius hides nothing.
+    1 is unoccluded, 0 is fully occluded. In each of sixteen directions the steepest horizon within the radius is
+    found, and the light between the horizons is integrated in closed form (Jimenez and others 2016, eq. 10). Results
+    agree with ray tracing of the same heights to 0.01. The scale of the heights is a guess unless `scale` or the
+    attribute oiiotex:heightpx gives it. Occlusion from farther away than the radius is ignored.
     """
 
+    example: ClassVar[str] = """\
+>>> height = filters.estimateheight("photo.png")
+>>> occlusion = filters.estimateao(height)
+"""
     name: ClassVar[str] = "estimateao"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("ao", Kind.MEASURE, "one channel, 0 (nothing reaches it) to 1 (all of the sky does)"),
+        Output("ao", Kind.MEASURE, "Ambient occlusion: one channel, 0 (fully occluded) to 1 (unoccluded)."),
     )
 
-    source: Image = image(help="heights, the first channel; larger is nearer")
-    radius: int = param(32, ge=2, le=1024, unit="px", help="how far away something may stand and hide the sky")
+    source: Image = image(help="Height map: its first channel, where larger is nearer.")
+    radius: int = param(32, ge=2, le=1024, unit="px", help="Maximum distance at which the surface occludes.")
     scale: float | None = param(
-        None, ge=1e-6, le=1e6, unit="px", help="how high 1 is; as the attribute oiiotex:heightpx says when left out,"
-        " else longer side / 32",
+        None, ge=1e-6, le=1e6, unit="px", unset="the attribute oiiotex:heightpx, else longer side / 32", example="24",
+        help="Height that a value of 1 stands for.",
     )  # fmt: skip
-    tile: str = param("none", choices=("none", "x", "y", "xy"), help="along which axes the heights tile")
+    tile: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the heights tile.")
 
     def compute(self, session: Session) -> dict[str, Part]:
-        """The map, computed window by window when it is asked for."""
-        from ..capture.occlusion import heights_around, visible_sky  # what a line alone says needs none of it
+        """The map, computed window by window on request."""
+        from ..capture.occlusion import heights_around, visible_sky  # not needed to parse the command line
 
         part = self.source.first
-        said = part.spec.get_float_attribute(HEIGHT_PX, 0.0)  # PNG has it as a text
+        said = part.spec.get_float_attribute(HEIGHT_PX, 0.0)  # PNG stores it as a string
         said = said if 1e-6 <= said <= 1e6 else 0.0
         scale = self.scale or said or max(part.spec.width, part.spec.height) * _RELIEF
         self.inform("a height of 1 is %g px", scale)

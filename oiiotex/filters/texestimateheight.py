@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texestimateheight: heights and normals where a material has none, from one photo's shading."""
+"""--texestimateheight: heights and normals from the shading of one photo."""
 
 from __future__ import annotations
 
@@ -22,51 +22,61 @@ from ..session import Session
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateHeight(Whole):
-    """Guess heights, and normals, from how one photo is shaded.
+    """Estimate heights and normals of a material from the shading of one photo.
 
-    The surface is taken for matt, of one color but for what is larger than sigma, and lit from one side (Pentland
-    1990) or by an overcast sky, under which what is deep is dark (Langer and Zucker 1994); heights are the integrable
-    surface nearest to the slopes that this says (Frankot and Chellappa 1988, by FFT). Paint is taken for relief: where
-    a scan has heights, use these. From which end of its direction light comes no photo of relief says: above is
-    assumed, left of two sides; light= says it, and turns what is raised into what is sunken where it was wrong.
-    Heights go from 0 to 1; the attribute oiiotex:heightpx says how many pixels that is.
+    The surface is assumed to be matte, of uniform color apart from structures larger than sigma, and lit from one side
+    (Pentland 1990) or by an overcast sky, where recesses are dark (Langer and Zucker 1994). Heights are the integrable
+    surface closest to the estimated slopes (Frankot and Chellappa 1988, by FFT). Paint is mistaken for relief: if a
+    scan has heights, prefer those.
+
+    A photo cannot tell from which of two opposite sides the light comes. Light from above is assumed, or from the left
+    if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side.
+    Heights are stored as 0 to 1; the attribute oiiotex:heightpx records the height in pixels that 1 stands for.
     """
 
+    example: ClassVar[str] = """\
+>>> maps = filters.estimateheight("photo.png", normal=True)
+>>> list(maps)
+['height', 'normal']
+"""
     name: ClassVar[str] = "estimateheight"
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("height", Kind.MEASURE, "one channel, 0 to 1, larger is nearer"),
-        Output("normal", Kind.MEASURE, "normals of these heights, as colors from 0 to 1", asked_by="normal"),
+        Output("height", Kind.MEASURE, "Height map: one channel, 0 to 1, larger is nearer."),
+        Output("normal", Kind.MEASURE, "Normal map of these heights, encoded as 0 to 1.", asked_by="normal"),
     )
 
-    source: Image = image(help="the photo")
-    normal: bool | Path = param(False, help="1: normals as part 'normal' of the result; a file name: there")
+    source: Image = image(help="Photo to analyze.")
+    normal: bool | Path = param(
+        False, help="Normal map. 1: append it as part 'normal'; a file name: write it to that file."
+    )
     light: float | None = param(
-        None, ge=-360, le=360, unit="degrees", help="where light comes from, counterclockwise from the right: 90 is"
-        " from above; when left out as the shading says, overcast where no direction stands out",
+        None, ge=-360, le=360, unit="degrees", unset="from the shading", example="90",
+        help="Direction of the light, counterclockwise from the right: 90 is above. Without it, light without a clear"
+        " direction is taken as overcast.",
     )  # fmt: skip
-    overcast: bool = param(False, help="light has no direction: dark is deep")
+    overcast: bool = param(False, help="Overcast light, without a direction: dark is deep.")
     elevation: float = param(
         45.0,
         ge=1,
         le=89,
         unit="degrees",
-        help="of the light above the surface: low light shades small relief as much",
+        help="Elevation of the light above the surface. Lower values give flatter relief.",
     )
     sigma: float | None = param(
-        None, ge=1, le=1e6, unit="px", help="what is larger is color or uneven light and no relief; longer side / 8"
-        " when left out",
+        None, ge=1, le=1e6, unit="px", unset="longer side / 8", example="128",
+        help="Scale above which variation is taken as color or uneven light, not relief.",
     )  # fmt: skip
-    strength: float = param(1.0, ge=0.01, le=100, help="by how much slopes of the normals are steeper")
+    strength: float = param(1.0, ge=0.01, le=100, help="Multiplier of the slopes in the normal map.")
     convention: str = param(
-        "opengl", choices=("opengl", "directx"), help="where green of the normals points: up (opengl) or down"
+        "opengl", choices=("opengl", "directx"), help="Green channel of the normals. opengl: up; directx: down."
     )
-    tile: str = param("none", choices=("none", "x", "y", "xy"), help="along which axes the photo tiles")
-    data: bool = param(False, help="the channels are no colors: the first is luminance")
+    tile: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the photo tiles.")
+    data: bool = param(False, advanced=True, help="Treat the first channel as luminance, not color.")
 
     def compute(self, session: Session) -> dict[str, Any]:
-        """Heights, and normals where they are asked for."""
-        from ..capture.shading import (  # what a line alone says needs none of it
+        """Heights, and normals if requested."""
+        from ..capture.shading import (  # not needed to parse the command line
             BYTES,
             luminance,
             normals_of,
@@ -84,7 +94,7 @@ class EstimateHeight(Whole):
         resources.require(BYTES * math.prod(padded_size((height, width), sigma, wraps)), f"heights of {width}x{height}")
         values, opaque = working_values(self.source, resources, self.working_space)
         if opaque is not None and not opaque.any():
-            raise ImageError(f"{self.source.source}: alpha is 0 everywhere: there is no shading to look at")
+            raise ImageError(f"{self.source.source}: alpha is 0 everywhere: expected opaque pixels")
         progress.advance(1, 2)
         is_data = self.data or color_space(self.source, resources.color, session.settings.autocc) is None
         seen = values[..., 0] / np.float32(100) if is_data else luminance(values[..., 0])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texestimateroughness: roughness where a material has none, from one photo's local contrast."""
+"""--texestimateroughness: roughness from the local contrast of one photo."""
 
 from __future__ import annotations
 
@@ -20,36 +20,39 @@ from ..stationarity.grid_statistics import SplineSurface
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateRoughness(ScanThenMap):
-    """Guess how rough a surface is from its photo's local contrast.
+    """Estimate the roughness of a material from the local contrast of one photo.
 
-    Where a bumpy surface is smooth it glitters: highlights lie beside dark reflections. What is looked at is the
-    contrast of the finest detail, in linear light, over a Gaussian of sigma. Roughness is `middle` where that is as in
-    the whole photo, and at most `amount` more or less. It is a weak guess (its page has figures):
-    fine paint looks smooth to it, and a photo under an overcast sky says next to nothing. Where a scan has roughness,
-    use that. It needs no more memory for a large photo than for a small one.
+    A bumpy surface glitters where it is smooth: highlights lie next to dark reflections. The contrast of the finest
+    detail is measured in linear light over a Gaussian of sigma. Roughness is `middle` where this contrast equals that
+    of the whole photo, and differs by at most `amount`. The estimate is weak (its page has figures): fine paint
+    appears smooth, and a photo under an overcast sky contains almost no information. If a scan has roughness, prefer
+    that. Memory does not grow with the photo.
     """
 
+    example: ClassVar[str] = '>>> roughness = filters.estimateroughness("photo.png", middle=0.5)'
     name: ClassVar[str] = "estimateroughness"
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("roughness", Kind.MEASURE, "one channel, 0 (a mirror) to 1 (matt)"),
+        Output("roughness", Kind.MEASURE, "Roughness map: one channel, 0 (mirror) to 1 (matte)."),
     )
 
-    source: Image = image(help="the photo")
+    source: Image = image(help="Photo to analyze.")
     sigma: float | None = param(
         None,
         ge=1,
         le=1e6,
         unit="px",
-        help="scale of the contrast; longer side / 16, 2 at least, when left out",
+        unset="longer side / 16, at least 2",
+        example="64",
+        help="Scale of the local contrast.",
     )
-    middle: float = param(0.6, ge=0, le=1, help="roughness where contrast is as everywhere")
-    amount: float = param(0.3, ge=0, le=1, help="by how much it is more or less at most")
-    data: bool = param(False, help="the channels are no colors: the first is lightness")
+    middle: float = param(0.6, ge=0, le=1, help="Roughness where the local contrast is average.")
+    amount: float = param(0.3, ge=0, le=1, help="Maximum deviation from middle.")
+    data: bool = param(False, advanced=True, help="Treat the first channel as lightness, not color.")
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The map."""
-        from ..capture.fine_detail import fine_detail  # what a line alone says needs none of it
+        from ..capture.fine_detail import fine_detail  # not needed to parse the command line
         from ..drift.drift_field import drift_of
 
         part = self.source.first
@@ -62,7 +65,7 @@ class EstimateRoughness(ScanThenMap):
         spec.attribute(ESTIMATE, f"roughness from local contrast at sigma {sigma:g} px")
         middle, amount = np.float32(self.middle), np.float32(self.amount)
         overall = np.float32(0 if drift is None else drift.overall_level[0])
-        if drift is None or overall == 0:  # nothing to be seen, or no detail anywhere
+        if drift is None or overall == 0:  # no opaque pixels, or no detail anywhere
 
             def even(window: Window) -> np.ndarray:
                 return np.full((window.height, window.width, 1), middle)

@@ -21,20 +21,17 @@ from ..session import Session
 class Flatten(ScanThenMap):
     """Remove low-frequency variation (gradients of light, stains) from an image.
 
-    Local level and local contrast of Lab, as medians over a disc, are brought to those of the whole image. Elements
-    smaller than the disc are kept; stains larger than it are removed with their rims. The result is the image times a
-    smooth gain plus a smooth offset in Lab. The gain lies between 1/2 and 2. Memory does not grow with the image.
+    Local level and local contrast in Lab, as medians over a disc, are matched to those of the whole image. Elements
+    smaller than the disc are kept; larger stains are removed with their rims. The result is the image times a smooth
+    gain, from 1/2 to 2, plus a smooth offset in Lab. Memory does not grow with the image.
     """
 
+    example: ClassVar[str] = '>>> flat = filters.flatten("photo.png", amount=0.5)'
     name: ClassVar[str] = "flatten"
     carries: ClassVar[bool] = True
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output(
-            "flat",
-            Kind.PIXELS,
-            "the image without its drift, in its own color space and type; other channels are copied",
-        ),
+        Output("flat", Kind.PIXELS, "Flattened image, in its own color space and type. Other channels are copied."),
         DRIFT,
     )
 
@@ -45,25 +42,25 @@ class Flatten(ScanThenMap):
         ge=1,
         le=1e6,
         unit="px",
-        help=f"Radius of the disc. Smaller structures are kept. Default: {DEFAULT_RADIUS} x longer side.",
+        unset=f"{DEFAULT_RADIUS} x longer side",
+        example="200",
+        help="Radius of the disc. Smaller structures are kept.",
     )
-    amount: float = param(1.0, ge=0, le=1, help="Share of the drift that is removed. Default: 1.")
-    contrast: float = param(
-        1.0, ge=0, le=1, help="Share of the variation in local contrast that is removed. Default: 1."
-    )
+    amount: float = param(1.0, ge=0, le=1, help="Proportion of the low-frequency variation to remove.")
+    contrast: float = param(1.0, ge=0, le=1, help="Proportion of the variation in local contrast to remove.")
     tile: str = param(
         "none",
         choices=("none", "x", "y", "xy"),
-        help="Axes along which the image tiles; the result then tiles, too. Default: none.",
+        help="Axes along which the image tiles. The result then tiles along the same axes.",
     )
     keep: str = param(
         "level",
         choices=("level", "none"),
         help="Overall color of the result. level: the median of the local levels; none: middle gray (L 50, a 0, b 0),"
-        " so that photos compare. Default: level.",
+        " which makes photos comparable.",
     )
     drift: bool | Path = param(False, help=DRIFT_HELP)
-    data: bool = param(False, help="Treat the channels as data, not color. Default: 0.")
+    data: bool = param(False, advanced=True, help="Treat the channels as data, not color.")
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The first part flattened."""

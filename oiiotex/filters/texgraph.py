@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texgraph: a first exemplar graph from photos, and graphs as pictures (HRRG08 section 3.1)."""
+"""--texgraph: initial exemplar graphs from photos, and pictures of graphs (HRRG08 section 3.1)."""
 
 from __future__ import annotations
 
@@ -27,68 +27,80 @@ from ..multiscale.graph import LOOP_R, Graph, parse_graph
 from ..multiscale.infinite_plane import graph_images
 from ..session import Session
 
-_OCTAVES = 3  # between photos, where nobody says it
+_OCTAVES = 3  # between photos, by default
 _LEAST = 16  # px; an exemplar's side
-_KEPT = (".exr", ".tif", ".tiff", ".png")  # formats that hold what they are given
+_KEPT = (".exr", ".tif", ".tiff", ".png")  # lossless formats
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExemplarGraph(Whole):
-    """Make a first exemplar graph from photos, coarsest first, or from one; draw a graph as a picture.
+    """Create an exemplar graph from one or more photos, or draw an existing graph.
 
-    Several photos become a chain: each is finer than the one before by `scale`. One photo gets an edge to itself, a
-    zoom without end; with `scales` a chain of exemplars is cut out of it, from the whole, reduced, down to a piece at
-    full size. json=FILE is the document for `synth` and `zoom`, to be edited at will; the files that it names
-    are looked up beside it (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, section
-    3.1, figures 8 and 9). The picture shows exemplars by their octaves, with r at the edges.
+    Several photos, coarsest first, become a chain in which each is finer than the one before by `scale`. A single
+    photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of it, from the
+    whole photo at reduced resolution to a crop at full resolution. json=FILE writes the graph for `synth` and `zoom`,
+    which you can edit; file names in it are relative to it (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
+    Texture Synthesis, 2008, section 3.1, figures 8 and 9). The picture arranges exemplars by octave and labels edges
+    with r.
     """
 
+    example: ClassVar[str] = """\
+>>> drawing = filters.graph("photo.png", json="graph.json")
+>>> texture = filters.synth(None, graph="graph.json", size=(256, 256))
+"""
     name: ClassVar[str] = "graph"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("picture", Kind.PICTURE, "exemplars and edges"),
-        Output("graph", Kind.TABLE, "the document for `synth` and `zoom`", asked_by="json"),
-        Output("exemplar.N", Kind.PIXELS, "with scales: the photo N times reduced, beside it", asked_by="json"),
-    )
+        Output("picture", Kind.PICTURE, "Diagram of exemplars and edges."),
+        Output("graph", Kind.TABLE, "Graph for `synth` and `zoom`.", asked_by="json"),
+        Output(
+            "exemplar.N", Kind.PIXELS, "Crop of the photo reduced N times, next to the graph; with scales.",
+            asked_by="json",
+        ),
+    )  # fmt: skip
 
-    photos: tuple[Image, ...] = image(help="the photos, coarsest first; none is taken where graph says them")
-    graph: Path | None = param(None, help="draw this graph, JSON or YAML, instead of making one")
-    json: Path | None = param(None, help="the graph goes to this file")
+    photos: tuple[Image, ...] = image(help="Photos, coarsest first. None are taken if graph is given.")
+    graph: Path | None = param(None, example="graph.json", help="Graph to draw (JSON or YAML). No graph is created.")
+    json: Path | None = param(None, example="graph.json", help="File for the graph.")
     scale: Numbers | None = param(
-        None, ge=1, help="how many times smaller the pixels of each photo are than those before, or one for all; 8"
-    )
+        None, ge=1, unset="8, less for small photos; with scales, 2", example="4,8",
+        help="Ratio between the pixel sizes of each photo and the next, or one ratio for all.",
+    )  # fmt: skip
     loop: int | None = param(
-        None, ge=0, le=7, help="r of an edge from the last exemplar to itself; 0: none; 1 for one photo, else 0"
+        None, ge=0, le=7, unset="1 for one photo, else 0",
+        help="Octaves r of an edge from the last exemplar to itself. 0: no edge.",
+    )  # fmt: skip
+    scales: int = param(
+        1, ge=1, le=16, help="Number of exemplars to cut out of one photo, which differ by scale. Written with json."
     )
-    scales: int = param(1, ge=1, le=16, help="cut so many exemplars out of one photo, scale apart (2): written by json")
-    side: int = param(256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="of an exemplar, at most")
-    thumb: int = param(128, ge=32, le=512, unit="px", help="side of an exemplar in the picture")
+    side: int = param(256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="Maximum side of an exemplar.")
+    thumb: int = param(128, ge=32, le=512, unit="px", advanced=True, help="Side of an exemplar in the picture.")
 
     @classmethod
     def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
-        """No image where a graph says which."""
+        """No images if a graph names them."""
         return () if values.get("graph") else cls.images()
 
     @classmethod
     def arity(cls, values: dict[str, Any], depth: int) -> int:
-        """All there are, or none."""
+        """All images on the stack, or none."""
         return max(1, depth) if cls.taken(values) else 0
 
     def files(self) -> dict[str, Path]:
-        """The document, and beside it the exemplars that are cut out of one photo."""
+        """The graph, and next to it the exemplars that are cut out of one photo."""
         if self.json is None or self.graph is not None:
             return {}
         cut = self._factors() if self.scales > 1 else ()
         return {"graph": self.json} | {f"exemplar.{factor}": self._file(factor) for factor in cut}
 
     def compute(self, session: Session) -> dict[str, Any]:
-        """The picture, the document, and the exemplars that it names where they are cut out of a photo."""
+        """The picture, the graph, and the exemplars that are cut out of a photo."""
         if self.graph is not None:
             graph, images = graph_images(self.graph, session.resources)
             return {"picture": self._picture(graph, images, session)}
         photos = self.photos or ()
         if not photos:
-            raise ParameterError("expected an image or more, or graph=FILE")
+            raise ParameterError("requires at least one image, or graph=FILE")
         _require_alike(photos)
         cut = self._cut() if self.scales > 1 else {}
         photos = tuple(cut.values()) or photos
@@ -101,17 +113,17 @@ class ExemplarGraph(Whole):
         exemplars = {f"exemplar.{factor}": exemplar.first for factor, exemplar in cut.items()}
         return {"picture": self._picture(graph, photos, session), "graph": document, **exemplars}
 
-    # --- the document ---
+    # --- the graph as JSON ---
 
     def _document(self, photos: Sequence[Image]) -> dict[str, Any]:
-        """The graph as it is written: a chain, and perhaps a loop at its end."""
+        """The graph as written: a chain, with an optional loop at its end."""
         highest = max(1, _common_side(photos, [1.0] * len(photos), self.side).bit_length() - 4)  # r_max = L - 3
         usual = 1 if self.scales > 1 else min(_OCTAVES, highest)
         given = tuple(self.scale or ())
         if not given and len(photos) > 1 and self.scales == 1:
-            self.warn("scale is not said: each photo is taken to be %d times finer than the one before", 2**usual)
+            self.warn("no scale given: assuming that each photo is %d times finer than the one before", 2**usual)
         if len(given) not in (0, 1, len(photos) - 1):
-            expected = f"one number, or {len(photos) - 1} for as many edges"
+            expected = f"one number, or one for each edge ({len(photos) - 1})"
             raise ParameterError(parameter="scale", value=self.scale, expected=expected)
         ratios = given if len(given) > 1 else (given or (2.0**usual,)) * (len(photos) - 1)
         names = _names(photos)
@@ -127,16 +139,17 @@ class ExemplarGraph(Whole):
     # --- one photo at several scales ---
 
     def _factors(self) -> list[int]:
-        """How many times the photo is reduced for each exemplar."""
+        """Reduction factor of each exemplar."""
         if len(self.photos or ()) != 1:
-            raise ParameterError(f"scales={self.scales}: there are {len(self.photos or ())} photos; it cuts one")
+            expected = f"one photo, not {len(self.photos or ())}"
+            raise ParameterError(parameter="scales", value=self.scales, expected=expected)
         step = (self.scale or Numbers([2.0]))[0]
         if len(self.scale or (2,)) != 1 or math.frexp(step)[0] != 0.5 or step < 2:
             raise ParameterError(parameter="scale", value=self.scale, expected="one power of two >= 2, with scales")
         return [int(step) ** n for n in range(self.scales - 1, -1, -1)]
 
     def _file(self, factor: int) -> Path:
-        """Where the exemplar goes: beside the document, in the photo's format where that holds what it is given."""
+        """File of an exemplar next to the graph, in the photo's format if that is lossless."""
         photo = self.photos[0]
         suffix = Path(photo.source).suffix.lower()
         if suffix not in _KEPT:
@@ -144,15 +157,15 @@ class ExemplarGraph(Whole):
         return present(self.json).with_name(f"{present(self.json).stem}_{factor}{suffix}")
 
     def _cut(self) -> dict[int, Image]:
-        """Exemplars around the photo's center, from the whole of it, reduced, to a piece at full size."""
+        """Exemplars around the photo's center, from the whole photo, reduced, to a crop at full resolution."""
         factors, photo = self._factors(), self.photos[0]
         shorter = min(photo.first.spec.width, photo.first.spec.height)
         side = min(self.side, 1 << max(0, (shorter // factors[0]).bit_length() - 1))
         if side < _LEAST:
             raise ParameterError(
-                f"scales={self.scales}: reduced {factors[0]} times {photo.source} is {shorter // factors[0]} px wide or"
-                f" high; an exemplar has {_LEAST} or more"
-            )
+                f"reduces {photo.source} to {shorter // factors[0]} px", parameter="scales", value=self.scales,
+                expected=f"at least {_LEAST} px for an exemplar",
+            )  # fmt: skip
         names = {factor: "" if self.json is None else str(self._file(factor)) for factor in factors}
         return {factor: _reduced(photo, factor, side, name) for factor, name in names.items()}
 
@@ -168,27 +181,27 @@ class ExemplarGraph(Whole):
 
 
 def _require_alike(photos: Sequence[Image]) -> None:
-    """Refuse photos of different channels: those of one graph are alike."""
+    """Raise ImageError unless all photos of a graph have the same channels."""
     for photo in photos:
         mine, wanted = (",".join(p.first.spec.channelnames) for p in (photo, photos[0]))
         if mine != wanted:
-            raise ImageError(f"{photo.source} has channels {mine}, {photos[0].source} has {wanted}: take alike ones")
+            raise ImageError(f"has channels {mine}: expected {wanted}, as {photos[0].source}", subject=photo.source)
 
 
 def _common_side(images: Sequence[Image], factors: Sequence[float], most: int) -> int:
-    """The side of all exemplars, a power of two."""
+    """Common side of all exemplars, a power of two."""
     shorter = [
         (round(min(i.first.spec.width, i.first.spec.height) * f), i.source)
         for i, f in zip(images, factors, strict=True)
     ]
     least, source = min(shorter)
     if least < _LEAST:
-        raise ImageError(f"{source} is {least} px wide or high: an exemplar has {_LEAST} or more")
+        raise ImageError(f"is {least} px wide or high: expected at least {_LEAST} px", subject=source)
     return 1 << (min(least, most).bit_length() - 1)
 
 
 def _names(photos: Sequence[Image]) -> list[str]:
-    """A name for each, after its file."""
+    """A unique name for each photo, from its file."""
     names: list[str] = []
     for photo in photos:
         stem = Path(photo.source).stem or "photo"
@@ -197,26 +210,26 @@ def _names(photos: Sequence[Image]) -> list[str]:
 
 
 def _relation(ratio: float) -> dict[str, Any]:
-    """`r` where it is whole, else the ratio."""
+    """Field `r` if the ratio is a power of two, else `scale`."""
     octaves = math.log2(ratio)
     return {"r": int(octaves)} if octaves.is_integer() else {"scale": ratio}
 
 
 def _require_written(photo: Image, session: Session) -> None:
-    """Refuse an image that is not what the file of its name holds: the graph will be read from there."""
+    """Raise ImageError if an image differs from its file, which the graph will read."""
     if not os.path.isfile(photo.source):
-        raise ImageError(f"{photo.source} is no file, which the graph could name: write it first")
+        raise ImageError("is not a file that the graph can name; write it to a file first", subject=photo.source)
     mine, stored = photo.first, read(photo.source, session.resources.cache).first
     alike = (mine.window.width, mine.window.height, mine.spec.nchannels, str(mine.spec.format)) == (
         stored.window.width, stored.window.height, stored.spec.nchannels, str(stored.spec.format))  # fmt: skip
     x, y = stored.window.left - mine.window.left, stored.window.top - mine.window.top
     if not alike or not all(np.array_equal(mine.read(b), stored.read(b.shifted(x, y)), equal_nan=True)
                             for b in bands(mine)):  # fmt: skip
-        raise ImageError(f"{photo.source} was changed since it was read, and the graph names the file: write it first")
+        raise ImageError("differs from its file, which the graph names; write it to a file first", subject=photo.source)
 
 
 def _reduced(photo: Image, factor: int, side: int, name: str) -> Image:
-    """A square around the photo's center, `factor` times reduced by means of squares of pixels."""
+    """A square around the photo's center, box-filtered to 1 / `factor` of its resolution."""
     part, whole = photo.first, photo.first.window
     left, top = (whole.left + (whole.width - side * factor) // 2, whole.top + (whole.height - side * factor) // 2)
     dtype = np.dtype(dtype_of(part.spec))
@@ -231,7 +244,7 @@ def _reduced(photo: Image, factor: int, side: int, name: str) -> Image:
 
 
 def _thumbnail(given: Image, side: int, shown: int, session: Session) -> np.ndarray:
-    """The square in the middle as synthesis takes it, small: (shown, shown, 3) float sRGB."""
+    """Thumbnail of the central square that synthesis uses: (shown, shown, 3) float sRGB."""
     part, whole = given.first, given.first.window
     left, top = whole.left + (whole.width - side) // 2, whole.top + (whole.height - side) // 2
     square: Part = cropped(part, Window.sized(left, top, side, side))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texjoin: shares of an image, rendered apart, put together."""
+"""--texjoin: an image from crops that were rendered separately."""
 
 from __future__ import annotations
 
@@ -20,34 +20,39 @@ from ..deferred import np
 from ..errors import ImageError
 from ..session import Session
 
-# what shares of one image may be told differently
+# parameters in which crops of one image may differ
 _APART = ("tiles", "window", "resume", "graph", "stmap", "report", "fail")
 _SHARE = re.compile(r"(?:^|:)tiles=(\d+)/(\d+)(?:$|:)")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Join(ScanThenMap):
-    """Put the shares of an image together, as a farm has rendered them: the same pixels as of one run.
+    """Join crops of an image that were rendered separately, as on a farm.
 
-    Takes all images of the stack, in any order: crops in one display window, as `synth` with tiles=1/8 to tiles=8/8
-    makes them. They must cover it. Where they overlap they must be equal, and they must have the same channels,
-    pixel type and parts; what does not fit is refused by name.
+    Takes all images on the stack, in any order. They must be crops of one display window, as `synth` renders them with
+    tiles=1/8 to tiles=8/8, and must cover it. They must have the same channels, pixel type and parts, and must be equal
+    where they overlap. The result has the same pixels as a single run.
     """
 
+    example: ClassVar[str] = """\
+>>> import OpenImageIO as oiio
+>>> halves = [filters.flatten("photo.png", roi=oiio.ROI(x, x + 48, 0, 96)) for x in (0, 48)]  # of 96 x 96 px
+>>> joined = filters.join(*halves)
+"""
     name: ClassVar[str] = "join"
     copies: ClassVar[bool] = True
     space: ClassVar[Space] = Space.ANY
-    outputs: ClassVar[tuple[Output, ...]] = (Output("joined", Kind.PIXELS, "all parts of the shares, whole"),)
+    outputs: ClassVar[tuple[Output, ...]] = (Output("joined", Kind.PIXELS, "Whole image, with all parts."),)
 
-    shares: tuple[Image, ...] = image(help="the shares, in any order")
+    shares: tuple[Image, ...] = image(help="Crops to join, in any order.")
 
     @classmethod
     def arity(cls, values: dict[str, Any], depth: int) -> int:
-        """All there are."""
+        """All images on the stack."""
         return max(1, depth)
 
     def compute(self, session: Session) -> Image:
-        """The whole; pixels are read when they are asked for, but where shares overlap."""
+        """The whole image; apart from overlaps, pixels are read on request."""
         first = self.shares[0]
         for share in self.shares[1:]:
             _require_alike(share, first)
@@ -56,38 +61,39 @@ class Join(ScanThenMap):
 
 
 def _require_alike(share: Image, first: Image) -> None:
-    """Refuse a share of another image."""
+    """Raise ImageError if a crop belongs to another image."""
 
     def differ(aspect: str, mine: object, wanted: object) -> None:
         if mine != wanted:
             raise ImageError(
-                f"{share.source} has {aspect} {mine}, {first.source} has {wanted}: shares of one image are alike"
+                f"has {aspect} {mine}: expected {wanted}, as {first.source}; all must be crops of one image",
+                subject=share.source,
             )
 
-    differ("the parts", ",".join(p.name for p in share.parts), ",".join(p.name for p in first.parts))
+    differ("parts", ",".join(p.name for p in share.parts), ",".join(p.name for p in first.parts))
     for part, wanted in zip(share.parts, first.parts, strict=True):
         differ("channels", ",".join(part.spec.channelnames), ",".join(wanted.spec.channelnames))
-        differ("pixels of type", str(part.spec.format), str(wanted.spec.format))
-        differ("the display window", str(Window.display(part.spec)), str(Window.display(wanted.spec)))
+        differ("pixel type", str(part.spec.format), str(wanted.spec.format))
+        differ("display window", str(Window.display(part.spec)), str(Window.display(wanted.spec)))
     mine, wanted_words = _parameters(share), _parameters(first)
     for name in mine.keys() & wanted_words.keys():
-        differ("been made with", f"{name}={mine[name]}", f"{name}={wanted_words[name]}")
+        differ("parameter", f"{name}={mine[name]}", f"{name}={wanted_words[name]}")
     if len({one.first.spec.get_string_attribute(PLANE) for one in (share, first)}) > 1:
         raise ImageError(
-            f"{share.source} and {first.source} are shares of different textures: the graph, the seed or another"
-            " setting has changed between them"
+            f"{share.source} and {first.source} are crops of different textures: the graph, the seed or another"
+            " setting differs"
         )
 
 
 def _parameters(share: Image) -> dict[str, str]:
-    """By which parameters a share says that it was made, less those in which shares may differ."""
+    """Parameters recorded in a crop, without those in which crops may differ."""
     words = share.first.spec.get_string_attribute("oiiotex:parameters").split(":")
     given = dict(word.partition("=")[::2] for word in words if "=" in word)
     return {name: value for name, value in given.items() if name not in _APART}
 
 
 class _Joined:
-    """A part of all shares."""
+    """One image part of all crops."""
 
     def __init__(self, shares: Sequence[Image], number: int):
         self._shares = shares
@@ -98,13 +104,13 @@ class _Joined:
             self._whole |= window
         gap = first_gap(self._whole, windows)
         if gap is not None:
-            raise ImageError(f"{_missing(shares)}{gap} of {self._whole} is in none of the {len(shares)} images")
+            raise ImageError(f"{_missing(shares)}{gap} of {self._whole} is not covered by the {len(shares)} images")
         for n, part in enumerate(self._parts):
             for m in range(n):
                 self._require_equal(m, n, part.window & windows[m])
 
     def _require_equal(self, m: int, n: int, shared: Window) -> None:
-        """Refuse shares that say different things of the same pixels."""
+        """Raise ImageError if two crops differ where they overlap."""
         if shared.empty:
             return
         a, b = self._parts[m], self._parts[n]
@@ -114,11 +120,11 @@ class _Joined:
                 y, x = (int(at[0]) for at in np.nonzero(unlike))
                 names = f"{self._shares[m].source} and {self._shares[n].source}"
                 raise ImageError(
-                    f"{names} overlap in {shared} and differ there, first at {band.left + x},{band.top + y}"
+                    f"{names} differ where they overlap ({shared}), first at {band.left + x},{band.top + y}"
                 )
 
     def part(self) -> Part:
-        """The whole."""
+        """The joined part."""
         first, whole, dtype = self._parts[0], self._whole, dtype_of(self._parts[0].spec)
 
         def fetch(window: Window) -> np.ndarray:
@@ -137,7 +143,7 @@ class _Joined:
 
 
 def first_gap(whole: Window, windows: Sequence[Window]) -> Window | None:
-    """The topmost part of a window that no other covers; None where they cover it."""
+    """The topmost part of a window that no other window covers; None if all is covered."""
     xs = sorted({whole.left, whole.right, *(x for w in windows for x in (w.left, w.right))})
     ys = sorted({whole.top, whole.bottom, *(y for w in windows for y in (w.top, w.bottom))})
     covered = np.zeros((len(ys) - 1, len(xs) - 1), bool)
@@ -154,7 +160,7 @@ def first_gap(whole: Window, windows: Sequence[Window]) -> Window | None:
 
 
 def _missing(shares: Sequence[Image]) -> str:
-    """Which shares are missing, where those that are there say how many there should be."""
+    """The missing crops, if the others record how many there are."""
     matches = [_SHARE.search(share.first.spec.get_string_attribute("oiiotex:parameters")) for share in shares]
     there = {(int(match[1]), int(match[2])) for match in matches if match}
     counts = {count for _, count in there}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texlab: to CIE Lab and back."""
+"""--texlab: conversion to and from CIE Lab."""
 
 from __future__ import annotations
 
@@ -18,33 +18,38 @@ from ..deferred import np, oiio
 from ..errors import COLORSPACE, ColorError, ImageError, ParameterError, modifier
 from ..session import Session
 
-FROM = "oiiotex:labFrom"  # the attribute that remembers which space became Lab
+FROM = "oiiotex:labFrom"  # attribute: the color space before the conversion
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lab(Pointwise):
-    """Turn color into CIE Lab (D65), and back.
+    """Convert to and from CIE Lab (D65).
 
-    L is 0 for black and 100 for diffuse white, a and b are 0 for gray; HDR values lie above 100, and negative ones
-    survive. L, a and b are stored as 32-bit floats in the channels R, G and B, as OpenColorIO does it: a channel that
-    is named 'a' is taken for alpha by most programs. Gray becomes three channels. Color is unpremultiplied first and
-    premultiplied again on the way back; alpha and other channels stay. The result is tagged as data, so that nobody
-    takes it for RGB, and remembers the space that it came from for the way back.
+    L is 0 for black and 100 for diffuse white; a and b are 0 for gray. HDR values exceed 100, and negative values are
+    kept. L, a and b are stored as 32-bit floats in channels R, G and B, as OpenColorIO does, because most programs
+    take a channel named 'a' for alpha. Gray becomes three channels. Color is unpremultiplied first, and premultiplied
+    again by the inverse; alpha and other channels are kept. The result is tagged as data, so that no program takes it
+    for RGB. An attribute records the original color space for the inverse.
     """
 
+    example: ClassVar[str] = """\
+>>> lab = filters.lab("photo.png")
+>>> lightness = lab.get_pixels()[..., 0]
+"""
     name: ClassVar[str] = "lab"
     carries: ClassVar[bool] = True
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("lab", Kind.MEASURE, "L, a and b in the channels R, G and B"),
-        Output("color", Kind.PIXELS, "written in the type of the run's first file", asked_by="inverse", instead=True),
+        Output("lab", Kind.MEASURE, "L, a and b in channels R, G and B."),
+        Output("color", Kind.PIXELS, "Color, in the type of the first input file.", asked_by="inverse", instead=True),
     )
 
-    source: Image = image(help="the image")
-    inverse: bool = param(False, help="from Lab to color")
+    source: Image = image(help="Image to convert.")
+    inverse: bool = param(False, help="Convert from Lab to color.")
     to: str | None = param(
-        None, help="with `inverse`: the color space to go to; the one that the image came from when left out"
-    )
+        None, unset="the original color space", example="lin_rec709_scene",
+        help="Color space of the result. Requires inverse.",
+    )  # fmt: skip
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The first part converted."""
@@ -56,11 +61,11 @@ class Lab(Pointwise):
         part = self.source.first
         origin = part.spec.get_string_attribute(FROM)
         if origin:
-            back = f"{modifier(inverse=True)} turns it back"
-            raise ColorError(f"is Lab already, from '{origin}': {back}", subject=self.source.source)
+            back = f"{modifier(inverse=True)} converts it back"
+            raise ColorError(f"is already in Lab, converted from '{origin}'; {back}", subject=self.source.source)
         space = color_space(self.source, session.resources.color, session.settings.autocc)
         if space is None:
-            problem = f"is data, which has no Lab: say {COLORSPACE} if it is color"
+            problem = f"is data and cannot be converted to Lab; add {COLORSPACE} if it is color"
             raise ColorError(problem, subject=self.source.source)
         lens = lens_for(self.source, session.resources, space)
         places = _places(lens.channels, part.spec.nchannels)
@@ -84,14 +89,17 @@ class Lab(Pointwise):
         part, name = self.source.first, self.source.source
         tag, space = part.spec.get_string_attribute(TAG), self.to or part.spec.get_string_attribute(FROM)
         if tag and not session.resources.color.is_data(tag):
-            raise ColorError(f"{name} is '{tag}', not Lab")
+            raise ColorError(f"is in '{tag}': expected Lab", subject=name)
         if not space:
-            raise ColorError(f"{name} does not say which color space it came from: add to=NAME")
+            problem = f"does not record its original color space; add {modifier(to='NAME')}"
+            raise ColorError(problem, subject=name)
         if session.resources.color.is_data(space):
-            raise ColorError("a space of data has no colors", parameter="to", value=space)
+            raise ColorError(parameter="to", value=space, expected="a color space, not data")
         channels = channels_of(part.spec)
         if len(channels.color) != 3:
-            raise ImageError(f"{name} has {len(channels.color)} channels beside alpha: Lab has three")
+            raise ImageError(
+                f"has {len(channels.color)} channels apart from alpha: expected the 3 of Lab", subject=name
+            )
         from_lab = session.resources.color.from_lab(space)
         lens = Lens(name, Channels(channels.color, None))  # Lab is not premultiplied
         places = _places(channels, part.spec.nchannels)
@@ -113,7 +121,7 @@ class Lab(Pointwise):
 
 
 def _places(channels: Channels, count: int) -> list[tuple[bool, int]]:
-    """For every channel of the result: whether it is one of the three values, and which of them or of the channels."""
+    """For each channel of the result: (whether it is one of the three values, index of the value or of the channel)."""
     places: list[tuple[bool, int]] = []
     for channel in range(count):
         if channel not in channels.color:

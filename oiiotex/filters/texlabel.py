@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texlabel: what is in a texture, at several scales, found without being told."""
+"""--texlabel: unsupervised label maps of a texture at several scales."""
 
 from __future__ import annotations
 
@@ -27,71 +27,91 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Label(OnePart, InLab, ScanThenMap):
-    """Find what an image consists of, and label it at several scales.
+    """Segment an image into labels at several scales, without training.
 
-    Superpixels that look alike get one label; how many there are follows from the image (LSA16: Lockerman, Sauvage,
+    Similar superpixels get the same label, and the image determines the number of labels (LSA16: Lockerman, Sauvage,
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016). The
-    result has one part per scale: label.1 is the finest, the last one the coarsest, and every label of a level lies
-    in one label of the next, its parent. Ids are 1, 2, ... of type uint32; 0 stands only where alpha is 0. Write it
-    to EXR or TIFF, which hold them. With `keep` the photo stays the first part. Attributes of a part say its scale
-    (oiiotex:rho, px), how many labels it has (oiiotex:labels) and their parents, in order (oiiotex:parents).
+    result has a part for each scale, from label.1, the finest, to the coarsest. Each label of a level lies within one
+    label of the next level, its parent. Ids are 1, 2, ... of type uint32, and 0 only where alpha is 0: write them to
+    EXR or TIFF. With `keep` the photo is the first part. Attributes of a part record its scale in px (oiiotex:rho), its
+    number of labels (oiiotex:labels) and their parents, in order (oiiotex:parents).
     """
 
+    example: ClassVar[str] = """\
+>>> levels = filters.label("photo.png")
+>>> list(levels)[0]
+'label.1'
+"""
     name: ClassVar[str] = "label"
     carries: ClassVar[bool] = True
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("photo", Kind.PIXELS, "the photo, before all others", asked_by="keep", of="source"),
-        Output("label.N", Kind.IDS, "at scale N; 1 is the finest"),
-        Output("membership.N", Kind.MEASURE, "of level N: G, a channel for every label", asked_by="soft"),
-        Output("fit.N", Kind.MEASURE, "of level N: F / its largest, a channel for every label", asked_by="soft"),
-        Output("cryptomatte", Kind.CRYPTOMATTE, "all levels", asked_by="cryptomatte"),
-        Output("facts", Kind.TABLE, "scales, counts, areas and the tree of labels", asked_by="json"),
+        Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="keep", of="source"),
+        Output("label.N", Kind.IDS, "Label map at level N; 1 is the finest."),
+        Output("membership.N", Kind.MEASURE, "Membership G at level N, a channel for each label.", asked_by="soft"),
+        Output("fit.N", Kind.MEASURE, "Fit F / max F at level N, a channel for each label.", asked_by="soft"),
+        Output("cryptomatte", Kind.CRYPTOMATTE, "All levels as Cryptomatte.", asked_by="cryptomatte"),
+        Output("facts", Kind.TABLE, "Scales, number and areas of labels, and their tree.", asked_by="json"),
     )
 
-    source: Image = image(help="the image")
+    source: Image = image(help="Image to segment.")
     features: str = param(
-        "textons",
-        choices=("textons", "moments", "gabor", "quadtree"),
-        help="what superpixels are compared by; moments: the paper's",
-    )
+        "textons", choices=("textons", "moments", "gabor", "quadtree"), advanced=True,
+        help="Features by which superpixels are compared. moments: as in the paper.",
+    )  # fmt: skip
     cluster: str = param(
-        "nmf",
-        choices=("nmf", "kmeans", "spectral"),
-        help="how alike ones are gathered; the last two need scikit-learn, and get the count from the first",
-    )
+        "nmf", choices=("nmf", "kmeans", "spectral"), advanced=True,
+        help="Clustering method. kmeans and spectral require scikit-learn and take the number of labels from nmf.",
+    )  # fmt: skip
     persistence: float = param(
         0.95,
         ge=0.01,
         le=0.999,
-        help="how short the random walk is: less gives fewer labels; level n takes its nth power",
+        help="Length of the random walk: smaller values give fewer labels. Level n uses the nth power.",
     )
     share: float = param(
-        0.5, ge=0.01, le=1, help="of the superpixels of the next scale that must hold two labels; the paper: 1"
+        0.5, ge=0.01, le=1, advanced=True,
+        help="Proportion of superpixels at the next scale that must each contain two or more labels. The paper: 1.",
+    )  # fmt: skip
+    coarsest: bool = param(
+        True, help="Add a coarsest level of subtextures, as `decompose` finds them. The paper has none."
     )
-    coarsest: bool = param(True, help="a coarsest level of subtextures, as `decompose` finds them; not in the paper")
     labels: int | None = param(
-        None, ge=1, le=50, help="how many subtextures that level has, at most; found when left out"
+        None, ge=1, le=50, unset="found", help="Maximum number of subtextures in the coarsest level."
     )
-    neighbors: int = param(256, ge=8, le=4096, help="of a superpixel in the graph, at most")
-    tries: int = param(0, ge=0, le=100, help="random starts that are joined with the first (boosting)")
-    runs: int = param(1, ge=1, le=1000, help="of SLIC, the best is taken; the paper: 10")
+    neighbors: int = param(
+        256, ge=8, le=4096, advanced=True, help="Maximum number of neighbors of a superpixel in the graph."
+    )
+    tries: int = param(
+        0, ge=0, le=100, advanced=True, help="Number of random starts that are combined with the first (boosting)."
+    )
+    runs: int = param(
+        1, ge=1, le=1000, advanced=True, help="Number of SLIC runs, of which the best is used. The paper: 10."
+    )
     minsize: int | None = param(
-        None, ge=1, unit="px", help="smaller superpixels join a neighbor; sigma^2 / 4 when left out, 25 in the paper"
+        None, ge=1, unit="px", unset="sigma^2 / 4", example="25", advanced=True,
+        help="Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25.",
+    )  # fmt: skip
+    seed: int = param(
+        0, ge=0, le=2**32 - 1, advanced=True, help="Seed of random starts. No effect with tries=0 and runs=1."
     )
-    seed: int = param(0, ge=0, le=2**32 - 1, help="of random starts; with tries=0 and runs=1 there are none")
     paper: bool = param(
         False,
-        help="LSA16 by the letter: features=moments:persistence=0.95:share=1:coarsest off:neighbors=256:runs=10"
-        ":minsize=25, one persistence at all levels, and labels cut wherever a coarser border crosses them",
+        help="Settings of the paper (LSA16): features=moments:persistence=0.95:share=1:coarsest=0:neighbors=256:runs=10"
+        ":minsize=25, the same persistence at all levels, and labels split wherever a coarser border crosses them.",
     )
-    keep: bool = param(False, help="the photo stays the first part, the labels follow it")
-    soft: bool = param(False, help="further parts: membership.N (G) and fit.N (F / its largest) of level N")
+    keep: bool = param(False, help="Keep the photo as the first part, before the labels.")
+    soft: bool = param(
+        False, advanced=True, help="Append parts membership.N (G) and fit.N (F / max F) for each level N."
+    )
     cryptomatte: bool | Path = param(
-        False, help="1: a further part with Cryptomatte 1.2 of all levels; a file name: its manifest goes there"
+        False,
+        help="Append Cryptomatte 1.2 of all levels as a part. A file name: also write the manifest to that file.",
     )
-    names: Path | None = param(None, help=LabelNames.HELP)
-    single: bool = param(False, help=SINGLE)
-    json: Path | None = param(None, help="scales, counts, areas and the tree of labels go to this file")
+    names: Path | None = param(None, example="labels.json", help=LabelNames.HELP)
+    single: bool = param(False, advanced=True, help=SINGLE)
+    json: Path | None = param(
+        None, example="facts.json", help="File for scales, number and areas of labels, and their tree."
+    )
 
     PAPER: ClassVar[dict[str, Any]] = {
         "features": "moments",
@@ -105,7 +125,7 @@ class Label(OnePart, InLab, ScanThenMap):
     }
 
     def compute(self, session: Session) -> dict[str, Any]:
-        """Label parts, finest first, and what else can be asked for."""
+        """Label parts, finest first, and what other outputs are requested."""
         self.require_single()
         names = None if self.names is None else LabelNames(self.names)
         from ..labels.scales import LabelSettings, label_maps  # scipy is not loaded before it is needed
@@ -141,7 +161,7 @@ class Label(OnePart, InLab, ScanThenMap):
 
 
 def label_map(like: Part, maps: LabelMaps, n: int) -> LabelMap:
-    """Level n in the image's windows."""
+    """Label map of level n in the image's windows."""
     from ..superpixels import superpixels
 
     level = maps.levels[n - 1]
@@ -152,7 +172,7 @@ def label_map(like: Part, maps: LabelMaps, n: int) -> LabelMap:
 def _soft_part(like: Part, maps: LabelMaps, n: int, quantity: str) -> Part:
     """Membership G_ci or fit F_ic / max_j F_jc of level n, one channel per label (LSA16 section 4.2).
 
-    They speak of the labels that the level has by itself, before it is intersected with coarser ones.
+    They apply to the level's labels before these are intersected with coarser labels.
     """
     from ..superpixels import superpixels
 
@@ -173,7 +193,7 @@ def _soft_part(like: Part, maps: LabelMaps, n: int, quantity: str) -> Part:
 
 
 def _facts(maps: LabelMaps) -> dict[str, Any]:
-    """What there is to say of the labels, for `json`."""
+    """Facts about the labels, for `json`."""
     sizes = maps.superpixels.sizes
 
     def facts(n: int, level: LabelLevel) -> dict[str, Any]:

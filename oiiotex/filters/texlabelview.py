@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texlabelview: label maps as a picture for people."""
+"""--texlabelview: a contact sheet of label maps."""
 
 from __future__ import annotations
 
@@ -20,33 +20,34 @@ from ..session import Session
 
 @dataclass(frozen=True, kw_only=True)
 class LabelView(ScanThenMap):
-    """Show label maps to people: a contact sheet of all levels, with the tree of labels beside it.
+    """Visualize label maps as a contact sheet of all levels, with the tree of labels.
 
-    Takes the image that `label` or `superpixel` makes, best with `keep`: the photo, then for every label part
-    (uint32, one channel) its labels in colors that stay apart for color-blind viewers too, over the photo's lightness
-    and with their borders. The tree has the coarsest labels at its top; a node is as wide as the label's share of the
-    image. The result is an 8-bit sRGB image for screens, made from every nth pixel: do not measure it.
+    Takes the result of `label` or `superpixel`, preferably with `keep`. The sheet shows the photo, then each label part
+    (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo and with
+    borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The result is
+    an 8-bit sRGB image for display, subsampled from the labels: do not measure it.
     """
 
+    example: ClassVar[str] = '>>> sheet = filters.labelview(filters.label("photo.png", keep=True))'
     name: ClassVar[str] = "labelview"
     space: ClassVar[Space] = Space.ANY
-    outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "the sheet"),)
+    outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "Contact sheet."),)
 
-    source: Image = image(help="an image with label parts, as `label` or `superpixel` with `keep` makes it")
-    side: int = param(384, ge=64, le=4096, unit="px", help="longer side of one panel")
-    columns: int = param(3, ge=1, le=16, help="panels in a row")
-    strength: float = param(0.65, ge=0, le=1, help="of the labels' colors over the photo")
+    source: Image = image(help="Image with label parts, from `label` or `superpixel` with `keep`.")
+    side: int = param(384, ge=64, le=4096, unit="px", help="Longer side of a panel.")
+    columns: int = param(3, ge=1, le=16, help="Number of panels in a row.")
+    strength: float = param(0.65, ge=0, le=1, help="Opacity of the label colors over the photo.")
 
     def compute(self, session: Session) -> dict[str, np.ndarray]:
         """The sheet."""
         named = {id(one.part): one for one in label_maps(self.source).values()}
-        # superpixels, and what comes in formats that carry no names, is of no level
+        # superpixels, and parts from formats without part names, belong to no level
         labels = [named.get(id(part), LabelMap(part, 0)) for part in self.source.parts if holds_ids(part)]
         if not labels:
             raise ImageError(
-                f"has no label parts: expected what {texture_filter('label')} or {texture_filter('superpixel')} makes"
-                f"{either(' (ops drop further parts, but with -a)', '')}",
+                f"has no label parts{either(' (other ops keep them only with -a)', '')}",
                 subject=self.source.source,
+                expected=f"a result of {texture_filter('label')} or {texture_filter('superpixel')}",
             )
         photo = None if holds_ids(self.source.first) else self.source.first
         spec = labels[0].part.spec
@@ -59,17 +60,17 @@ class LabelView(ScanThenMap):
             panels.append(("photo", picture))
         for one, ids in zip(labels, maps, strict=True):
             panels.append((_title(one, ids), colored(ids, lightness, self.strength)))
-        # superpixels beside levels of labels have no place in their tree
+        # superpixels are not part of the tree of levels
         levels = [n for n, one in enumerate(labels) if one.level] or list(range(len(labels)))
         tree = label_tree([labels[n] for n in levels], [maps[n] for n in levels])
         return {"view": Sheet.of_panels(panels, self.columns, tree).image()}
 
 
 def _title(labels: LabelMap, ids: np.ndarray) -> str:
-    """What a panel shows: how many labels there are, of which scale."""
+    """Title of a panel: the name of the part, the number of labels and their scale."""
     count, scale, unit = labels.count, labels.scale, "labels"
     superpixels = labels.part.spec.get_int_attribute(SUPERPIXELS)
     if superpixels:
         count, scale, unit = superpixels, labels.part.spec.get_float_attribute(SIGMA), "superpixels"
-    # small labels may have no pixel among those that are shown
+    # small labels may have no pixel in the subsampled map
     return f"{labels.part.name}: {count or int(ids.max(initial=0))} {unit}" + (f" at {scale:.0f} px" if scale else "")

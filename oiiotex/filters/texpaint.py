@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texpaint: a painting of labels becomes a texture, LSA16 section 6.2, figure 15."""
+"""--texpaint: texture from a painting of labels (LSA16 section 6.2, figure 15)."""
 
 from __future__ import annotations
 
@@ -30,41 +30,55 @@ from ..session import Session
 
 @dataclass(frozen=True, kw_only=True)
 class Paint(Reported, Quilted):
-    """Turn a painting of labels into a texture, at one scale or at two.
+    """Turn a painting of labels into a texture, at one or two scales.
 
-    What the painting calls label 3 becomes texture of label 3 of the photo, by guided quilting (`quilt`). A second
-    painting, fine, lays labels of the next finer level over it; where it is empty (black, id 0 or alpha 0), the first
-    stays (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
-    Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE is what `palette` wrote: which color is which
-    label; paintings of ids need none. With plan=FILE the next edit begins there: before=FILE keeps every patch whose
-    labels did not change, so that pixels elsewhere are the same to the bit.
+    Where the painting has label 3, the result has texture of label 3 of the photo, by guided quilting (`quilt`). An
+    optional second painting, `fine`, overlays labels of the next finer level; where it is empty (black, id 0 or alpha
+    0), the first painting applies (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
+    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE from `palette` maps colors to
+    labels; paintings of ids do not need it. To edit a result, write plan=FILE and pass it as before=FILE to the next
+    run: patches whose labels did not change are kept, so pixels elsewhere are bit-identical.
     """
 
+    example: ClassVar[str] = """\
+>>> import numpy as np
+>>> photo = filters.label("photo.png", keep=True)
+>>> painting = np.ones((300, 400), np.uint32)  # label 1 everywhere
+>>> texture = filters.paint(photo, painting)
+"""
     name: ClassVar[str] = "paint"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("paint", Kind.PIXELS, COPIED),
         ST,
         CARRIED,
-        Output("plan", Kind.ARRAYS, "what was painted, and with which patches", asked_by="plan"),
+        Output("plan", Kind.ARRAYS, "Painted labels and the patches used for them.", asked_by="plan"),
         REPORT,
     )
 
-    painting: Image = image(help="ids of labels, or colors that table gives a meaning; of any size")
-    fine: Image | None = image(None, help="a painting of labels of the next finer level that is laid over it")
+    painting: Image = image(help="Painting of any size: label ids, or colors that table maps to labels.")
+    fine: Image | None = image(None, help="Painting of labels of the next finer level, overlaid on the first.")
     level: int | None = param(
-        None, ge=1, help="which label map is painted: label.N; the table's, else the coarsest, when left out"
+        None, ge=1, unset="the table's level, else the coarsest", help="Level of the painted labels: N of label.N."
     )
-    table: Path | None = param(None, help="JSON of `palette`: which label each color of the paintings means")
-    soft: float = param(0.2, ge=0, le=1, help=SOFT)
-    size: Size | None = param(None, ge=8, le=1 << 22, unit="px", help="of the result; the painting's when left out")
-    plan: Path | None = param(None, help="what was painted, and with which patches, goes to this file (.npz)")
-    before: Path | None = param(None, help="such a file: what is painted as it was keeps its patches")
+    table: Path | None = param(
+        None, example="palette.json", help="JSON table from `palette`, which maps colors to labels."
+    )
+    soft: float = param(0.2, ge=0, le=1, advanced=True, help=SOFT)
+    size: Size | None = param(
+        None, ge=8, le=1 << 22, unit="px", unset="the painting's size", help="Size of the result."
+    )
+    plan: Path | None = param(
+        None, example="plan.npz", help="File (.npz) for the painted labels and their patches, to be used by before."
+    )
+    before: Path | None = param(
+        None, example="plan.npz", help="Plan of an earlier run. Patches whose labels did not change are kept."
+    )
 
     def compute(self, session: Session) -> dict[str, Any]:
-        """The texture, and what else can be asked for."""
+        """The texture, and what other outputs are requested."""
         resources, progress = session.resources, session.progress
         if self.before is not None and self.fine is None and present(read_begun(self.before, resources.budget)).fine:
-            self.inform("%s has a fine painting, which is not laid over this one", self.before)
+            self.inform("%s has a fine painting, which this run does not overlay", self.before)
         asked = self.size or self.painting.first.window.size
         quality = Quality.of_copies(self, resources, progress, asked, painted=True)
         table = None if self.table is None else read_table(self.table, self.soft)
@@ -77,7 +91,7 @@ class Paint(Reported, Quilted):
         layers, sources = {"": base}, base.sources
         if self.fine is not None:
             if level - 1 not in levels:
-                raise ParameterError(f"fine paints labels of the level below level={level}, which the exemplar has not")
+                raise ParameterError(f"requires label.{level - 1}, which the exemplar does not have", parameter="fine")
             ids, fine = levels[level - 1].ids, self.fine.first
             size = Size(base.grid.width, base.grid.height)
             painted = painted_labels(fine, _meaning(fine, table, np.unique(ids), fine=True), size)
@@ -105,10 +119,10 @@ class Paint(Reported, Quilted):
     def _sewing(
         self, level: int, guide: Image, size: Size | None, table: Table | None, prefix: str, budget: int
     ) -> Sewing:
-        """Of one layer: what its colors mean, and what it begins with."""
+        """The quilting of one layer: the labels of its colors, and the patches to keep."""
         begun = None if self.before is None else read_begun(self.before, budget, prefix)
         patch, overlap = self.patch, None
-        if begun is not None and patch is None:  # an edit changes no patch's size
+        if begun is not None and patch is None:  # an edit keeps the patch size
             patch, overlap = begun.plan.grid.patch, begun.plan.grid.overlap
         return Sewing(
             op=self, guide=guide, level=level, size=size, patch=patch, overlap=overlap, begun=begun,
@@ -117,12 +131,12 @@ class Paint(Reported, Quilted):
 
 
 def _meaning(painting: Part, table: Table | None, ids: np.ndarray, fine: bool = False) -> Meaning:
-    """What a painting means: colors by the table, ids by themselves."""
+    """Labels of a painting: colors by the table, ids as they are."""
     return meaning_of(painting, None if painting.spec.nchannels == 1 else table, ids, fine)
 
 
 def _overpainted(base: Quilt, ids: np.ndarray, painted: Callable[[Window], np.ndarray]) -> Part:
-    """Labels of the finer level: those painted, else those that the coarse layer has brought."""
+    """Labels of the finer level: those painted, else those of the coarse layer's sources."""
     spec = oiio.ImageSpec(base.grid.width, base.grid.height, 1, oiio.UINT32)
     spec.channelnames = ("id",)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texpalette: what a texture has to paint with, LSA16 section 6.2."""
+"""--texpalette: swatches of all labels of a texture (LSA16 section 6.2)."""
 
 from __future__ import annotations
 
@@ -28,52 +28,54 @@ from ..session import Session
 from ..session.resources import Resources
 
 _PATCHES = (11, 9, 7, 5)  # px
-_REACH = 1024  # px of a photo that a swatch is made from, at least
-_MASK_BYTES, _SEEN_BYTES, _SWATCH_BYTES = 3, 24, 90  # of a pixel of the photo, and of what a swatch is made from
+_REACH = 1024  # px: least side of the window of the photo from which a swatch is synthesized
+_MASK_BYTES, _SEEN_BYTES, _SWATCH_BYTES = 3, 24, 90  # per pixel: of the photo (2 values), of the window of a swatch
 _ITERATIONS = 12
 
 
 @dataclass(frozen=True, kw_only=True)
 class Palette(LabeledExemplar, InBands):
-    """Lay out what a texture consists of: a band for every label, beside it the labels within.
+    """Create a chart of the labels of a texture: a row for each label, with its sublabels.
 
-    Every row is a label of one level, its texture synthesized from its pixels alone;
-    right of it are its children on the next finer level, side by side (LSA16: Lockerman, Sauvage, Allegre, Dischler,
-    Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2, figures 13
-    and 14). The largest label is on top. json=FILE says for each its id, name, color to paint with, area, parent,
-    children and place in the picture: the table of `paint`. paints=FILE is a palette for painting programs, `chips`
-    a picture of the same colors.
+    A row starts with texture synthesized from the pixels of one label only. To its right are its children on the next
+    finer level (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
+    Texture Synthesis, SIGGRAPH 2016, section 6.2, figures 13 and 14). The largest label is on top. json=FILE writes the
+    table for `paint`: id, name, paint color, area, parent, children and position in the chart of each label.
+    paints=FILE writes the colors as a palette for painting programs, and `chips` draws them.
     """
 
+    example: ClassVar[str] = """\
+>>> photo = filters.label("photo.png", keep=True)
+>>> sheet = filters.palette(photo)
+"""
     name: ClassVar[str] = "palette"
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("palette", Kind.PIXELS, "rows of texture, copied from the photo, in its own color space and type"),
+        Output("palette", Kind.PIXELS, "Rows of texture, copied from the photo, in its own color space and type."),
         ST,
+        Output("chips", Kind.PICTURE, "Paint colors with ids and names, laid out like the palette.", asked_by="chips"),
         Output(
-            "chips", Kind.PICTURE, "the paint colors with ids and names, each as large as its swatch", asked_by="chips"
+            "paints", Kind.PAINTS, "Named paint colors for GIMP, Krita and Inkscape, or Photoshop.", asked_by="paints"
         ),
         Output(
-            "paints",
-            Kind.PAINTS,
-            "the paint colors by name, for GIMP, Krita and Inkscape, or Photoshop",
-            asked_by="paints",
-        ),
-        Output(
-            "table", Kind.TABLE, "ids, names, colors, areas, parents, children and boxes of labels", asked_by="json"
+            "table", Kind.TABLE, "Ids, names, colors, areas, parents, children and boxes of labels.", asked_by="json"
         ),
     )
 
-    side: int = param(96, ge=16, le=1024, unit="px", help="height of a row")
-    rows: int = param(24, ge=1, le=256, help="labels that are shown, the largest first")
-    children: int = param(8, ge=0, le=64, help="children that are shown of each, the largest first")
+    side: int = param(96, ge=16, le=1024, unit="px", help="Height of a row.")
+    rows: int = param(24, ge=1, le=256, help="Maximum number of labels, the largest first.")
+    children: int = param(8, ge=0, le=64, help="Maximum number of children of each label, the largest first.")
     chips: bool | Path = param(
-        False, help="1: a further part with the paint colors, ids and names in them; a file name: there"
+        False, help="Paint colors with ids and names. 1: append them as part 'chips'; a file name: write that file."
     )
-    paints: Path | None = param(None, help="the paint colors go to this file, .gpl or .aco: load it where you paint")
-    json: Path | None = param(None, help="ids, names, colors, areas, parents, children and boxes go to this file")
+    paints: Path | None = param(
+        None, example="paints.gpl", help="File for the paint colors (.gpl or .aco), to load into a painting program."
+    )
+    json: Path | None = param(
+        None, example="palette.json", help="File for ids, names, colors, areas, parents, children and boxes of labels."
+    )
 
     def compute(self, session: Session) -> dict[str, Any]:
-        """The palette, where its pixels come from, and the table of its labels."""
+        """The palette, its source coordinates, and the table of its labels."""
         resources, progress = session.resources, session.progress
         spec = self.exemplar.first.spec
         labels = label_map(self.exemplar, self.labels, self.level)
@@ -90,7 +92,7 @@ class Palette(LabeledExemplar, InBands):
         for entry in shown:
             entry["children"] = [e["id"] for e in below if e["parent"] == entry["id"]]
         if len(shown) > self.rows:
-            self.warn("%d of %s's %d labels are shown", self.rows, labels.part.name, len(shown))
+            self.warn("only %d of the %d labels of %s are shown", self.rows, len(shown), labels.part.name)
         shown = shown[: self.rows]
         boxes = self._boxes(shown, {entry["id"]: entry for entry in below}, width)
         source = SourceMap(np.empty((self.side * len(shown), width), np.uint32))
@@ -114,18 +116,18 @@ class Palette(LabeledExemplar, InBands):
         return copied | {"chips": chips, "paints": paints, "table": table}
 
     def holds_photo(self, resources: Resources) -> bool:
-        """Whether the photo lies in memory, its own pixels and their values."""
+        """Whether the photo and its Lab values are held in memory."""
         return self.holds(resources, max(12, self.exemplar.first.pixel_bytes))
 
     @property
     def _reach(self) -> int:
-        """Side of the window of the photo, px, from which a swatch is made, at most."""
+        """Maximum side of the window of the photo from which a swatch is made, in px."""
         return -(-max(_REACH, 4 * self.side) // CELL) * CELL
 
     def _boxes(
         self, shown: list[dict[str, Any]], below: dict[int, dict[str, Any]], width: int
     ) -> list[tuple[int, dict[str, Any], Window]]:
-        """(levels down, entry, place) of every swatch: no pixel of the picture is left over."""
+        """(levels down, entry, box) of each swatch; together the boxes cover the picture."""
         boxes = []
         for row, entry in enumerate(shown):
             top = row * self.side
@@ -141,7 +143,7 @@ class Palette(LabeledExemplar, InBands):
         self, resources: Resources, seen: ExemplarPixels, labels: LabelMap, label: int, window: Window, box: Window,
         number: int,
     ) -> SourceMap:  # fmt: skip
-        """One label's texture: by PatchMatch, or cut from pieces where it is too thin for whole patches."""
+        """Texture of one label: by PatchMatch, or by graph cut where the label is too narrow for whole patches."""
         from ..graphcut.placement import Layout, graph_cut  # scipy is not loaded before it is needed
 
         down, across = window.inside(Window(0, 0, 0, 0))

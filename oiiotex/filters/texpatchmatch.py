@@ -19,6 +19,7 @@ class PatchMatch(PatchSynthesis):
     PatchMatch, `tile=none` its plain PatchMatch.
     """
 
+    example: ClassVar[str] = '>>> tile = filters.patchmatch("photo.png", seed=7)'
     name: ClassVar[str] = "patchmatch"
 
     contrast: float = param(

@@ -36,6 +36,7 @@ class Preview(Gather):
     brightness near the horizon, convert the tile to a linear color space first (OpenImageIO's `colorconvert`).
     """
 
+    example: ClassVar[str] = '>>> sheet = filters.preview(filters.stationarize("photo.png"), panels=["3x3"])'
     name: ClassVar[str] = "preview"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (

@@ -37,6 +37,7 @@ class Quilting(Reported, Quilted, Structured):
     does not grow with the number of pixels.
     """
 
+    example: ClassVar[str] = '>>> texture = filters.quilt("photo.png", size=(1024, 512), seed=7)'
     name: ClassVar[str] = "quilt"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("quilt", Kind.PIXELS, COPIED),

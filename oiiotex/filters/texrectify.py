@@ -58,6 +58,7 @@ class Rectify(Gather):
     filters preserve. Stored values are filtered without conversion, and vectors in normal maps are not rotated.
     """
 
+    example: ClassVar[str] = '>>> front = filters.rectify("photo.png", corners=(3, 2, 66, 5, 70, 60, 1, 62))'
     name: ClassVar[str] = "rectify"
     rescales: ClassVar[bool] = True
     space: ClassVar[Space] = Space.ANY

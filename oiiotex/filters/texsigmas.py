@@ -50,6 +50,7 @@ class Sigmas(InLab, Whole):
     is printed, and written with `json`. The result is an 8-bit sRGB image for display, not for measurements.
     """
 
+    example: ClassVar[str] = '>>> sheet = filters.sigmas("photo.png", n=4)'
     name: ClassVar[str] = "sigmas"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("view", Kind.PICTURE, "Contact sheet."),

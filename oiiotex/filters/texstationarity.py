@@ -32,6 +32,10 @@ class Stationarity(InLab, ScanThenMap):
     oiiotex:stationarity of the result.
     """
 
+    example: ClassVar[str] = """\
+>>> deviation = filters.stationarity("photo.png")
+>>> worst = deviation.get_pixels().max()  # Lab units
+"""
     name: ClassVar[str] = "stationarity"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("deviation", Kind.MEASURE, "One channel in Lab units (for moments, squared), in the image's windows."),

@@ -44,6 +44,11 @@ class Stationarize(PatchSynthesis):
     piece of a height map.
     """
 
+    example: ClassVar[str] = """\
+>>> tile = filters.stationarize("photo.png", preset="keep", seed=7)
+>>> tile.write("tile.png")
+True
+"""
     name: ClassVar[str] = "stationarize"
     outputs: ClassVar[tuple[Output, ...]] = (*PatchSynthesis.outputs, DRIFT)
 

@@ -31,6 +31,10 @@ class Superpixel(InLab, ScanThenMap):
     result does not depend on the memory budget.
     """
 
+    example: ClassVar[str] = """\
+>>> ids = filters.superpixel("photo.png", count=100)
+>>> view = filters.labelview(ids)
+"""
     name: ClassVar[str] = "superpixel"
     carries: ClassVar[bool] = True
     outputs: ClassVar[tuple[Output, ...]] = (

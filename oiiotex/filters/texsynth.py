@@ -43,6 +43,7 @@ class Synth(Multiscale, Structured):
     borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a graph differ.
     """
 
+    example: ClassVar[str] = '>>> texture = filters.synth("photo.png", size=(1024, 512), seed=7)'
     name: ClassVar[str] = "synth"
     copies: ClassVar[bool] = True  # of the single exemplar; a graph has no single source
     outputs: ClassVar[tuple[Output, ...]] = (

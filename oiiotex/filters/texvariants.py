@@ -31,6 +31,7 @@ class Variants(InLab, Whole):
     an 8-bit sRGB image for display, not for measurements.
     """
 
+    example: ClassVar[str] = '>>> sheet = filters.variants("photo.png", filter="quilt", seeds=3)'
     name: ClassVar[str] = "variants"
     outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "Contact sheet."),)
 

@@ -27,6 +27,10 @@ class Warp(Gather):
     image must have the display window of the photo from which the map was made.
     """
 
+    example: ClassVar[str] = """\
+>>> made = filters.stationarize("photo.png", stmap=True)
+>>> rough_tile = filters.warp("roughness.png", made["st"])
+"""
     name: ClassVar[str] = "warp"
     copies: ClassVar[bool] = True
     space: ClassVar[Space] = Space.ANY

@@ -37,6 +37,7 @@ class Zoom(Multiscale):
     Without `graph`, the zoom into the top image is endless: a graph of one exemplar with an edge of r=1 to itself.
     """
 
+    example: ClassVar[str] = '>>> frames = [filters.zoom("photo.png", frame=n, size=(640, 360)) for n in (1, 2)]'
     name: ClassVar[str] = "zoom"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output(

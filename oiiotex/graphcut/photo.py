@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An exemplar as graph cuts see it, and what is laid of it: in memory, or in unnamed files that are read by windows."""
+"""The exemplar and the result of graph cuts: in memory, or in unnamed files that are read by windows."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ..core.source_map import NONE, SourceMap
 from ..deferred import np
 
 SIDE = 128  # px of a tile
-_PHOTO_BYTES, _RESULT_BYTES = 7, 4  # of a pixel
-_BESIDE = {(0, -1): (0, 1), (-1, 0): (1, 0), (1, 0): (-1, 0), (0, 1): (0, -1)}  # (y, x) to a neighbor, in their order
-_HOLES = 64  # rows that are looked through at once
+_PHOTO_BYTES, _RESULT_BYTES = 7, 4  # bytes per pixel
+_BESIDE = {(0, -1): (0, 1), (-1, 0): (1, 0), (1, 0): (-1, 0), (0, 1): (0, -1)}  # (y, x) steps in order
+_HOLES = 64  # rows searched at a time
 
 
 def held_bytes(budget: int, photo: int, result: int) -> int:
-    """Memory that a photo and a result of so many pixels take: as they are, or as caches of files."""
+    """Memory of a photo and a result with those numbers of pixels: in full, or as caches of files."""
     return sum(n if n <= budget // 4 else budget // 8 for n in (_PHOTO_BYTES * photo, _RESULT_BYTES * result))
 
 
 class Photo:
-    """Colors of an exemplar, and where they may be taken from.
+    """Colors and valid source pixels of an exemplar.
 
     Parameters
     ----------
@@ -39,16 +39,16 @@ class Photo:
 
     @classmethod
     def of(cls, values: Any, usable: Any, budget: int) -> Photo:
-        """Of CIE Lab as floats.
+        """From CIE Lab as floats.
 
         Parameters
         ----------
         values : (height, width, 3)
-            An array, or what gives rows of one for a slice.
+            An array, or an object whose slices are arrays of rows.
         usable : (height, width) bool or None
-            Such a one, too; None: everywhere.
+            Likewise. None: everywhere.
         budget : int
-            Bytes; beyond a quarter of it the photo lies in a file.
+            Bytes. If the photo takes more than a quarter, it is in a file.
         """
         shape = values.shape[:2]
         here = _PHOTO_BYTES * shape[0] * shape[1] <= budget // 4
@@ -75,9 +75,9 @@ class Photo:
         return cls(lab, allowed)
 
     def reduced(self, factor: int) -> tuple[np.ndarray, np.ndarray]:
-        """Colors and usable pixels, one of each square of factor x factor: its middle one.
+        """Colors and usable pixels, one for each square of factor x factor: the one in its middle.
 
-        Of a mask that is so fine that it has none of these, the first usable one of each square.
+        If a mask is so fine that it contains none of these, the first usable one of each square.
         """
         y, x = (np.arange(factor // 2, n, factor) for n in self.shape)
         y, x = np.broadcast_arrays(y[:, None], x[None, :])
@@ -88,7 +88,7 @@ class Photo:
         return self.lab[y, x], usable
 
     def _first_usable(self, factor: int) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the first usable pixel of each square; any where there is none."""
+        """Rows and columns of the first usable pixel of each square. Arbitrary if there is none."""
         rows, columns = (-(-n // factor) for n in self.shape)
         first = np.zeros((rows, columns), np.int64)
         for row in range(rows):
@@ -101,7 +101,7 @@ class Photo:
         return y, x
 
     def nth_usable(self, number: int) -> tuple[int, int]:
-        """Row and column of a usable pixel: of them all, in their order, that one, and again from the first."""
+        """Row and column of the usable pixel with that number in raster order, modulo their count."""
         ends = self._usable_by_row.cumsum()
         number %= int(ends[-1])
         row = int(np.searchsorted(ends, number, "right"))
@@ -118,7 +118,7 @@ class Photo:
 
 
 def _with_neighbors(lab: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Colors where pixels next to usable ones look like these: seams compare what lies a pixel beyond a patch, too."""
+    """Colors with those next to usable pixels replaced by them: seams compare pixels one beyond a patch."""
     out, done = lab.copy(), usable.copy()
     height, width = usable.shape
     around = np.pad(usable, 1)
@@ -132,9 +132,9 @@ def _with_neighbors(lab: np.ndarray, usable: np.ndarray) -> np.ndarray:
 
 
 class Laid:
-    """Which pixel of a photo lies where in a result, `NONE` where none does; threads may share it by windows.
+    """The source of each pixel of a result, `NONE` if it has none. Threads may share it by windows.
 
-    `budget`: bytes; beyond a quarter of it the map lies in a file.
+    `budget`: bytes. If the map takes more than a quarter, it is in a file.
     """
 
     def __init__(self, height: int, width: int, budget: int):
@@ -144,20 +144,20 @@ class Laid:
             self.rows[top : top + count] = np.full((count, width), NONE, np.uint32)
 
     def window(self, rows: np.ndarray, columns: np.ndarray) -> SourceMap:
-        """Of these rows and columns, each one or more runs of neighbors."""
+        """Sources of these rows and columns, each one or more runs of consecutive ones."""
         if isinstance(self.rows, RowStore):
             return SourceMap(self.rows.crossing(rows, columns))
         return SourceMap(self.rows[np.ix_(rows, columns)])
 
     def put(self, rows: np.ndarray, columns: np.ndarray, values: SourceMap) -> None:
-        """The inverse of `window`, of rows and columns that do not come twice."""
+        """The inverse of `window`, for rows and columns without duplicates."""
         if isinstance(self.rows, RowStore):
             self.rows.set_crossing(rows, columns, values.packed)
         else:
             self.rows[np.ix_(rows, columns)] = values.packed
 
     def first_hole(self, top: int) -> tuple[int, int] | None:
-        """Row and column of the first pixel without a source, from that row on."""
+        """Row and column of the first pixel without a source, from row `top`."""
         for first in range(top, len(self.rows), _HOLES):
             holes = np.flatnonzero(self.rows[first : first + _HOLES] == NONE)
             if len(holes):

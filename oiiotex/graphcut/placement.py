@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Graph-cut textures: patches laid one after another, each cut where it is seen least (KSE03), from allowed pixels only
-(LSA16 §5.2).
+"""Graph-cut textures (KSE03): patches placed one after another and joined along minimum-error seams.
 
-First every place of a grid gets a patch that fits what is there; then the worst seams are laid over anew. A patch is
-kept only if the seams become cheaper, so refinement never makes them worse.
+Patches contain allowed pixels only (LSA16 §5.2).
 
-Departures from KSE03: the sum of squared differences of a placement (their eq. 4) is taken over whole numbers, so that
-rounding decides nothing; instead of a probability (their eq. 5) a hash chooses among the few best that lie apart;
-offsets that are there already are passed over, because they continue the exemplar word for word.
+First every site of a grid gets a patch that fits its surroundings. Then patches are placed over the worst seams. Such a
+patch is kept only if the seams become cheaper, so refinement never makes them worse.
+
+Departures from KSE03: the sum of squared differences of a placement (their eq. 4) is computed in integers, so that
+rounding decides nothing. Instead of a probability (their eq. 5) a hash chooses among the few best distinct placements.
+Offsets that are already present are skipped, because they would continue the exemplar verbatim.
 """
 
 from __future__ import annotations
@@ -28,40 +29,40 @@ from .photo import Laid, Photo, held_bytes
 from .seams import SeamPhoto, cut, seam_costs
 from .search import OffsetSearch, search_factor
 
-OVERLAP = 3  # patches of a first layer lie 2/3 of their side apart
-TRIES = 2  # placements of a refinement
-MOST_NARROW = 16  # px, side of a refinement's patch
-_LOOKED_AT = 1 << 16  # px whose seams are added up at once
+OVERLAP = 3  # distance between patches of the first layer: 2/3 of their side
+TRIES = 2  # placements per refinement
+MOST_NARROW = 16  # px, minimum side of a refinement patch
+_LOOKED_AT = 1 << 16  # px whose seams are summed at a time
 
 
 @dataclass(frozen=True, kw_only=True)
 class Layout(Domain):
-    """What to make: the domain, side of a patch in px, passes of refinement."""
+    """The task: the domain, the side of a patch in px, and the number of refinement passes."""
 
     patch: int
     passes: int
     seed: int
 
     def sites(self) -> list[tuple[int, int]]:
-        """Corners (y, x) of the first layer's patches; they cover everything, with overlap."""
+        """Corners (y, x) of the first layer's patches, which cover everything with overlap."""
         step = max(1, self.patch - self.patch // OVERLAP)
 
         def axis(size: int, wrap: bool) -> list[int]:
             if wrap:
                 count = max(1, -(-size // step))
                 return [i * size // count for i in range(count)]
-            before = self.patch // (2 * OVERLAP)  # the border is the middle of an overlap, like any other place
+            before = self.patch // (2 * OVERLAP)  # the border lies in the middle of an overlap, like any other place
             return list(range(-before, max(1, size - self.patch + step), step))
 
         rows, columns = axis(self.height, self.wrap_y), axis(self.width, self.wrap_x)
         if not self.wrap_x:
             return [(y, x) for y in rows for x in columns]
-        # around the border a row's first patch waits for the last one of the row above: not if it begins further right
+        # shift rows: else a row's first patch would wait for the last one of the row above, across the border
         return [(y, columns[(n + i) % len(columns)]) for n, y in enumerate(rows) for i in range(len(columns))]
 
 
 def bytes_needed(layout: Layout, exemplar: tuple[int, ...], budget: int, threads: int = 1) -> int:
-    """Memory of a synthesis: photo and result, or caches of them; of each thread spectra of a search, arcs of a cut."""
+    """Memory of a synthesis: photo and result, or their caches, and per thread a search's spectra and a cut's arcs."""
     factor = search_factor(exemplar)
     side = [fft.next_fast_len(n // factor + layout.patch // factor + 2, True) for n in exemplar[:2]]
     held = held_bytes(budget, exemplar[0] * exemplar[1], layout.width * layout.height)
@@ -77,29 +78,29 @@ def graph_cut(
     in_step: InStep | None = None,
     spread: Callable[..., Iterable[Any]] = map,
 ) -> SourceMap:
-    """Lay and cut patches until all is covered, then lay the worst seams over.
+    """Place and cut patches until all pixels are covered, then refine the worst seams.
 
-    Patches of a wave do not touch: what is made is what they would make one after the other.
+    Patches of a wave do not touch, so the result is the same as placing one after the other.
 
     Parameters
     ----------
     exemplar : (height, width, 3) float32
-        CIE Lab: an array, or what gives rows of one for a slice.
+        CIE Lab: an array, or an object whose slices are arrays of rows.
     allowed : (height, width) bool or None
-        Pixels that may be used, at least one; None: all. What the others look like is not looked at.
+        Usable pixels, at least one. None: all. The colors of the others are ignored.
     budget : int
-        Bytes; what of photo and result is beyond a quarter of it lies in a file.
+        Bytes. Photo and result are in files if they take more than a quarter of it.
     progress : callable
-        Called with (patches tried, patches in all); may raise to stop.
+        Called with (patches tried, total patches). May raise an exception to stop.
     in_step : InStep or None
-        The exemplar's lattice, where the result keeps it.
+        The exemplar's lattice, if the result keeps it.
     spread : callable
-        As `map`, perhaps on several threads.
+        Like `map`, possibly on several threads.
 
     Returns
     -------
     SourceMap
-        Of (height, width) pixels.
+        For (height, width) pixels.
     """
     canvas = _Canvas(Photo.of(exemplar, allowed, budget), layout, budget, in_step)
     sites = layout.sites()
@@ -124,12 +125,12 @@ def graph_cut(
 
 
 def waves(layout: Layout, squares: list[tuple[int, int, int]]) -> list[list[int]]:
-    """Squares (y, x, side) by number, in waves: each in one behind all those before it that it touches."""
-    cell = max(2, layout.patch // 16)  # px, how exactly it is looked at what touches
-    last = np.full((-(-layout.height // cell), -(-layout.width // cell)), -1, np.int32)  # wave that touched it
+    """Indices of squares (y, x, side) in waves: each is in a later wave than all earlier squares that it touches."""
+    cell = max(2, layout.patch // 16)  # px, precision of the overlap test
+    last = np.full((-(-layout.height // cell), -(-layout.width // cell)), -1, np.int32)  # last wave that touched it
     by_wave: list[list[int]] = []
     for number, (y, x, side) in enumerate(squares):
-        rows, columns = (  # with the pixels around it, which are looked at
+        rows, columns = (  # with the surrounding pixels, which are compared
             np.unique((around % size if wraps else around[(around >= 0) & (around < size)]) // cell)
             for around, size, wraps in (
                 (np.arange(y - 1, y + side + 1), layout.height, layout.wrap_y),
@@ -146,9 +147,9 @@ def waves(layout: Layout, squares: list[tuple[int, int, int]]) -> list[list[int]
 
 
 class _Seen(NamedTuple):
-    """What is there where a patch is to be laid.
+    """The window in which a patch is placed.
 
-    Rows and columns of the result, which may begin anew; where the patch may lie, where something does, and what.
+    Rows and columns of the result, which may wrap. Masks of where the patch may lie and where pixels exist, and these.
     """
 
     rows: np.ndarray
@@ -159,12 +160,12 @@ class _Seen(NamedTuple):
 
     @property
     def places(self) -> np.ndarray:
-        """(2, h, w) rows and columns of the exemplar."""
+        """(2, h, w) rows and columns in the exemplar."""
         return np.stack(self.laid.yx)
 
 
 class _Canvas:
-    """What has been laid so far."""
+    """The result so far."""
 
     def __init__(self, photo: Photo, layout: Layout, budget: int, in_step: InStep | None):
         self._photo, self._source = photo, SeamPhoto(photo.lab)
@@ -175,19 +176,19 @@ class _Canvas:
         self._tried = np.zeros((-(-layout.height // self._cell), -(-layout.width // self._cell)), np.uint8)
 
     def _window(self, y: int, x: int, side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows and columns of the patch at (y, x) with a margin, wrapped; and which of them there are."""
+        """Rows and columns of the patch at (y, x) with a margin, wrapped, and masks of those that exist."""
         g, margin = self._layout, 1
         side += 2 * margin
         rows, columns = np.arange(y - margin, y - margin + side), np.arange(x - margin, x - margin + side)
         there_y = np.ones(side, bool) if g.wrap_y else (rows >= 0) & (rows < g.height)
         there_x = np.ones(side, bool) if g.wrap_x else (columns >= 0) & (columns < g.width)
-        # a window larger than the torus would meet itself
+        # a window larger than the torus would overlap itself
         there_y &= np.arange(side) < margin + g.height if g.wrap_y else True
         there_x &= np.arange(side) < margin + g.width if g.wrap_x else True
         return rows % g.height, columns % g.width, there_y[:, None] & there_x[None, :]
 
     def _seen(self, y: int, x: int, side: int) -> _Seen:
-        """The window at (y, x), a pixel wider than the patch."""
+        """The window at (y, x), one pixel wider than the patch."""
         rows, columns, there = self._window(y, x, side)
         inside = there.copy()
         inside[[0, -1]] = inside[:, [0, -1]] = False
@@ -195,7 +196,7 @@ class _Canvas:
         return _Seen(rows, columns, inside, (laid.packed != NONE) & there, laid)
 
     def _covered(self, offset: tuple[int, int], inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The patch whose corner lies at `offset` of the exemplar: its (y, x), and where it may be taken."""
+        """The patch with its corner at `offset` of the exemplar: its (y, x), and a mask of usable pixels."""
         y, x = (offset[k] - 1 + np.arange(len(inside)) for k in (0, 1))
         height, width = self._photo.shape
         ok = ((y >= 0) & (y < height))[:, None] & ((x >= 0) & (x < width))[None, :]
@@ -203,7 +204,7 @@ class _Canvas:
         return np.stack(np.broadcast_arrays(y[:, None], x[None, :])), ok & inside
 
     def lay(self, y: int, x: int, side: int, number: int, offset: tuple[int, int] | None = None) -> None:
-        """A first patch at (y, x): it fills what is empty and is cut against what is there."""
+        """Place an initial patch at (y, x): it fills empty pixels and is cut against existing ones."""
         seen = self._seen(y, x, side)
         empty = seen.inside & ~seen.filled
         if not empty.any():
@@ -215,7 +216,7 @@ class _Canvas:
         self._put(seen, patch, cut(self._source, seen.places, seen.filled, patch, covers))
 
     def close_holes(self) -> None:
-        """Patches around pixels that none has covered yet, until there are none."""
+        """Place patches around uncovered pixels until there are none."""
         side, number = self._layout.patch, 0x100000
         half, hole = side // 2, self.laid.first_hole(0)
         while hole is not None:
@@ -223,19 +224,19 @@ class _Canvas:
             number += 1
             self.lay(y - half, x - half, side, number)
             hole = self.laid.first_hole(y)
-            if hole == (y, x):  # no patch that fits has an allowed pixel just there: any that has
+            if hole == (y, x):  # no fitting patch has an allowed pixel there: take any that has
                 at_y, at_x = self._photo.nth_usable(self._chance(0x401E, number))
                 self.lay(y - half, x - half, side, number, (at_y - half, at_x - half))
                 hole = self.laid.first_hole(y)
 
     def improve(self, y: int, x: int, side: int, number: int) -> None:
-        """Another patch over (y, x), where it makes the seams cheaper."""
+        """Place another patch over (y, x) if it makes the seams cheaper."""
         seen = self._seen(y, x, side)
         before = self._cost(seen.places, seen.filled)
         if before == 0:
             return
         ring = seen.filled & seen.inside
-        ring[side // 3 : -side // 3, side // 3 : -side // 3] = False  # what lies within is what is to be replaced
+        ring[side // 3 : -side // 3, side // 3 : -side // 3] = False  # the inside is to be replaced
         offsets = self._search.placements(self._source, seen.places, ring, np.zeros_like(ring), (y, x))
         first = self._chance(0x2EF1, number)
         for n in range(min(TRIES, len(offsets))):
@@ -249,10 +250,10 @@ class _Canvas:
         return sum(int(c.sum()) for c in seam_costs(self._source, places, filled))
 
     def _put(self, seen: _Seen, patch: np.ndarray, taken: np.ndarray) -> None:
-        """Take some pixels of a patch; of the window only what lies inside is written, and nothing twice."""
+        """Write the taken pixels of a patch, only those inside the window, none twice."""
         rows, columns = (np.flatnonzero(seen.inside.any(axis)) for axis in (1, 0))
         inside = np.ix_(rows, columns)
-        at = patch[:, inside[0], inside[1]].clip(0)  # a patch may begin outside of the photo
+        at = patch[:, inside[0], inside[1]].clip(0)  # a patch may start outside of the photo
         packed = np.where(taken[inside], SourceMap.of(*at).packed, seen.laid.packed[inside])
         self.laid.put(seen.rows[rows], seen.columns[columns], SourceMap(packed))
 
@@ -260,7 +261,7 @@ class _Canvas:
         return int(hash_at(self._layout.seed, step, np.array([number >> 12]), np.array([number & 0xFFF]))[0] >> 8)
 
     def worst(self, count: int) -> Iterator[tuple[int, int, int]]:
-        """Corners and sides of patches around the most expensive seams, each smaller the oftener it was tried."""
+        """Corners and sides of patches around the most expensive seams, smaller with each try."""
         cell = self._cell
         energy = self._energy() / 4.0**self._tried
         for place in np.argsort(-energy, axis=None, kind="stable")[:count].tolist():
@@ -278,7 +279,7 @@ class _Canvas:
             rows = np.arange(top, min(top + cell + 1, g.height + g.wrap_y)) % g.height
             columns = np.arange(left, min(left + across + 1, g.width + g.wrap_x)) % g.width
             places = np.stack(self.laid.window(rows, columns).yx)
-            inner = across if left + across < g.width else None  # what lies beyond is the next piece's
+            inner = across if left + across < g.width else None  # pixels beyond belong to the next piece
             for costs in seam_costs(self._source, places, np.ones(places.shape[1:], bool)):
                 along = costs[:, :inner].sum(0)
                 begins = np.arange(0, min(len(along), g.width - left), cell)

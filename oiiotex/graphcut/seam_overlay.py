@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One texture laid over another where a mask says so, cut along a band around the mask's border (KSE03 §3).
+"""A texture composited over another by a mask, cut in a band around the mask's border (KSE03 §3).
 
-The cut is made tile by tile: on the borders of tiles the mask itself decides, so neighbors agree without knowing of
-each other. A pixel follows from the mask and both textures within its tile and a band around it, and from nothing
-farther away.
+The cut is made tile by tile: on the borders of tiles the mask itself decides, so neighboring tiles always agree.
+A pixel depends on the mask and both textures within its tile and a band around it only.
 """
 
 from __future__ import annotations
@@ -24,20 +23,20 @@ if TYPE_CHECKING:
 TILE = 128  # px
 
 
-@dataclass(frozen=True, eq=False)  # its pieces in a cache are its own
+@dataclass(frozen=True, eq=False)  # cached pieces are compared by identity
 class SeamOverlay:
-    """Two textures of one exemplar.
+    """Two textures from one exemplar.
 
     Attributes
     ----------
     lab : (h, w, 3) int16 or TileStore
         The exemplar in grid steps.
     below : callable
-        Window -> its sources.
+        Window -> sources of its pixels.
     above : callable
-        Window -> (where it is to be seen, bool; its sources).
+        Window -> (mask of where it is visible, sources).
     band : int
-        px from the mask's border to which the cut may stray.
+        Maximum distance of the cut from the mask's border, px.
     """
 
     lab: np.ndarray | TileStore
@@ -47,7 +46,7 @@ class SeamOverlay:
     band: int
 
     def sources(self, window: Window, cache: PieceCache) -> SourceMap:
-        """Of the pixels of any window."""
+        """Sources of the pixels of a window."""
 
         def tile(place: Window) -> np.ndarray:
             return cache.get((self, place), lambda: self._tile(place).packed[..., None])
@@ -55,7 +54,7 @@ class SeamOverlay:
         return SourceMap(assembled(window, (TILE, TILE), self.whole, tile)[..., 0])
 
     def _tile(self, place: Window) -> SourceMap:
-        from scipy.ndimage import distance_transform_cdt  # when it is needed: it is slow to import
+        from scipy.ndimage import distance_transform_cdt  # slow to import
 
         around = place.grown(self.band) & self.whole
         mask = self.above(around)[0]
@@ -63,7 +62,7 @@ class SeamOverlay:
         below, (seen, above) = self.below(place), self.above(place)
         if not seen.any() and not mask.any():
             return below
-        # distances to the other side of the mask; without another side there is no border
+        # distances to the other side of the mask; inf if there is none
         far = self.band + 1
         near = np.minimum(
             distance_transform_cdt(mask) if not mask.all() else np.full(mask.shape, far),

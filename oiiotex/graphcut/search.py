@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where in an exemplar a patch fits what is there: KSE03 section 5, over whole numbers."""
+"""The search for the best fitting patch of an exemplar: KSE03 section 5, in integers."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from ..regularity.offset_prices import InStep
 from .photo import Photo
 from .seams import SeamPhoto
 
-CHOICES = 4  # the best placements among which the hash chooses
-TOLERANCE = 1.3  # a placement may cost this times the best one
-ENOUGH = 0.6  # of the most new pixels that a placement brings: others are not looked at
-SEARCHED = 256  # px; larger exemplars are searched at 1/2, 1/4 ... of their size, then nearby
-_SAMPLES = 2048  # pixels that are compared nearby
-_UNIT = 4  # grid steps of a search's whole numbers: 1/2 Lab
+CHOICES = 4  # number of best placements among which the hash chooses
+TOLERANCE = 1.3  # maximum cost of a placement, relative to the best one
+ENOUGH = 0.6  # minimum number of new pixels, relative to the most that any placement brings
+SEARCHED = 256  # px; larger exemplars are first searched at 1/2, 1/4 ... of their size, then locally
+_SAMPLES = 2048  # pixels compared in the local search
+_UNIT = 4  # grid steps per integer step of a search: 1/2 Lab
 
 
 def search_factor(shape: tuple[int, ...]) -> int:
-    """By how much an exemplar is reduced for the search, a power of two."""
+    """Factor by which an exemplar is reduced for the search, a power of two."""
     factor = 1
     while max(shape[:2]) // factor > SEARCHED:
         factor *= 2
@@ -27,10 +27,9 @@ def search_factor(shape: tuple[int, ...]) -> int:
 
 
 class OffsetSearch:
-    """Where in the exemplar a patch fits what is there: sums of squared differences at all offsets, by Fourier
-    transforms (KSE03 §5), over pixels that may be used.
+    """The search for the best offsets of a patch: sums of squared differences by Fourier transforms (KSE03 §5).
 
-    Departure: where the exemplar has a lattice, offsets that are out of step with it cost, in the exemplar's variance.
+    Departure: if the exemplar has a lattice, offsets out of phase with it have a penalty, in the exemplar's variance.
     """
 
     def __init__(self, photo: Photo, patch: int, in_step: InStep | None = None):
@@ -56,7 +55,7 @@ class OffsetSearch:
         """
         f = self._factor
         grid = (slice(1 + f // 2, -1, f),) * 2
-        if not (compared[grid].any() or wanted[grid].any()):  # finer than the reduced exemplar: any pixel will do
+        if not (compared[grid].any() or wanted[grid].any()):  # finer than the reduced exemplar: use any pixel
             grid = (slice(1, -1, f),) * 2
         seen, new = compared[grid], wanted[grid]
         lab = source.at(*places[(slice(None), *grid)]).astype(np.int64) // _UNIT
@@ -72,7 +71,7 @@ class OffsetSearch:
     def _nearby(
         self, source: SeamPhoto, places: np.ndarray, compared: np.ndarray, at: tuple[int, int], y: int, x: int
     ) -> tuple[int, int]:
-        """The best offset around one of the reduced exemplar's."""
+        """The best offset near one found in the reduced exemplar."""
         rows, columns = np.nonzero(compared)
         few = slice(None, None, len(rows) // _SAMPLES + 1)
         rows, columns = rows[few], columns[few]
@@ -85,7 +84,7 @@ class OffsetSearch:
             prices = _UNIT**2 * self._offset_prices.at(at[1], at[0], x + reach, y + reach)
         colors, usable = self._around(source, y - 1 - f, x - 1 - f, *(n + 2 * f for n in compared.shape))
         width, colors = compared.shape[1] + 2 * f, colors.reshape(-1, 3)
-        first = rows * width + columns  # at the least offset
+        first = rows * width + columns  # at the smallest offset
         for dy in reach.tolist():
             for dx in reach.tolist():
                 pixels = first + ((dy + f) * width + dx + f)
@@ -97,14 +96,14 @@ class OffsetSearch:
                 apart -= wanted
                 if count < len(rows):
                     apart *= inside[:, None]
-                # whole numbers that doubles hold: the order of their sum does not show
+                # integers, exact in doubles: the order of summation does not matter
                 mean = np.vdot(apart, apart) / max(1, count) + prices[dy + f, dx + f]
                 if mean < best:
                     best, chosen = mean, (y + dy, x + dx)
         return chosen
 
     def _around(self, source: SeamPhoto, y: int, x: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-        """Colors of the exemplar's pixels from (y, x) on, in doubles, and which may be used, (height * width,)."""
+        """Colors of the exemplar's pixels from (y, x), in doubles, and a mask of usable ones, (height * width,)."""
         rows, columns = y + np.arange(height), x + np.arange(width)
         inside = [(at >= 0) & (at < n) for at, n in zip((rows, columns), self._photo.shape, strict=True)]
         at = np.ix_(*(at.clip(0, n - 1) for at, n in zip((rows, columns), self._photo.shape, strict=True)))
@@ -112,26 +111,26 @@ class OffsetSearch:
         return source.lab[at].astype(np.float64), usable.ravel()
 
     def _sums(self, lab: np.ndarray, seen: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean squared difference over `seen`, and how many of `new` are brought, for every corner from -side + 1."""
+        """Mean squared difference over `seen`, and number of `new` pixels covered, for every corner from -side + 1."""
         weight = seen.astype(np.float64)
         planes = [weight, *(weight * lab[..., c] for c in range(3)), weight * (lab**2).sum(-1), new.astype(np.float64)]
         ours = [np.conj(fft.rfft2(plane, self._shape)) for plane in planes]
         usable, *color, square = self._spectra
         products = usable * ours[4] + square * ours[0] - 2 * sum(c * o for c, o in zip(color, ours[1:4], strict=True))
         sums = [fft.irfft2(s, self._shape) for s in (products, usable * ours[0], usable * ours[5])]
-        # corners before the exemplar's own come out at the far end
+        # negative corners wrap to the far end
         reach = max(seen.shape) - 1
         apart, count, gain = (np.rint(np.roll(r, (reach, reach), (0, 1))) for r in sums)
         rows, columns = (n + reach for n in self._allowed.shape)
         apart, count, gain = (r[:rows, :columns] for r in (apart, count, gain))
-        # a placement that compares little of what is there says little: it pays for the rest by what is usual
+        # few compared pixels prove little: the rest is charged with the typical cost
         total = max(1.0, float(weight.sum()))
         many = count > 0.5 * total
         usual = float(np.median(apart[many] / count[many])) if many.any() else 0.0
         return (np.maximum(apart, 0) + np.rint(usual) * (total - count)) / total, gain
 
     def _present(self, places: np.ndarray, compared: np.ndarray) -> np.ndarray:
-        """Offsets that much of the window has already, (n, 2)."""
+        """Offsets that much of the window already has, (n, 2)."""
         y, x = np.nonzero(compared)
         if not len(y):
             return np.zeros((0, 2), np.int64)
@@ -140,7 +139,7 @@ class OffsetSearch:
         return present[counts > 0.02 * len(y)]
 
     def _apart(self, cost: np.ndarray, shunned: np.ndarray, side: int) -> list[tuple[int, int]]:
-        """The best few that lie apart from one another and from what is shunned."""
+        """The best few offsets that are apart from one another and from the excluded ones."""
         f, away, free = self._factor, max(1, side // 8), cost.copy()
 
         def without(y: int, x: int) -> None:
@@ -148,7 +147,7 @@ class OffsetSearch:
 
         for y, x in (shunned // f + side - 1).tolist():
             without(y, x)
-        if not np.isfinite(free).any():  # a patch of which there is only one: again, then
+        if not np.isfinite(free).any():  # the only possible patch: use it again
             free[:] = cost
         offsets: list[tuple[int, int]] = []
         limit = np.inf

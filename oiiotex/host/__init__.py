@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The host's own ops, through ImageBufAlgo: `OPS` has them all. In Python, ImageBufAlgo itself serves as well."""
+"""oiiotool's ops through ImageBufAlgo: `OPS` has them all. In Python, call ImageBufAlgo itself."""
 
 from __future__ import annotations
 
@@ -21,49 +21,49 @@ SHELVES = tuple(
             "clamp contrast saturate rangecompress rangeexpand normalize noise fixnan",
         ),
         (
-            "arithmetic", "COMPOSITING", "Compositing of flat and of deep images, and colors by alpha",
+            "arithmetic", "COMPOSITING", "Compositing of flat and deep images, and premultiplication",
             "over zover premult unpremult repremult deepen flatten deepmerge deepholdout",
         ),
         (
-            "channels", "CHANNELS", "Channels: choosing, naming, summing, mapping",
+            "channels", "CHANNELS", "Channels: selecting, naming, summing, color maps",
             "ch nchannels chappend chnames chsum maxchan minchan colormap",
         ),
         (
-            "color", "COLOR", "Color management, by OpenColorIO inside OpenImageIO",
+            "color", "COLOR", "Color management (OpenColorIO)",
             "iscolorspace tocolorspace colorconvert ccmatrix ociolook ociodisplay ociofiletransform ocionamedtransform",
         ),
         ("channels", "CRYPTOMATTE", "Cryptomatte", "cryptomatte-colors"),
         (
-            "metadata", "METADATA", "Metadata, and windows without pixels",
+            "metadata", "METADATA", "Metadata, orientation, data and display windows",
             "attrib sattrib eraseattrib caption keyword clear-keywords orientation orientcw rotcw orientccw"
             " rotccw orient180 rot180 origin originoffset fullsize fullpixels cicp iccread pastemeta",
         ),
         (
-            "spatial.placing", "CROPPING", "Ops on windows: crops, cuts, pastes, mosaics",
+            "spatial.placing", "CROPPING", "Crop, cut, paste, mosaic",
             "crop croptofull cut trim paste mosaic",
         ),
         (
-            "spatial.placing", "TURNING", "Ops that turn the image over or move its pixels round",
+            "spatial.placing", "TURNING", "Flip, rotate by quarter turns, shift",
             "flip flop rotate180 flipflop rotate90 rotate270 transpose reorient cshift",
         ),
-        ("spatial.scaling", "SCALING", "Ops that change the size", "resize resample fit pixelaspect"),
+        ("spatial.scaling", "SCALING", "Resize", "resize resample fit pixelaspect"),
         (
             "spatial.warping", "WARPING",
-            "Ops that resample at slanted or arbitrary places, and what they share with the scalings",
+            "Warp and rotate by any angle",
             "warp rotate st_warp",
         ),
         (
-            "spatial.filtering", "FILTERING", "Filters that look at a neighborhood, or at all of the image",
+            "spatial.filtering", "FILTERING", "Filters",
             "blur convolve median dilate erode unsharp laplacian fillholes fft ifft decorrstretch demosaic",
         ),
-        ("drawing", "DRAWING", "Ops that draw on a copy of the image", "box line point text fill"),
-        ("drawing", "PATTERNS", "Images out of nothing", "create pattern kernel"),
+        ("drawing", "DRAWING", "Drawing", "box line point text fill"),
+        ("drawing", "PATTERNS", "Generators", "create pattern kernel"),
     )
 )  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
-    """`OPS`: all of them, in the order of help."""
+    """`OPS`: all ops, in the order of help."""
     if name == "OPS":
         return tuple(itertools.chain.from_iterable(shelf.declarations for shelf in SHELVES))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Channels: choosing, naming, summing, mapping; the ids of Cryptomatte."""
+"""Channels: select, rename, sum and color-map; visualize Cryptomatte ids."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ _MAPS = (
 
 
 class Chosen(NamedTuple):
-    """A channel of a result: which one of the image it is, or a constant; and its name."""
+    """A channel of the result: the index of the image's channel or a constant, and its name."""
 
     source: int | float
     name: str
 
 
 def chosen_channels(text: str, names: Sequence[str]) -> list[Chosen]:
-    """What a list of channels means for an image with channels of those names; raises ParameterError for an empty one.
+    """The channels that a list selects from an image with channels of these names; ParameterError for an empty list.
 
-    With commas: NAME or NUMBER (that channel), NEW=NAME (under another name), NEW=VALUE and =VALUE (a constant). A
-    name or number that is not there gives zeros. RGB and RGBA stand for R,G,B and R,G,B,A.
+    Comma-separated: NAME or NUMBER (that channel), NEW=NAME (renamed), NEW=VALUE and =VALUE (a constant). A missing
+    channel becomes 0. RGB and RGBA stand for R,G,B and R,G,B,A.
     """
     words = {"RGB": "R,G,B", "RGBA": "R,G,B,A"}.get(text, text).split(",")
     if len(words) > 1 and not words[-1].strip():
         words.pop()
     if not any(word.strip() for word in words):
-        raise ParameterError(f"'{text}' names no channel")
+        raise ParameterError(f"'{text}'", expected="a comma-separated list of channels")
     return [_chosen(word.strip(), place, names) for place, word in enumerate(words)]
 
 
@@ -64,16 +64,16 @@ def _chosen(word: str, place: int, names: Sequence[str]) -> Chosen:
     if not old:
         return Chosen(0.0, new or default)
     same = [n for n, name in enumerate(names) if name == old]
-    same += [n for n, name in enumerate(names) if name.lower() == old.lower()]  # in other letters
+    same += [n for n, name in enumerate(names) if name.lower() == old.lower()]  # in another case
     if not same:
-        log.warning("there is no channel '%s', it is filled with 0; there is %s", old, ", ".join(names))
+        log.warning("no channel '%s' among %s: it is filled with 0", old, ", ".join(names))
         return Chosen(0.0, new or default)
     return Chosen(same[0], new or names[same[0]])
 
 
 @dataclass(frozen=True, kw_only=True)
 class ChosenChannels(OneImage):
-    """Some channels, in some order."""
+    """Selected channels, in any order."""
 
     deep: ClassVar[bool] = True
 
@@ -82,7 +82,7 @@ class ChosenChannels(OneImage):
         raise NotImplementedError
 
     def idle(self, parts: Sequence[Part]) -> bool:
-        """Whether all channels stay as they are."""
+        """Whether the channels do not change."""
         return all(
             self.chosen(part.spec) == [Chosen(n, name) for n, name in enumerate(part.spec.channelnames)]
             for part in parts
@@ -97,19 +97,23 @@ class ChosenChannels(OneImage):
 
 @dataclass(frozen=True, kw_only=True)
 class Channels(ChosenChannels):
-    """Choose, reorder, rename or add channels."""
+    """Select, reorder, rename or add channels."""
 
     name: ClassVar[str] = "ch"
 
-    channels: str = argument(help="with commas: NAME, NUMBER, NEW=NAME, NEW=VALUE, =VALUE; what is not there is 0")
+    channels: str = argument(
+        help="Comma-separated channels: NAME, NUMBER, NEW=NAME (renamed), NEW=VALUE or =VALUE (a constant). Missing"
+        " channels are filled with 0.",
+        example="R,G,B,A=1",
+    )
 
     def chosen(self, spec: oiio.ImageSpec) -> list[Chosen]:
-        """As the list says."""
+        """The channels in the list."""
         return chosen_channels(self.channels, spec.channelnames)
 
 
 def _append(*buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-    """All channels; appended from the top of the stack down, on which the names of equal ones depend."""
+    """All channels, appended from the top of the stack down: the names given to duplicates depend on that order."""
     *images, _ = buffers
     return functools.reduce(lambda appended, below: oiio.ImageBufAlgo.channel_append(below, appended), images[::-1])
 
@@ -120,10 +124,13 @@ class ChannelNames(Respec):
 
     name: ClassVar[str] = "chnames"
 
-    names: str = argument(help="the names, with commas; where one is empty or left out the channel keeps its own")
+    names: str = argument(
+        help="Comma-separated channel names. A channel whose entry is empty or missing keeps its name.",
+        example="R,G,B,A",
+    )
 
     def called(self, spec: oiio.ImageSpec) -> None:
-        """Under their new names, which say what is alpha and what is depth."""
+        """Rename, and find alpha and depth by the new names."""
         given = self.names.split(",")[: spec.nchannels]
         names = [new or old for new, old in zip(given, spec.channelnames, strict=False)]
         spec.channelnames = (*names, *spec.channelnames[len(names) :])
@@ -132,14 +139,14 @@ class ChannelNames(Respec):
         spec.z_channel = max((n for n, kind in enumerate(kinds) if kind in ("z", "depth")), default=-1)
 
     def renamed(self) -> dict[str, str]:
-        """The names that are given, by which the first file may have a channel of another type."""
+        """New names and the old ones, by which the first input file may hold a channel of another type."""
         given = zip(self.names.split(","), self.source.first.spec.channelnames, strict=False)
         return {new: old for new, old in given if new}
 
 
 @dataclass(frozen=True, kw_only=True)
 class FromChannels(OneImage):
-    """New channels made of all: of the image's metadata OpenImageIO keeps none, and the display window is lost."""
+    """New channels computed from all channels; OpenImageIO drops the metadata and the display window."""
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed."""
@@ -156,17 +163,20 @@ def _sum(source: oiio.ImageBuf, weight: Numbers) -> oiio.ImageBuf:
 
 @dataclass(frozen=True, kw_only=True)
 class ColorMap(FromChannels):
-    """Show values in color: the luma of three channels or more, else the first channel."""
+    """Visualize values with a color map: the luma of three or more channels, else the first channel."""
 
     name: ClassVar[str] = "colormap"
 
-    map: str = argument(help=f"{', '.join(_MAPS)}, or colors at equal distances: R,G,B,R,G,B,...")
+    map: str = argument(
+        help=f"Color map: {', '.join(_MAPS)}, or a comma-separated list of RGB triples.", example="viridis"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         words = [word.strip() for word in self.map.split(",")]
         if self.map not in _MAPS and (not all(map(_NUMBER.fullmatch, words)) or len(words) < 6 or len(words) % 3):
-            raise ParameterError(f"map={self.map}: allowed is {', '.join(_MAPS)}, or two colors R,G,B or more")
+            expected = f"one of {', '.join(_MAPS)}, or at least two R,G,B triples"
+            raise ParameterError(parameter="map", value=self.map, expected=expected)
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """The colors of the map."""
@@ -178,18 +188,19 @@ class ColorMap(FromChannels):
 
 CHANNELS = (
     Channels,
-    op("nchannels", "Keep the first channels, or add channels of 0.", ChosenChannels,
+    op("nchannels", "Set the number of channels: drop the last ones, or append channels of 0.", ChosenChannels,
        chosen=lambda use, spec: [_chosen(str(n), n, spec.channelnames) for n in range(use.count)],
-       count=(int, argument(ge=1, le=1 << 16, help="how many channels the result has"))),
-    op("chappend", "Append the channels of the last images to each other.", PointOp, _append,
+       count=(int, argument(ge=1, le=1 << 16, help="Number of channels of the result."))),
+    op("chappend", "Append the channels of the last two or more images.", PointOp, _append,
        arity=classmethod(lambda cls, values, depth: values.get("n", 2)),
-       sources=(tuple[Image, ...], image(help="the images, in the order of the result's channels")),
-       n=param(2, ge=2, le=1 << 16, help="how many images")),
+       sources=(tuple[Image, ...], image(help="Images, in the order of the channels in the result.")),
+       n=param(2, ge=2, le=1 << 16, help="Number of images.")),
     ChannelNames,
-    op("chsum", "Sum the channels into one.", FromChannels, _sum,
-       weight=param(Numbers((1.0,)), help="a weight for all channels, or for each; 1 for further ones")),
-    op("maxchan", "Take the largest of the channels.", FromChannels),
-    op("minchan", "Take the smallest of the channels.", FromChannels),
+    op("chsum", "Sum all channels into one.", FromChannels, _sum,
+       weight=param(Numbers((1.0,)), example="0.2126,0.7152,0.0722",
+                    help="Weight of all channels, or one per channel. Channels without a weight get 1.")),
+    op("maxchan", "Take the maximum of all channels.", FromChannels),
+    op("minchan", "Take the minimum of all channels.", FromChannels),
     ColorMap,
 )  # fmt: skip
 
@@ -198,12 +209,13 @@ CHANNELS = (
 
 
 def _id_colors(source: oiio.ImageBuf, layer: str) -> oiio.ImageBuf:
-    """A color for each id, by its coverage."""
+    """One color per id, weighted by its coverage."""
     pattern = re.compile(re.escape(layer) + r"\d\d\..*", re.ASCII)
     names = source.spec().channelnames
     ranks = [n for n, name in enumerate(names) if pattern.fullmatch(name)]
     if not ranks:
-        raise ParameterError(f"layer={layer}: the image has no channels {layer}00.R ...; it has {', '.join(names)}")
+        hint = f"the image has {', '.join(names)}"
+        raise ParameterError(f"no channels {layer}00.R ...", parameter="layer", value=layer, hint=hint)
     values = pixels_of(source, oiio.FLOAT)
     color = np.zeros((*values.shape[:-1], 3), np.float32)
     for identity, coverage in zip(ranks[::2], ranks[1::2], strict=False):
@@ -219,13 +231,13 @@ def _id_colors(source: oiio.ImageBuf, layer: str) -> oiio.ImageBuf:
 
 
 def _scrambled(code: np.ndarray) -> np.ndarray:
-    """uint32 -> uint32: the finishing step of MurmurHash3, in which every bit depends on every other."""
+    """uint32 -> uint32: the final mix of MurmurHash3, in which every bit depends on every other."""
     code = (code ^ (code >> np.uint32(16))) * np.uint32(0x85EBCA6B)
     code = (code ^ (code >> np.uint32(13))) * np.uint32(0xC2B2AE35)
     return code ^ (code >> np.uint32(16))
 
 
 CRYPTOMATTE = op(
-    "cryptomatte-colors", "Show the ids of a Cryptomatte layer as colors.", OneImage, _id_colors,
-    layer=(str, argument(help="name of the layer: its channels are NAME00.R and so on")),
+    "cryptomatte-colors", "Visualize the ids of a Cryptomatte layer as colors.", OneImage, _id_colors,
+    layer=(str, argument(help="Name of the layer, whose channels are NAME00.R and so on.", example="CryptoObject")),
 )  # fmt: skip

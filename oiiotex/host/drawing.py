@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ops that draw on a copy of the image, and images out of nothing."""
+"""Ops that draw on a copy of the image, and generators of new images."""
 
 from __future__ import annotations
 
@@ -22,19 +22,23 @@ from .spatial.filtering import kernel_of, kernel_size
 
 Painter: TypeAlias = "Callable[[oiio.ImageBuf], Any]"
 
-_POINTS = {"points": (str, argument(help="X1,Y1,X2,Y2,..."))}
-_SIZE = argument(help="WxH or WxH+X+Y")
-_CHANNELS = argument(ge=1, le=1024, help="how many channels")
-_FAR = 1 << 28  # coordinates beyond it overflow where lines are drawn
+_POINTS = {"points": (str, argument(help="Pixel coordinates X1,Y1,X2,Y2,...", example="10,20,200,150"))}
+_SIZE = argument(help="Data and display window: WxH or WxH+X+Y.", example="640x480")
+_CHANNELS = argument(ge=1, le=1024, help="Number of channels.")
+_FAR = 1 << 28  # coordinates beyond it overflow in OpenImageIO's line drawing
+
+
+def _color(help: str, unset: str = "white") -> Any:
+    return param(None, help=help, unset=unset, example="1,0.5,0")
 
 
 def _color_of(given: Numbers | None, count: int) -> tuple[float, ...]:
-    """One value for all channels, or one for each; 1 for those that get none."""
+    """One value for all channels, or one per channel; 1 for channels without a value."""
     return per_channel(given or (), count, 1.0)
 
 
 def _gradient(corners: Sequence[Sequence[float]], region: Window, window: Window) -> np.ndarray:
-    """A window of a region filled between colors, (height, width, channels), as ImageBufAlgo::fill does over it all.
+    """A window of a region filled with a gradient, (height, width, channels), as ImageBufAlgo::fill fills all of it.
 
     `corners` are two colors (top, bottom) or four (top left, top right, bottom left, bottom right).
     """
@@ -53,45 +57,44 @@ def _gradient(corners: Sequence[Sequence[float]], region: Window, window: Window
 
 @dataclass(frozen=True, kw_only=True)
 class Colors:
-    """Of a fill: one, or between two or four."""
+    """Colors of a fill: one, or a gradient between two or four."""
 
-    color: Numbers | None = param(None, help="of all")
-    top: Numbers | None = param(None, help="with bottom")
-    bottom: Numbers | None = param(None, help="with top")
-    left: Numbers | None = param(None, help="with right")
-    right: Numbers | None = param(None, help="with left")
-    topleft: Numbers | None = param(None, help="with the other corners")
-    topright: Numbers | None = param(None, help="with the other corners")
-    bottomleft: Numbers | None = param(None, help="with the other corners")
-    bottomright: Numbers | None = param(None, help="with the other corners")
+    color: Numbers | None = param(None, help="Uniform color.", example="1,0.5,0")
+    top: Numbers | None = param(None, help="Color at the top of a vertical gradient. Requires bottom.", example="0,0,1")
+    bottom: Numbers | None = param(None, help="Color at the bottom. Requires top.", example="0,0,0")
+    left: Numbers | None = param(None, help="Color at the left of a horizontal gradient. Requires right.", example="1")
+    right: Numbers | None = param(None, help="Color at the right. Requires left.", example="0")
+    topleft: Numbers | None = param(None, help="Corner color. Requires all four corners.", example="1,0,0")
+    topright: Numbers | None = param(None, help="Corner color. Requires all four corners.", example="0,1,0")
+    bottomleft: Numbers | None = param(None, help="Corner color. Requires all four corners.", example="0,0,1")
+    bottomright: Numbers | None = param(None, help="Corner color. Requires all four corners.", example="0,0,0")
 
     def corners(self, count: int) -> tuple[tuple[float, ...], ...]:
-        """Colors of so many channels: one, two (top, bottom) or four; none where too few are given."""
-        names = ("topleft", "topright", "bottomleft", "bottomright")
-        for wanted in (names, ("top", "bottom"), ("left", "right"), ("color",)):
-            given = [getattr(self, name) for name in wanted]
+        """Colors of `count` channels: one, two (top, bottom) or four; none if a gradient is incomplete."""
+        corners = ("topleft", "topright", "bottomleft", "bottomright")
+        for names in (corners, ("top", "bottom"), ("left", "right"), ("color",)):
+            given = [getattr(self, name) for name in names]
             if None not in given:
                 colors = tuple(_color_of(each, count) for each in given)
-                return colors * 2 if wanted == ("left", "right") else colors
+                return colors * 2 if names == ("left", "right") else colors
         return ()
 
     def paint(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
-        """Fill a window of an image of that spec."""
-        colors = self.corners(spec.nchannels)
-        if colors:
+        """Fill a window of an image with this spec."""
+        if colors := self.corners(spec.nchannels):
             _fill(buffer, colors, Window.data(spec))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn(HostOp, Pointwise):
-    """Something drawn on the image, at absolute coordinates: its function gets a buffer and the whole's spec."""
+    """Draws at absolute coordinates: its function gets a buffer and the spec of the whole image."""
 
     keeps: ClassVar[bool] = True
 
-    source: Image = image(help="the image")
+    source: Image = image(help="Input image.")
 
     def draw(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
-        """Draw on a window of an image of that spec, with the function."""
+        """Draw on a window of an image with this spec, by the function."""
         self.called(buffer, spec)
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
@@ -104,7 +107,7 @@ class Drawn(HostOp, Pointwise):
             self.draw(buffer, spec)
             return checked(buffer)
 
-        self.draw(oiio.ImageBuf(Window.sized(spec.x, spec.y, 1, 1).apply_to(spec)), spec)  # what is wrong shows now
+        self.draw(oiio.ImageBuf(Window.sized(spec.x, spec.y, 1, 1).apply_to(spec)), spec)  # reports wrong arguments
         return Part(part.name, spec, fetch)
 
 
@@ -114,12 +117,12 @@ def _coordinates(text: str, least: int, step: int) -> list[int]:
     except ValueError:
         coordinates = []
     if len(coordinates) < least or len(coordinates) % step or any(abs(n) > _FAR for n in coordinates):
-        raise ParameterError(f"'{text}': whole numbers with commas between them are wanted, X,Y for each point")
+        raise ParameterError(f"'{text}'", expected="comma-separated integers, X,Y for each point")
     return coordinates
 
 
 def _with_alpha(buffer: oiio.ImageBuf, alpha: float, draw: Callable[[oiio.ImageBuf], object]) -> None:
-    """Draw with an alpha on what may have none: ImageBufAlgo's Python functions take no more values than channels."""
+    """Draw with an alpha, also on a buffer without one: ImageBufAlgo's Python functions take one value per channel."""
     spec = buffer.spec()
     if spec.alpha_channel >= 0 or alpha == 1:
         draw(buffer)
@@ -133,13 +136,13 @@ def _with_alpha(buffer: oiio.ImageBuf, alpha: float, draw: Callable[[oiio.ImageB
 
 @dataclass(frozen=True, kw_only=True)
 class Colored(Drawn):
-    """Drawn in a color."""
+    """Draws in one color."""
 
-    color: Numbers | None = param(None, help="one value for all channels, or one for each and one more for alpha")
+    color: Numbers | None = _color("One value for all channels, or one per channel and a further one for alpha.")
 
 
 def _box(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, corners: str, fill: bool, color: Numbers | None) -> None:
-    """The box, as far as it is seen."""
+    """The visible part of the box."""
     x1, y1, x2, y2 = _coordinates(corners, 4, 4)
     values = _color_of(color, spec.nchannels + 1)
     if fill and (Window(x1, y1, x2 + 1, y2 + 1) & Window.data(buffer.spec())).empty:
@@ -148,7 +151,7 @@ def _box(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, corners: str, fill: bool, 
 
 
 def _line(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, text: str, color: Numbers | None) -> None:
-    """The lines; a point that two share is drawn once."""
+    """The lines; a shared end point is drawn once."""
     points = _coordinates(text, 4, 2)
     values = _color_of(color, spec.nchannels + 1)
     closed = len(points) > 4 and points[:2] == points[-2:]
@@ -162,7 +165,7 @@ def _line(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, text: str, color: Numbers
 
 
 def _point(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, text: str, color: Numbers | None) -> None:
-    """The points that are seen."""
+    """The visible points."""
     points = _coordinates(text, 2, 2)
     seen = Window.data(buffer.spec())
     for x, y in zip(points[::2], points[1::2], strict=True):
@@ -172,44 +175,44 @@ def _point(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, text: str, color: Number
 
 @dataclass(frozen=True, kw_only=True)
 class Text(Colored):
-    """Write text."""
+    """Draw text."""
 
     name: ClassVar[str] = "text"
 
-    text: str = argument(help="the text")
-    x: int | None = param(None, unit="px", help="where it starts; the middle of the data window when left out")
-    y: int | None = param(None, unit="px", help="its baseline; the middle of the data window when left out")
-    size: int = param(16, ge=1, le=4096, unit="px", help="height")
-    font: str = param("", help="name or file of the font; DroidSans when left out")
-    xalign: str = param("left", choices=("left", "l", "center", "c", "right", "r"), help="what of the text is at x")
+    text: str = argument(help="Text to draw.", example="draft")
+    x: int | None = param(None, unit="px", unset="center of the data window", example="20", help="Horizontal position.")
+    y: int | None = param(None, unit="px", unset="center of the data window", example="40", help="Vertical position.")
+    size: int = param(16, ge=1, le=4096, unit="px", help="Font size.")
+    font: str = param("", unset="DroidSans", example="DejaVuSans", help="Name or file of the font.")
+    xalign: str = param("left", choices=("left", "l", "center", "c", "right", "r"), help="Part of the text at x.")
     yalign: str = param(
-        "base", choices=("base", "baseline", "top", "t", "center", "c", "bottom", "b"), help="what of the text is at y"
+        "base", choices=("base", "baseline", "top", "t", "center", "c", "bottom", "b"), help="Part of the text at y."
     )
-    shadow: int = param(0, ge=0, le=256, unit="px", help="width of a dark rim")
-    render: bool = param(True, help="draw it; else nothing happens")
-    measure: bool = param(False, help="set the variables TEXT_X, TEXT_Y, TEXT_WIDTH and TEXT_HEIGHT to its box")
+    shadow: int = param(0, ge=0, le=256, unit="px", help="Width of the dark outline.")
+    render: bool = param(True, help="Draw the text. Set to 0 to only measure it.", advanced=True)
+    measure: bool = param(False, help="Set TEXT_X, TEXT_Y, TEXT_WIDTH and TEXT_HEIGHT to its extent.", advanced=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         trial = oiio.ImageBuf(oiio.ImageSpec(1, 1, 1, oiio.UINT8))
         oiio.ImageBufAlgo.render_text(trial, 0, 0, "", self.size, self.font)
-        checked(trial)  # `text_size` would print of its own accord what is wrong with a font
+        checked(trial)  # `text_size` would print errors about a font itself
 
     def facts(self) -> dict[str, int | float | str]:
-        """The box of the text around (0, 0), where it is asked for."""
+        """The bounding box of the text at (0, 0), with `measure`."""
         if not self.measure:
             return {}
         roi = oiio.ImageBufAlgo.text_size(self.text, self.size, self.font)
         return {"TEXT_X": roi.xbegin, "TEXT_Y": roi.ybegin, "TEXT_WIDTH": roi.width, "TEXT_HEIGHT": roi.height}
 
     def draw(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
-        """What is seen of the text."""
+        """The visible part of the text."""
         x = self.x if self.x is not None else spec.x + spec.width // 2
         y = self.y if self.y is not None else spec.y + spec.height // 2
         if not self.render or (self._there(x, y) & Window.data(buffer.spec())).empty:
             return
         color = _color_of(self.color, spec.nchannels + 1)
-        # a fourth value is alpha where there are three channels, and else none is
+        # a fourth value is alpha only for images of three channels
         alpha = color[3] if spec.nchannels == 3 else 1.0
         colors = (*color[: spec.nchannels], alpha)
         if spec.alpha_channel < 0 and spec.nchannels == 4:
@@ -224,7 +227,7 @@ class Text(Colored):
         _with_alpha(buffer, alpha, write)
 
     def _there(self, x: int, y: int) -> Window:
-        """What the text covers."""
+        """The window that the text covers."""
         roi = oiio.ImageBufAlgo.text_size(self.text, self.size, self.font)
         if roi.xbegin > roi.xend:
             return Window(0, 0, 0, 0)
@@ -236,23 +239,23 @@ class Text(Colored):
 
 @dataclass(frozen=True, kw_only=True)
 class Fill(Colors, Drawn):
-    """Fill a window with a color, or between colors."""
+    """Fill a region with a color or a gradient."""
 
     name: ClassVar[str] = "fill"
     keeps: ClassVar[bool] = False
 
-    size: str = argument(help="what is filled: WxH+X+Y, X0,Y0,X1,Y1, WxH or +X+Y")
-    color: Numbers | None = param(None, help="of all; white when no color is given")
+    size: str = argument(help="Region to fill: WxH+X+Y, X0,Y0,X1,Y1, WxH or +X+Y.", example="640x480+10+20")
+    color: Numbers | None = _color("Uniform color.", "white, without a gradient")
 
     def draw(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
-        """What is seen of the window."""
+        """The visible part of the region."""
         whole = Window.data(spec)
         region = parse_box(self.size, box_of(whole), scaling=True).window() & whole
         _fill(buffer, self.corners(spec.nchannels) or ((1.0,) * spec.nchannels,), region)
 
 
 def _fill(buffer: oiio.ImageBuf, colors: Sequence[Sequence[float]], region: Window) -> None:
-    """Fill what a buffer holds of a region with one color, or between two or four."""
+    """Fill the part of a region that a buffer holds with one color, or a gradient between two or four."""
     seen = region & Window.data(buffer.spec())
     if seen.empty:
         return
@@ -264,18 +267,18 @@ def _fill(buffer: oiio.ImageBuf, colors: Sequence[Sequence[float]], region: Wind
 
 
 DRAWING = (
-    op("box", "Draw a box.", Colored, _box,
-       corners=(str, argument(help="X1,Y1,X2,Y2: two opposite corners, both inside")),
-       fill=param(False, help="filled")),
-    op("line", "Draw lines from point to point.", Colored, _line, **_POINTS),
-    op("point", "Draw points.", Drawn, _point, **_POINTS,
-       color=(Numbers | None, param(None, help="one value for all channels, or one for each"))),
+    op("box", "Draw a rectangle.", Colored, _box,
+       corners=(str, argument(help="Two opposite corners X1,Y1,X2,Y2, both included.", example="10,20,200,150")),
+       fill=param(False, help="Fill the rectangle instead of drawing its outline.")),
+    op("line", "Draw a polyline.", Colored, _line, **_POINTS),
+    op("point", "Draw single pixels.", Drawn, _point, **_POINTS,
+       color=(Numbers | None, _color("One value for all channels, or one per channel."))),
     Text,
     Fill,
 )  # fmt: skip
 
 
-# --- images out of nothing ---
+# --- generators ---
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -284,17 +287,17 @@ class NewImage(Hosted, AnyWindow):
 
     size: str = _SIZE
     channels: int = _CHANNELS
-    type: str = param("float", help="pixel type: uint8, uint16, half, float ...")
+    type: str = param("float", help="Pixel type, such as uint8, uint16, half or float.", example="half")
 
     def painter(self, spec: oiio.ImageSpec) -> Painter:
-        """What paints a window of the image, which is black before: nothing."""
+        """A function that paints a window of the image, which is black before; here it does nothing."""
         return lambda buffer: None
 
     def compute(self, session: Session) -> Image:
-        """The image, none of it computed yet; data and display window are the same."""
+        """The image, not yet computed; data and display window are the same."""
         window = parse_box(self.size, Box(0, 0, 64, 64)).window()
         if window.empty:
-            raise ParameterError(f"size={self.size}: it needs one pixel at least")
+            raise ParameterError(parameter="size", value=self.size, expected="at least one pixel")
         spec = window.apply_to(oiio.ImageSpec(1, 1, self.channels, type_named(self.type)))
         window.show_in(spec)
         paint = self.painter(spec)
@@ -315,45 +318,41 @@ def _paint_checker(use: Any, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> Non
 
 
 def _paint_noise(use: Any, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
-    """Random values, the same wherever and whenever."""
+    """Random values that depend only on the seed and the pixel's coordinates."""
     values = {"gaussian": (use.mean, use.stddev), "salt": (use.value, use.portion)}
     a, b = values.get(use.type, (use.min, use.max))
     oiio.ImageBufAlgo.noise(buffer, use.type, a, b, use.mono, use.seed)
 
 
 def _pattern(paint: Callable[..., object], **members: Any) -> type[Any]:
-    """The options of a pattern, with what paints it: given the options, a buffer and the spec of the whole."""
+    """The options of a pattern. `paint` gets the options, a buffer and the spec of the whole image."""
     return make_dataclass("Options", fields_of(members), namespace={"paint": paint}, frozen=True, kw_only=True)
-
-
-def _color(help: str) -> Any:
-    return Numbers | None, param(None, help=help)
 
 
 _KINDS = {
     "black": _pattern(lambda use, buffer, spec: None),
     "constant": _pattern(
         lambda use, buffer, spec: oiio.ImageBufAlgo.fill(buffer, _color_of(use.color, spec.nchannels)),
-        color=_color("one value for all channels, or one for each; white when left out")),
+        color=(Numbers | None, _color("One value for all channels, or one per channel."))),
     "fill": Colors,
     "checker": _pattern(
         _paint_checker,
-        width=param(8, ge=1, unit="px", help="of a square"),
-        height=(int | None, param(None, ge=1, unit="px", help="of a square; the width when left out")),
-        depth=param(1, ge=1, unit="px", help="of a cube; images here have one slice"),
-        color1=_color("black when left out"),
-        color2=_color("white when left out")),
+        width=param(8, ge=1, unit="px", help="Width of a square."),
+        height=(int | None, param(None, ge=1, unit="px", unset="width", help="Height of a square.")),
+        depth=param(1, ge=1, unit="px", help="Depth of a cube. Accepted for oiiotool compatibility."),
+        color1=(Numbers | None, _color("Color of the first square.", "black")),
+        color2=(Numbers | None, _color("Color of the second square."))),
     "noise": _pattern(
         _paint_noise,
-        type=param("gaussian", choices=("gaussian", "white", "uniform", "blue", "salt"), help="its distribution"),
-        mean=param(0.5, help="gaussian"),
-        stddev=param(0.1, help="gaussian"),
-        min=param(0.5, help="white, uniform, blue"),
-        max=param(1.0, help="white, uniform, blue"),
-        value=param(0.01, help="salt"),
-        portion=param(0.0, help="salt: how many of the pixels"),
-        mono=param(False, help="the same in all channels"),
-        seed=param(0, help="another one, other values")),
+        type=param("gaussian", choices=("gaussian", "white", "uniform", "blue", "salt"), help="Noise distribution."),
+        mean=param(0.5, help="Mean of gaussian noise."),
+        stddev=param(0.1, help="Standard deviation of gaussian noise."),
+        min=param(0.5, help="Minimum of white, uniform or blue noise."),
+        max=param(1.0, help="Maximum of white, uniform or blue noise."),
+        value=param(0.01, help="Value of the pixels that salt noise replaces."),
+        portion=param(0.0, help="Fraction of the pixels that salt noise replaces."),
+        mono=param(False, help="Use the same noise in all channels."),
+        seed=param(0, help="Seed of the random numbers.")),
 }  # fmt: skip
 
 
@@ -363,31 +362,33 @@ class Pattern(NewImage):
 
     name: ClassVar[str] = "pattern"
 
-    pattern: str = argument(help="black, constant, fill, checker or noise; options behind it: checker:width=16")
+    pattern: str = argument(
+        help="Pattern: black, constant, fill, checker or noise, with options.", example="checker:width=16"
+    )
     size: str = _SIZE
     channels: int = _CHANNELS
 
     def painter(self, spec: oiio.ImageSpec) -> Painter:
-        """By the pattern, with the options in its word."""
+        """The pattern's painter, with the options in the argument."""
         name, *words = self.pattern.split(":")
         kind = _KINDS.get(name.lower())
         if kind is None:
-            raise ParameterError(f"no pattern '{name}'{nearest(name, _KINDS)}; there is {', '.join(_KINDS)}")
+            raise ParameterError(f"unknown pattern '{name}'{nearest(name, _KINDS)}", expected=", ".join(_KINDS))
         pairs = [word.partition("=") for word in words]
         if not all(equals for _, equals, _ in pairs):
-            raise ParameterError(f"'{self.pattern}': an option is NAME=VALUE")
+            raise ParameterError(f"'{self.pattern}'", expected="options as NAME=VALUE")
         options = kind(**parse_modifiers(kind, {key: value.strip("\"'") for key, _, value in pairs}))
         return lambda buffer: options.paint(buffer, spec)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Kernel(Hosted, AnyWindow):
-    """Create a filter kernel, its middle at the origin."""
+    """Create a convolution kernel, centered at the origin."""
 
     name: ClassVar[str] = "kernel"
 
-    kernel: str = argument(help="name of the kernel: gaussian, box, binomial, laplacian ...")
-    size: str = argument(help="width x height: 5x5, 3.5x1")
+    kernel: str = argument(help="Kernel, such as gaussian, box, binomial or laplacian.", example="gaussian")
+    size: str = argument(help="Width and height WxH, also fractional.", example="5x5")
 
     def compute(self, session: Session) -> Image:
         """The kernel; its values sum to 1."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""oiiotool's texts for sizes, offsets and windows: 640x480, +10-20, 640x480+10-20, 0,0,639,479, 50%, 50%x25%."""
+"""oiiotool's notation for sizes, offsets and windows: 640x480, +10-20, 640x480+10-20, 0,0,639,479, 50%, 50%x25%."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _FORMS = {
 
 
 class Box(NamedTuple):
-    """A window of whole or broken pixels."""
+    """A window in integer or fractional pixels."""
 
     x: float
     y: float
@@ -35,7 +35,7 @@ class Box(NamedTuple):
     height: float
 
     def window(self) -> Window:
-        """As whole pixels; raises as `Window.in_range` does."""
+        """As integer pixels; raises as `Window.in_range` does."""
         return Window.sized(int(self.x), int(self.y), int(self.width), int(self.height)).in_range()
 
 
@@ -45,11 +45,11 @@ def box_of(window: Window) -> Box:
 
 
 def parse_box(text: str, base: Box, *, scaling: bool = False, whole: bool = True) -> Box:
-    """What a text makes of a window; raises ParameterError for another form.
+    """The window that a text describes, relative to `base`; raises ParameterError for any other form.
 
-    WxH, WxH+X+Y, X0,Y0,X1,Y1 (both corners inside), +X+Y, and with `scaling` P%, P%xQ% or a factor. A width or height
-    of 0 follows from the other by the base's proportions; what the text does not say is the base's. For `whole` pixels
-    sizes are rounded, and the second corner is a pixel inside.
+    WxH, WxH+X+Y, X0,Y0,X1,Y1 (both corners included), +X+Y, and with `scaling` P%, P%xQ% or a factor. A width or
+    height of 0 follows from the other by the aspect ratio of `base`; missing numbers are taken from `base`. With
+    `whole`, sizes are rounded to integers, and the second corner is the last pixel of the window.
     """
     form, numbers = _match(text)
     allowed = (
@@ -59,7 +59,7 @@ def parse_box(text: str, base: Box, *, scaling: bool = False, whole: bool = True
     )
     if not allowed or (whole and form not in ("percents", "percent", "factor") and any(n % 1 for n in numbers)):
         forms = "+X+Y, WxH, WxH+X+Y or X0,Y0,X1,Y1" + ", P% or P%xQ%" * scaling
-        raise ParameterError(f"'{text}' is no window here: allowed is {forms}")
+        raise ParameterError(f"'{text}'", expected=forms)
     x, y, width, height = base
     if form == "corners":
         extra = 1 if whole else 0
@@ -80,7 +80,7 @@ def parse_size(text: str) -> tuple[float, float]:
     """'5x3.5' -> (5.0, 3.5); raises ParameterError for something else."""
     form, numbers = _match(text)
     if form != "size":
-        raise ParameterError(f"'{text}' is no size: allowed is WxH")
+        raise ParameterError(f"'{text}'", expected="a size WxH")
     return numbers[0], numbers[1]
 
 
@@ -88,7 +88,7 @@ def parse_offset(text: str) -> tuple[int, int]:
     """'+10-20' or '10,-20' -> (10, -20); raises ParameterError for something else."""
     form, numbers = _match(text)
     if not form.startswith("offset") or any(n % 1 for n in numbers):
-        raise ParameterError(f"'{text}' is no offset: allowed is +X+Y")
+        raise ParameterError(f"'{text}'", expected="an offset +X+Y")
     return int(numbers[0]), int(numbers[1])
 
 
@@ -98,9 +98,9 @@ def _match(text: str) -> tuple[str, list[float]]:
         if match:
             numbers = [float(n) for n in match.groups()]
             if any(abs(n) >= 1 << 31 for n in numbers):
-                raise ParameterError(f"'{text}': a number in it is too large for a picture")
+                raise ParameterError(f"'{text}'", expected="numbers below 2147483648")
             return form, numbers
-    raise ParameterError(f"'{text}' is no size, offset or window: allowed is WxH, +X+Y, WxH+X+Y or X0,Y0,X1,Y1")
+    raise ParameterError(f"'{text}'", expected="WxH, +X+Y, WxH+X+Y or X0,Y0,X1,Y1")
 
 
 def _proportional(width: float, height: float, base: Box, whole: bool) -> tuple[float, float]:

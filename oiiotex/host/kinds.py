@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The host's ops as a table, and the access kinds over ImageBufs by which their functions are computed.
+"""oiiotool's ops as a table, and the access kinds over ImageBufs that compute them.
 
-A row (`op`) says an op's name, help, kind, function and parameters. The kinds differ in what the function is given
-before the parameters' values: buffers pixel for pixel (`PointOp`), with a halo or from elsewhere (remapping.py), whole
-images (`AtOnce`), or a spec alone (`Respec`). OpenImageIO's functions give a window the same pixels whatever lies
-around it, as long as what they look at is there (tests/test_streaming.py holds every op to it).
+A row (`op`) holds an op's name, help, kind, function and parameters. The kinds differ in the arguments that the
+function gets before the parameters' values: pointwise buffers (`PointOp`), buffers with a halo or from elsewhere
+(remapping.py), whole images (`AtOnce`), or only a spec (`Respec`). OpenImageIO's functions compute the same pixels
+through any window, as long as the pixels that they read are there (tests/test_streaming.py checks every op).
 """
 
 from __future__ import annotations
@@ -33,59 +33,60 @@ _OF_PARTS = ("subimages", "allsubimages")
 
 @dataclass(frozen=True, kw_only=True)
 class HostOp(Op):
-    """Works part by part: on the first, on all, or on some."""
+    """Works part by part: on the first, on all, or on selected ones."""
 
     prefix: ClassVar[str] = "--"
-    mixes: ClassVar[bool] = True  # its pixels are other values than those of its source, not the same elsewhere
-    keeps: ClassVar[bool] = False  # parts that it does not work on stay
+    mixes: ClassVar[bool] = True  # it computes new values; otherwise it only moves or copies the source's
+    keeps: ClassVar[bool] = False  # parts that it does not work on are kept
     space: ClassVar[Space] = Space.ANY
-    outputs: ClassVar[tuple[Output, ...]] = (Output("image", Kind.PIXELS, "the result"),)
-    function: ClassVar[str | Callable[..., Any]]  # of ImageBufAlgo by its name, or ours
+    outputs: ClassVar[tuple[Output, ...]] = (Output("image", Kind.PIXELS, "Result."),)
+    function: ClassVar[str | Callable[..., Any]]  # the name of one of ImageBufAlgo, or ours
 
     subimages: str | None = param(
-        None, help="parts to work on, by number or name with commas between them, or all; -N leaves one out"
-    )
-    allsubimages: bool | None = param(None, help="work on all parts; as -a says when left out")
+        None, unset="the first part, or all with allsubimages", example="0,2", advanced=True,
+        help="Comma-separated parts (subimages) to work on, by number or name, or all. -N excludes part N.",
+    )  # fmt: skip
+    allsubimages: bool | None = param(None, unset="1 with -a, else 0", help="Work on all parts.", advanced=True)
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The op's result from one part of each input."""
         raise NotImplementedError
 
     def operands_after(self, *given: Any) -> Sequence[Any]:
-        """What the function takes after what its kind gives it: the parameters' values, in the order of declaration."""
+        """The function's further arguments: by default the parameters' values, in the order of declaration."""
         return [getattr(self, p.attribute) for p in self.parameters() if p.name not in _OF_PARTS]
 
     def called(self, *given: Any) -> Any:
-        """What the function makes of buffers, or of what else its kind gives it, and of the parameters' values."""
+        """The function's result for the arguments that its kind gives it and the parameters' values."""
         function = self.function
         called: Callable[..., Any] = getattr(oiio.ImageBufAlgo, function) if isinstance(function, str) else function
         return called(*given, *self.operands_after(*given))
 
     def provenance(self) -> dict[str, Any]:
-        """Nothing: files made by oiiotool's ops say what oiiotool says."""
+        """Nothing: files made by oiiotool's ops carry oiiotool's metadata."""
         return {}
 
     def idle(self, parts: Sequence[Part]) -> bool:
-        """Whether none of these parts of the first image would change: the image then goes on as it is."""
+        """Whether none of these parts of the first image would change: the image is then passed through."""
         return False
 
     def compute(self, session: Session) -> Image:
-        """The result for each part worked on; unless it keeps them, the others are dropped, as oiiotool does."""
+        """The result for each selected part; the others are dropped, as by oiiotool, unless the op keeps them."""
         inputs = self.inputs()
         first = inputs[0]
-        wanted = _chosen(self.subimages, first)
+        chosen = _chosen(self.subimages, first)
         everything = self.allsubimages if self.allsubimages is not None else session.settings.all_parts
         count = len(first.parts) if everything or self.subimages else 1
-        if self.idle([part for n, part in enumerate(first.parts[:count]) if n in wanted]):
+        if self.idle([part for n, part in enumerate(first.parts[:count]) if n in chosen]):
             return first
         parts = []
         for n, part in enumerate(first.parts[:count]):
             operands = [given.parts[min(n, len(given.parts) - 1)] for given in inputs]
-            parts.append(self._worked(operands, session) if n in wanted else part)
+            parts.append(self._worked(operands, session) if n in chosen else part)
         return Image((*parts, *(first.parts[count:] if self.keeps else ())), first.source)
 
     def _worked(self, parts: Sequence[Part], session: Session) -> Part:
-        """The op's result; ids and coordinates stay what they are, and are refused where they would be mixed."""
+        """The op's result; ids and coordinates keep their type, and an op that would mix them is refused."""
         part = parts[0]
         if not part.exact:
             made, typed = self.result(parts, session), next((one for one in parts if one.typed), None)
@@ -93,13 +94,13 @@ class HostOp(Op):
         if self.mixes:
             content = "source coordinates" if part.spec.format == oiio.FLOAT else "ids"
             raise ImageError(
-                f"part '{part.name}' holds {content}, which the op would change: leave it out, with"
-                f" :subimages=-{part.name} or without -a"
+                f"part '{part.name}' holds {content}, which must not be interpolated",
+                hint=f"exclude it: :subimages=-{part.name}, or no -a",
             )
         return dataclasses.replace(self.result(parts, session), stored=part.stored, exact=True)
 
     def inputs(self) -> list[Image]:
-        """The images that it was given, in the order of declaration."""
+        """The given images, in the order of declaration."""
         return [given for _, given in self.given()]
 
 
@@ -117,12 +118,12 @@ def op(
     ----------
     name, help : str
     kind : type
-        Its access kind, with the inputs and parameters that it shares with others.
+        Its access kind, with the inputs and parameters that it shares with other ops.
     function : str or callable
-        What computes it: of ImageBufAlgo by its name, or ours. Default: ImageBufAlgo's function of the op's name.
+        What computes it: the name of a function of ImageBufAlgo, or ours. Default: the op's name.
     **members
         Its parameters, in the order in which the function takes their values: a field, of the type of its default, or
-        (type, field). All else is a fact of the class, such as `aliases`, or a method.
+        (type, field). Other members are attributes of the class, such as `aliases`, or methods.
     """
     fields = fields_of(members)
     facts = members | {"__doc__": help, "name": name}
@@ -133,7 +134,7 @@ def op(
 
 
 def fields_of(members: dict[str, Any]) -> list[tuple[str, type, Any]]:
-    """Those members that are parameters: (name, type, field), as `make_dataclass` takes them."""
+    """The members that are parameters: (name, type, field), as `make_dataclass` takes them."""
     fields = []
     for name, value in members.items():
         if isinstance(value, dataclasses.Field):
@@ -144,7 +145,7 @@ def fields_of(members: dict[str, Any]) -> list[tuple[str, type, Any]]:
 
 
 def _chosen(subimages: str | None, first: Image) -> set[int]:
-    """The numbers of the parts that a `subimages` modifier means."""
+    """The numbers of the parts that a `subimages` modifier selects."""
     names = [part.name for part in first.parts]
     included: set[int] = set()
     excluded: set[int] = set()
@@ -155,20 +156,19 @@ def _chosen(subimages: str | None, first: Image) -> set[int]:
         elif bare.isdigit() or bare in names:
             (excluded if word != bare else included).add(int(bare) if bare.isdigit() else names.index(bare))
         else:
-            raise ParameterError(
-                f"subimages={subimages}: {first.source} has no part '{bare}'; it has {', '.join(names)}"
-            )
+            problem, hint = f"{first.source} has no part '{bare}'", f"it has {', '.join(names)}"
+            raise ParameterError(problem, parameter="subimages", value=subimages, hint=hint)
     return (included or set(range(len(names)))) - excluded
 
 
 @dataclass(frozen=True, kw_only=True)
 class Hosted(HostOp):
-    """Makes one image its own way: from none, from many, from all parts. The modifiers for parts are not its."""
+    """Makes one image from none, from several, or from all parts; it has no modifiers that select parts."""
 
     def __post_init__(self) -> None:
         for name in _OF_PARTS:
             if getattr(self, name) is not None:
-                raise ParameterError(f"{self.name}: it has no modifier '{name}'")
+                raise ParameterError(f"unknown modifier '{name}'")
         super().__post_init__()
 
     @classmethod
@@ -178,14 +178,14 @@ class Hosted(HostOp):
 
 
 def checked(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-    """The buffer, unless it holds an error of OpenImageIO, which is raised as ImageError."""
+    """The buffer; an OpenImageIO error that it holds is raised as ImageError."""
     if buffer.has_error:
         raise ImageError(one_line(buffer.geterror()))
     return buffer
 
 
 def like(spec: oiio.ImageSpec, **changes: Any) -> oiio.ImageSpec:
-    """A copy of a spec with some of its attributes changed."""
+    """A copy of a spec with changed attributes."""
     copy = oiio.ImageSpec(spec)
     for name, value in changes.items():
         setattr(copy, name, value)
@@ -193,7 +193,7 @@ def like(spec: oiio.ImageSpec, **changes: Any) -> oiio.ImageSpec:
 
 
 def filled(spec: oiio.ImageSpec, pixels: Pixels) -> oiio.ImageBuf:
-    """A buffer of that spec with those pixels."""
+    """A buffer with this spec and these pixels."""
     buffer = oiio.ImageBuf(spec)
     buffer.set_pixels(buffer.roi, pixels)
     return buffer
@@ -205,21 +205,21 @@ def window_of(roi: oiio.ROI) -> Window:
 
 
 def sample(part: Part, window: Window) -> oiio.ImageBuf:
-    """Black pixels of the part's kind: what an op makes of them tells the spec of its result."""
+    """Black pixels with the part's channels and type: an op applied to them shows the spec of its result."""
     spec = window.apply_to(part.spec)
     spec.set_format(part.working_type)
     return oiio.ImageBuf(spec)
 
 
 def worked(part: Part) -> Part:
-    """The part as ops of the host see it: its working type, written as computed pixels are."""
+    """The part as these ops see it: in its working type, and written as computed pixels are."""
     spec = part.window.apply_to(part.spec)
     spec.set_format(part.working_type)
     return Part(part.name, spec, part.buffer, ready=part.ready)
 
 
 def once(part: Part, bring: Callable[[Part], Part]) -> Part:
-    """The part where `bring` leaves its pixels, where any can be read in any order, when the first is asked for."""
+    """The part as random-access `bring` returns it; it is called when the first pixels are requested."""
     if part.ready:
         return part
     lock = threading.Lock()
@@ -236,14 +236,14 @@ def once(part: Part, bring: Callable[[Part], Part]) -> Part:
 
 @dataclass(frozen=True, kw_only=True)
 class PointOp(HostOp, Pointwise):
-    """Its function gets buffers of one data window, pixel for pixel."""
+    """Pointwise: its function gets buffers with the same data window."""
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """The result over the data window that all buffers have."""
+        """The result over the common data window of the buffers."""
         return self.called(*buffers)
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
-        """The result, not yet computed, over the data windows of all inputs together."""
+        """The result, not yet computed, over the union of the inputs' data windows."""
         return pointwise(parts, functools.reduce(operator.or_, (part.window for part in parts)), self.apply)
 
 
@@ -251,11 +251,11 @@ class PointOp(HostOp, Pointwise):
 class OneImage(PointOp):
     """One image, pixel by pixel."""
 
-    source: Image = image(help="the image")
+    source: Image = image(help="Input image.")
 
 
 def pointwise(parts: Sequence[Part], whole: Window, apply: Callable[..., oiio.ImageBuf]) -> Part:
-    """What `apply` makes of the pixels of parts over the data window `whole`, black where one has none."""
+    """`apply` to the parts over the data window `whole`; a part is black outside its own data window."""
     corner = Window.sized(whole.left, whole.top, 1, 1)
     spec = checked(apply(*(sample(part, corner) for part in parts))).spec()
 
@@ -270,10 +270,10 @@ def pointwise(parts: Sequence[Part], whole: Window, apply: Callable[..., oiio.Im
 
 @dataclass(frozen=True, kw_only=True)
 class AtOnce(HostOp, Whole):
-    """Its function gets whole images, held."""
+    """Its function gets whole images in memory."""
 
     def result_bytes(self, parts: Sequence[Part]) -> int:
-        """Bytes that it needs in addition to its inputs."""
+        """Bytes needed in addition to the inputs."""
         return _bytes(parts[0])
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
@@ -288,14 +288,14 @@ def _bytes(part: Part) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class Respec(HostOp, Pointwise):
-    """Its function changes a spec: pixels stay; windows, channel names or metadata change."""
+    """Its function changes only a spec: windows, channel names or metadata, never pixels."""
 
     mixes: ClassVar[bool] = False
     keeps: ClassVar[bool] = True
     deep: ClassVar[bool] = True
 
-    source: Image = image(help="the image")
+    source: Image = image(help="Input image.")
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
-        """The part under its new spec, in its own type."""
+        """The part with its new spec, in its own type."""
         return parts[0].respecced(self.called)

@@ -18,11 +18,11 @@ from .arithmetic import numbers_for_channels
 from .kinds import OneImage, filled, op, window_of
 from .remapping import Area
 
-_LARGEST = (2 - 2**-23) * 2.0**127  # that a 32-bit float holds
+_LARGEST = (2 - 2**-23) * 2.0**127  # the largest 32-bit float
 
 
 def _clamp(source: oiio.ImageBuf, low: str, high: str, alpha: bool) -> oiio.ImageBuf:
-    """Within bounds."""
+    """The image, clamped."""
     least = numbers_for_channels(low, source.nchannels, -_LARGEST, "min")
     most = numbers_for_channels(high, source.nchannels, _LARGEST, "max")
     return oiio.ImageBufAlgo.clamp(source, least, most, alpha)
@@ -32,7 +32,7 @@ def _contrast(
     source: oiio.ImageBuf, black: Numbers, white: Numbers, low: Numbers, high: Numbers, steep: Numbers, middle: Numbers,
     clamp: bool,
 ) -> oiio.ImageBuf:  # fmt: skip
-    """Remapped; the last value given holds for further channels."""
+    """The image, remapped; the last value given holds for further channels."""
     result = oiio.ImageBufAlgo.contrast_remap(source, black, white, low, high, steep, middle)
     if clamp:
         oiio.ImageBufAlgo.clamp(result, result, low, high)
@@ -40,9 +40,9 @@ def _contrast(
 
 
 def _normalize(source: oiio.ImageBuf, incenter: float, outcenter: float, scale: float) -> oiio.ImageBuf:
-    """Unit vectors; a fourth channel stays."""
+    """Unit vectors; a fourth channel is copied."""
     if source.nchannels not in (3, 4):
-        raise ImageError(f"takes images of 3 or 4 channels; this one has {source.nchannels}")
+        raise ImageError(f"the image has {source.nchannels} channels", expected="3 or 4")
     return oiio.ImageBufAlgo.normalize(source, incenter, outcenter, scale)
 
 
@@ -50,7 +50,7 @@ def _noise(
     source: oiio.ImageBuf, type: str, mean: float, stddev: float, min: float, max: float, value: float,
     portion: float, mono: bool, seed: int, nchannels: int | None,
 ) -> oiio.ImageBuf:  # fmt: skip
-    """Noisy."""
+    """The image with noise added."""
     low, high = {"gaussian": (mean, stddev), "salt": (value, portion)}.get(type, (min, max))
     result = oiio.ImageBufAlgo.copy(source)
     roi = result.roi
@@ -61,7 +61,7 @@ def _noise(
 
 
 def _fixnan(source: oiio.ImageBuf, roi: oiio.ROI, strategy: str) -> oiio.ImageBuf:
-    """Repaired."""
+    """A window of the image without NaN and Inf."""
     window, spec = window_of(roi), source.spec()
     whole = Window.data(spec)
     pixels = pixels_of(source, spec.format)
@@ -73,10 +73,10 @@ def _fixnan(source: oiio.ImageBuf, roi: oiio.ROI, strategy: str) -> oiio.ImageBu
 
 
 def _means(pixels: np.ndarray, broken: np.ndarray, window: Window, whole: Window) -> np.ndarray:
-    """For values of `window` (row, column, channel), the mean of the finite ones around each in `whole`.
+    """For each broken value of `window` (row, column, channel), the mean of its finite neighbors in `whole`.
 
-    OpenImageIO repairs in place, so that a value depends on neighbors that happened to be repaired before it; here
-    only what was finite counts. Sums are taken row by row in the pixels' own type, as there.
+    OpenImageIO repairs in place, so a value depends on the neighbors repaired before it. Here only values that were
+    finite count. Sums are taken row by row in the pixels' own type, as in OpenImageIO.
     """
     rows, columns, channels = broken.T
     rows, columns = rows + window.top - whole.top, columns + window.left - whole.left
@@ -95,22 +95,23 @@ def _means(pixels: np.ndarray, broken: np.ndarray, window: Window, whole: Window
 
 @dataclass(frozen=True, kw_only=True)
 class FixNonFinite(Area):
-    """Replace NaN and infinite values."""
+    """Replace NaN and Inf values."""
 
     name: ClassVar[str] = "fixnan"
     function = staticmethod(_fixnan)
 
     strategy: str = argument(
         choices=("none", "black", "box3", "error"),
-        help="by 0 (black), or by the mean of the finite values among the 8 neighbors (box3); error: refuse the image",
+        help="Replacement. none: the values are kept; black: 0; box3: the mean of the finite values among the"
+        " 8 neighbors; error: the image is refused.",
     )
 
     def halo(self) -> tuple[int, int]:
-        """The neighbors, where they are looked at."""
+        """The radius of the neighborhood."""
         return (1, 1) if self.strategy == "box3" else (0, 0)
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
-        """The result, not yet computed; to refuse an image, its pixels are read now."""
+        """The result, not yet computed; with `error`, all pixels are read now."""
         if self.strategy == "error":
             near = cached(parts[0], session.resources.cache)
             count = sum(int((~np.isfinite(near.read(w))).any(axis=2).sum()) for w in bands(near))
@@ -119,48 +120,49 @@ class FixNonFinite(Area):
         return super().result(parts, session)
 
 
-def _numbers(value: float, help: str) -> Any:
-    """A parameter: one number, for all channels or for each."""
-    return param(Numbers((value,)), help=help)
+def _numbers(value: float, help: str, example: str, advanced: bool = False) -> Any:
+    """A parameter with one number for all channels, or one per channel."""
+    return param(Numbers((value,)), help=help, example=example, advanced=advanced)
 
 
-def _bound(which: str) -> Any:
-    text = f"{which} bound of all channels, or a comma-separated list; an empty place sets no bound"
-    return param("", help=text)
+def _bound(which: str, example: str) -> Any:
+    help = f"{which} bound of all channels, or a comma-separated list. An empty entry sets no bound."
+    return param("", help=help, example=example)
 
 
-_LUMA = {"luma": param(False, help="scale colors by their luma, instead of each channel alone")}
+_LUMA = {"luma": param(False, help="Scale all channels by the luma instead of each channel separately.")}
 
 RANGES = (
-    op("clamp", "Keep values within bounds.", OneImage, _clamp, min=_bound("lower"), max=_bound("upper"),
-       clampalpha=param(False, help="keep alpha in 0 .. 1 as well")),
-    op("contrast", "Remap values from black .. white to min .. max, straight or along a sigmoid.", OneImage, _contrast,
-       black=_numbers(0.0, "what becomes min, for all channels or for each"),
-       white=_numbers(1.0, "what becomes max; equal to black: a threshold"),
-       min=_numbers(0.0, "what black becomes"),
-       max=_numbers(1.0, "what white becomes"),
-       scontrast=_numbers(1.0, "slope of the sigmoid; 1: a straight line"),
-       sthresh=_numbers(0.5, "where the sigmoid is steepest, 0 at black and 1 at white"),
-       clamp=param(False, help="keep the result within min .. max")),
+    op("clamp", "Clamp values to bounds.", OneImage, _clamp, min=_bound("Lower", "0"), max=_bound("Upper", "1,1,1,"),
+       clampalpha=param(False, help="Clamp alpha to 0 to 1 as well.")),
+    op("contrast", "Remap values from [black, white] to [min, max], linearly or along a sigmoid.", OneImage, _contrast,
+       black=_numbers(0.0, "Input value that becomes min: one value, or one per channel.", "0.1"),
+       white=_numbers(1.0, "Input value that becomes max. If equal to black, values are thresholded.", "0.9"),
+       min=_numbers(0.0, "Output value for black.", "0.1"),
+       max=_numbers(1.0, "Output value for white.", "0.9"),
+       scontrast=_numbers(1.0, "Slope of the sigmoid. 1 is linear.", "5"),
+       sthresh=_numbers(0.5, "Position of the steepest slope, between 0 (black) and 1 (white).", "0.4"),
+       clamp=param(False, help="Clamp the result to [min, max].")),
     op("saturate", "Scale the saturation of the first three channels.", OneImage,
-       scale=(float, argument(help="0 leaves gray, 1 changes nothing"))),
-    op("rangecompress", "Compress large values on a log scale.", OneImage, **_LUMA),
-    op("rangeexpand", "Undo --rangecompress.", OneImage, **_LUMA),
-    op("normalize", "Give the vectors in the first three channels unit length: repair a normal map.", OneImage,
+       scale=(float, argument(help="Saturation factor: 0 yields gray, 1 changes nothing.", example="1.2"))),
+    op("rangecompress", "Compress the range of pixel values on a log scale.", OneImage, **_LUMA),
+    op("rangeexpand", "Expand pixel values from the log scale of --rangecompress back to linear.", OneImage, **_LUMA),
+    op("normalize", "Normalize the vectors in the first three channels to unit length, as in a normal map.", OneImage,
        _normalize,
-       incenter=param(0.0, help="what stands for 0 in the image: 0.5 for normals stored in 0 .. 1"),
-       outcenter=param(0.0, help="what stands for 0 in the result"),
-       scale=param(1.0, help="length of the result's vectors")),
-    op("noise", "Add noise; the same seed gives the same noise at a pixel, whatever the image.", OneImage, _noise,
-       type=param("gaussian", choices=("gaussian", "white", "uniform", "salt"), help="distribution"),
-       mean=param(0.0, help="of gaussian noise"),
-       stddev=param(0.1, ge=0, help="standard deviation of gaussian noise"),
-       min=param(0.0, help="of uniform noise"),
-       max=param(0.1, help="of uniform noise"),
-       value=param(0.0, help="what salt noise puts"),
-       portion=param(0.01, ge=0, le=1, help="of the pixels that salt noise replaces"),
-       mono=param(False, help="the same noise in all channels"),
-       seed=param(0, ge=-(1 << 31), le=(1 << 31) - 1, help="another seed, other noise"),
-       nchannels=(int | None, param(None, ge=1, help="only in the first channels; all when left out"))),
+       incenter=param(0.0, help="Value that encodes 0 in the input: 0.5 for normals stored as 0 to 1.", example="0.5"),
+       outcenter=param(0.0, help="Value that encodes 0 in the result.", example="0.5"),
+       scale=param(1.0, help="Length of the vectors in the result.", example="0.5")),
+    op("noise", "Add noise that depends only on the seed and the pixel's coordinates.", OneImage, _noise,
+       type=param("gaussian", choices=("gaussian", "white", "uniform", "salt"), help="Noise distribution."),
+       mean=param(0.0, help="Mean of gaussian noise.", example="0.1"),
+       stddev=param(0.1, ge=0, help="Standard deviation of gaussian noise."),
+       min=param(0.0, help="Minimum of uniform noise.", example="-0.1"),
+       max=param(0.1, help="Maximum of uniform noise."),
+       value=param(0.0, help="Value of the pixels that salt noise replaces."),
+       portion=param(0.01, ge=0, le=1, help="Fraction of the pixels that salt noise replaces."),
+       mono=param(False, help="Use the same noise in all channels."),
+       seed=param(0, ge=-(1 << 31), le=(1 << 31) - 1, help="Seed of the random numbers."),
+       nchannels=(int | None, param(None, ge=1, unset="all", advanced=True, example="3",
+                                    help="Number of channels, from the first, that get noise."))),
     FixNonFinite,
 )  # fmt: skip

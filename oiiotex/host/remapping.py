@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kinds whose functions get buffers that hold what a window of the result looks at, wherever that lies."""
+"""Access kinds whose functions get buffers with the source pixels that a window of the result needs."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ if TYPE_CHECKING:
     from ..session import Session
 
 _MOST_NEIGHBORS = 1 << 24  # of a pixel
-_CELL = 256  # side of the squares in which slanted reads are done: a band of rows would need all of its source
+_CELL = 256  # side of the squares in which oblique reads are done: a band of rows would need the whole source
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Resampled(HostOp):
-    """What it makes of buffers that hold what a window looks at."""
+    """An op whose result has other coordinates than its source, or needs pixels around it."""
 
-    scattered: ClassVar[bool] = False  # it reads columns or slanted strips, which no file gives quickly
+    scattered: ClassVar[bool] = False  # it reads columns or oblique strips, which files deliver slowly
 
-    source: Image = image(help="the image")
+    source: Image = image(help="Input image.")
 
     def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
         """The result's windows, in a copy of the first spec."""
         return oiio.ImageSpec(specs[0])
 
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
-        """For each input, the window that a window of the result looks at; it may reach beyond the data window."""
+        """For each input, the window that a window of the result reads; it may reach beyond the data window."""
         raise NotImplementedError
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """The result over the data window of `target`, from buffers that hold what it looks at."""
+        """The result over the data window of `target`, from buffers with the pixels that it reads."""
         raise NotImplementedError
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
@@ -54,40 +54,40 @@ class _Resampled(HostOp):
 
 @dataclass(frozen=True, kw_only=True)
 class Remap(_Resampled, Gather):
-    """A window follows from another window of its source."""
+    """Gather: a window of the result reads another window of its source."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Area(_Resampled, Neighborhood):
-    """A window follows from the same window with a halo: its function gets the image there, and the window as a ROI."""
+    """Neighborhood: its function gets the window with a halo, and the window itself as a ROI."""
 
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
         """The window with its halo."""
         return [window.grown(*self.halo())]
 
     def neighborhood(self) -> tuple[int, int]:
-        """Columns and rows of what it looks at around a pixel."""
+        """Columns and rows of the neighborhood of a pixel."""
         x, y = self.halo()
         return 2 * x + 1, 2 * y + 1
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """What the function makes of that window."""
+        """The function's result for this window."""
         return self.called(buffers[0], Window.data(target).roi(target.nchannels))
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
-        """The result, not yet computed; too large a kernel is refused."""
+        """The result, not yet computed; a kernel that is too large is refused."""
         require_kernel(*self.neighborhood(), session)
         return super().result(parts, session)
 
 
 def require_kernel(width: int, height: int, session: Session) -> None:
-    """Refuse a kernel that nobody waits for, or whose values do not fit the memory budget.
-
-    OpenImageIO looks at each of its pixels for each pixel: beyond 2^24 there is a ParameterError.
-    """
+    """Refuse a kernel that takes too long (more than 2^24 pixels: ParameterError) or exceeds the memory budget."""
     if width * height > _MOST_NEIGHBORS:
-        size = f"{width}x{height}"
-        raise ParameterError(f"kernel {size}: expected at most {_MOST_NEIGHBORS} pixels; use a smaller image or kernel")
+        raise ParameterError(
+            f"kernel {width}x{height}",
+            expected=f"at most {_MOST_NEIGHBORS} pixels",
+            hint="use a smaller image or kernel",
+        )
     session.resources.require(width * height * 4, "a kernel", "use a smaller kernel")
 
 
@@ -101,16 +101,14 @@ def remapped(
     *,
     scattered: bool = False,
 ) -> Part:
-    """The result of an op that looks elsewhere, over the windows of `target`, not yet computed.
+    """The result of a resampling op over the windows of `target`, not yet computed.
 
-    `needs` and `apply` are as `Remap` and `Area` have them. Where reads are `scattered`, sources are brought where any
-    window can be read, when the first is asked for. Raises ImageError where the result has no pixel.
+    `needs` and `apply` are those of `Remap` and `Area`. With `scattered` reads, sources are first copied to memory or
+    a temporary file. Raises ImageError if the result has no pixel.
     """
     whole = Window.data(target)
     if whole.empty or target.full_width < 1 or target.full_height < 1:
-        raise ImageError(
-            f"the result would be {max(0, whole.width)}x{max(0, whole.height)} pixels: it needs one at least"
-        )
+        raise ImageError(f"the result would have {max(0, whole.width)}x{max(0, whole.height)} pixels")
     bring = functools.partial(materialized, budget=session.resources.budget)
     near = [once(part, bring) if scattered else cached(part, session.resources.cache) for part in parts]
 
@@ -127,7 +125,7 @@ def remapped(
 
 
 def with_edges(wanted: Window, spec: oiio.ImageSpec) -> Window:
-    """A window, with the edge of the display window, which OpenImageIO repeats beyond the data window."""
+    """A window with the edge of the display window, which OpenImageIO repeats beyond the data window."""
     data, display = Window.data(spec), Window.display(spec)
     if not wanted.empty and wanted & data == wanted:
         return wanted
@@ -140,7 +138,7 @@ def with_edges(wanted: Window, spec: oiio.ImageSpec) -> Window:
 
 
 def _seen(wanted: Window, part: Part) -> Window:
-    """What an op sees of a window: a pixel at least, be it far away; all of a deep part, whose rows cannot be read."""
+    """The readable part of a window: at least the nearest pixel; all of a deep part, which has no row access."""
     whole = part.window
     seen = whole if part.spec.deep else with_edges(wanted, part.spec) & whole
     if not seen.empty:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How images and small documents enter and leave."""
+"""Reading and writing of images and small documents."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Temp-then-rename: a file appears under its name whole, or not at all.
+"""Atomic writes: a file appears under its name complete, or not at all.
 
-An unfinished file lies beside its target under a hidden name, and is locked as long as its writer lives. What writers
-leave that were killed is known by the lock that is gone, never by its name alone.
+An unfinished file has a hidden name next to its target, and is locked as long as its writer lives. Leftovers of
+killed writers are recognized by the missing lock, never by name alone.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-_STEM = 100  # bytes of the target's name that a hidden one keeps: names have a limit
-_OLD = 24 * 3600  # s without a change, after which a file is a leftover where no lock can say so
-_MARK = re.compile(r"\..*\.oiiotex-(\w+)-\d+-[0-9a-f]{16}", re.DOTALL)  # of a writer, on the host of group 1
+_STEM = 100  # bytes of the target's name in a hidden one: file systems limit names
+_OLD = 24 * 3600  # s without a change, after which a file without a usable lock is a leftover
+_MARK = re.compile(r"\..*\.oiiotex-(\w+)-\d+-[0-9a-f]{16}", re.DOTALL)  # of a writer; group 1 is its host
 _REST = re.compile(r"(\.kept|\.texture)?(\.[0-9a-f]{8}\.temp)?(\.[^.]*)?", re.DOTALL)  # maketx adds eight digits
-_NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF)  # of file systems that cannot be told to
+_NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF)  # of file systems without fsync
 
 OUTSIDE = "is not in the product's folder: expected $output, $report or $folder/NAME"
 
 _live: dict[Path, int] = {}  # hidden files of this process, and the descriptors that hold their locks
-_making = threading.RLock()  # who ends the process takes it and keeps it: nothing is begun any more
+_making = threading.RLock()  # held for good when the process ends, so that no further file is begun
 _bounds: Path | None = None  # the folder to which a recipe's line is confined
 
 
 class OutsideError(ParameterError):
-    """The line of a recipe would write somewhere else than into its product's folder."""
+    """The line of a recipe would write outside its product's folder."""
 
 
 # --- writing ---
@@ -48,23 +48,22 @@ class OutsideError(ParameterError):
 
 @contextlib.contextmanager
 def temporary_beside(path: Path, cache: bool = False) -> Iterator[Path]:
-    """An empty file beside `path` that becomes `path` when the block ends well, and is gone when it does not.
+    """An empty file next to `path` that replaces `path` if the block succeeds, and is removed if it fails.
 
-    It is made under a name that nobody can foresee and through no link, and bears the mode of the file that it
-    replaces. Where `path` is a link, the file that it leads to is replaced, in that file's folder. What SIGKILL leaves
-    is swept by the next run that writes into the folder. The file, and then its name, are on the disk when this ends,
-    unless $OIIOTEX_FSYNC is 0.
+    It has an unpredictable name, is never opened through a link, and gets the mode of the file that it replaces. If
+    `path` is a link, its target is replaced, in the target's folder. Leftovers of SIGKILL are removed by the next run
+    that writes into the folder. On return, the file and then its name are on the disk, unless $OIIOTEX_FSYNC is 0.
 
     Parameters
     ----------
     path : Path
     cache : bool
-        The file is of a cache: a recipe's line may write it, too, and the disk need not have it yet.
+        The file belongs to a cache: a recipe's line may write it as well, and it is not synced.
 
     Raises
     ------
     ImageError
-        `path` is no regular file, or its folder cannot be written.
+        `path` is not a regular file, or its folder is not writable.
     OutsideError
         `path` is outside of the folder of `writing_only_below`.
     """
@@ -91,14 +90,14 @@ def temporary_beside(path: Path, cache: bool = False) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def written(path: Path) -> Iterator[BinaryIO]:
-    """A new file that takes the path's place, whole or not at all.
+    """A new file that replaces `path` atomically.
 
     Raises
     ------
     ImageError
         It cannot be written: the disk is full, or the folder read-only.
     """
-    path = path.absolute()  # which disk it is on is what a user must know
+    path = path.absolute()  # errors must tell the user which disk is full
     try:
         with temporary_beside(path) as temporary, open(temporary, "wb") as file:
             yield file
@@ -107,23 +106,23 @@ def written(path: Path) -> Iterator[BinaryIO]:
 
 
 def held_beside(path: Path) -> Path:
-    """An empty hidden file beside `path`, for as long as nobody calls `release`; `part_of` names more of its kind."""
+    """An empty hidden file next to `path`, until `release` is called; `part_of` names further ones."""
     return _claimed(path, 0o600)
 
 
 def part_of(temporary: Path, what: str) -> Path:
-    """The name of a further hidden file, 'kept' or 'texture', that goes when `temporary` is released."""
+    """The name of a further hidden file, 'kept' or 'texture', that is removed when `temporary` is released."""
     mark = _mark_of(temporary)
     return temporary.with_name(f"{mark}.{what}{temporary.name[len(mark) :]}")
 
 
 def take(temporary: Path, made: Path) -> None:
-    """Let a file that another writer made stand for `temporary`: it is locked before it has the name.
+    """Replace `temporary` by a file that another writer made; it is locked before it gets the name.
 
     Raises
     ------
     OSError
-        It is not there.
+        It does not exist.
     """
     if fcntl is None:
         made.replace(temporary)
@@ -137,7 +136,7 @@ def take(temporary: Path, made: Path) -> None:
 
 
 def release(temporary: Path) -> None:
-    """Remove a hidden file, and what else bears its mark."""
+    """Remove a hidden file and all others with its mark."""
     temporary.unlink(missing_ok=True)
     if (file := _live.pop(temporary, -1)) >= 0:
         os.close(file)
@@ -151,24 +150,23 @@ def is_writing() -> bool:
 
 
 def discard_all() -> None:
-    """Remove what this process is writing, and let it begin nothing more: for one that ends without unwinding."""
-    _making.acquire(timeout=1)  # a file system that hangs does not keep the process
+    """Remove unfinished files and prevent new ones: for a process that ends without unwinding."""
+    _making.acquire(timeout=1)  # a hanging file system must not block the end of the process
     for temporary in list(_live):
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
-            for name in _groups(temporary.parent)[_mark_of(temporary)]:  # such as maketx makes
+            for name in _groups(temporary.parent)[_mark_of(temporary)]:  # maketx adds files
                 (temporary.parent / name).unlink(missing_ok=True)
 
 
-# --- where may be written ---
+# --- confinement ---
 
 
 @contextlib.contextmanager
 def writing_only_below(folder: Path) -> Iterator[None]:
-    """While this lasts, this process writes below that folder alone, caches excepted.
+    """Confine all writes of this process to a folder, except caches.
 
-    The line of a recipe is confined so: whatever expressions, variables and links lead to, it is refused where it
-    would be opened.
+    This applies to the line of a recipe: other paths, from expressions, variables or links, are refused on opening.
     """
     global _bounds
     before, _bounds = _bounds, Path(os.path.realpath(folder))
@@ -179,34 +177,34 @@ def writing_only_below(folder: Path) -> Iterator[None]:
 
 
 def require_place(path: Path, cache: bool = False) -> None:
-    """Refuse a name under which no file can, or may, be written.
+    """Refuse a path that cannot, or must not, be written.
 
     Raises
     ------
     ImageError
-        Something else than a file lies there, or the folder is not there or cannot be written.
+        The path exists but is not a file, or its folder does not exist or is not writable.
     OutsideError
-        It is outside of the folder of `writing_only_below`.
+        The path is outside of the folder of `writing_only_below`.
     """
     _require_inside(path, cache)
     if os.path.exists(path) and not os.path.isfile(path):
         raise ImageError(f"{path}: not a regular file")  # renaming over a device would replace it
     folder = path.parent
     if not folder.is_dir():
-        raise ImageError(f"{path}: no such folder as {folder}")
+        raise ImageError(f"{path}: no such folder: {folder}")
     if not os.access(folder, os.W_OK):
         raise ImageError(f"{path}: the folder {folder} cannot be written")
 
 
 def make_folders(folder: Path) -> None:
-    """Make a folder, and those above it, where they are not there.
+    """Make a folder and its parents, unless they exist.
 
     Raises
     ------
     OSError
-        It cannot be made.
+        The folder cannot be made.
     OutsideError
-        It is outside of the folder of `writing_only_below`.
+        The folder is outside of the folder of `writing_only_below`.
     """
     _require_inside(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -219,27 +217,27 @@ def _require_inside(path: Path, cache: bool = False) -> None:
 
 
 def _followed(path: Path) -> Path:
-    """Where a link leads; `path` itself where it is none.
+    """The target of a link; `path` itself if it is not a link.
 
-    Links that somebody else has laid in a folder for all, as /tmp is, are refused, as Linux refuses to open them.
+    Links of other users in a shared folder such as /tmp are refused, as Linux refuses to open them.
     """
     if not path.is_symlink():
         return path
     folder, link = os.stat(path.parent), os.lstat(path)
     for_all = folder.st_mode & stat.S_ISVTX and folder.st_mode & stat.S_IWOTH
     if for_all and link.st_uid not in (os.geteuid(), folder.st_uid):
-        raise ImageError(f"{path}: a link of somebody else in a folder for all")
+        raise ImageError(f"{path}: a link of another user in a shared folder")
     try:
         return path.resolve()
     except (OSError, RuntimeError) as error:  # a loop
-        raise ImageError(f"{path}: a link that leads nowhere") from error
+        raise ImageError(f"{path}: a broken link") from error
 
 
 # --- hidden files ---
 
 
 def _claimed(path: Path, mode: int, cache: bool = False) -> Path:
-    """A new hidden file beside `path`, locked; leftovers of the folder are swept."""
+    """A new, locked hidden file next to `path`; leftovers in the folder are removed."""
     require_place(path, cache)
     stem = path.stem.encode(errors="surrogateescape")[:_STEM].decode(errors="ignore")
     flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
@@ -248,16 +246,16 @@ def _claimed(path: Path, mode: int, cache: bool = False) -> Path:
         temporary = path.with_name(f".{stem}.oiiotex-{mark}{path.suffix}")
         try:
             with _making:
-                _live[temporary] = -1  # before it is there: a signal may come in between
+                _live[temporary] = -1  # before the file exists: a signal may come in between
                 file = _live[temporary] = os.open(temporary, flags, mode | stat.S_IRUSR | stat.S_IWUSR)
         except OSError as error:
             del _live[temporary]
             raise ImageError(f"{path}: {error.strerror}") from error
         if _lock(file, shared=False) is not False and temporary.exists():
             break
-        release(temporary)  # who sweeps has come in between
+        release(temporary)  # another process removed it before it was locked
     _sweep(path.parent, os.fstat(file).st_mtime)
-    if fcntl is None:  # Windows renames no file that is open
+    if fcntl is None:  # Windows cannot rename an open file
         os.close(file)
         _live[temporary] = -1
     return temporary
@@ -270,7 +268,7 @@ def _mark_of(temporary: Path) -> str:
 
 
 def _sweep(folder: Path, now: float) -> None:
-    """Remove hidden files whose writers live no more; `now` is the time by the clock of the folder's machine."""
+    """Remove hidden files whose writers have died; `now` is the time on the clock of the folder's machine."""
     for names in _groups(folder).values():
         paths = [folder / name for name in names]
         if any(_is_written(path, now) for path in paths):
@@ -281,7 +279,7 @@ def _sweep(folder: Path, now: float) -> None:
 
 
 def _groups(folder: Path) -> defaultdict[str, list[str]]:
-    """Hidden files of a folder by their marks."""
+    """Hidden files of a folder, by mark."""
     groups = defaultdict(list)
     for name in os.listdir(folder):
         match = _MARK.match(name)
@@ -291,16 +289,16 @@ def _groups(folder: Path) -> defaultdict[str, list[str]]:
 
 
 def _is_written(path: Path, now: float) -> bool:
-    """Whether the writer of a hidden file may be alive: it holds the lock, or nothing can say so and it is not old.
+    """Whether the writer of a hidden file may be alive: it holds the lock, or locks are unknown and the file is new.
 
-    Locks of other hosts need not reach this one: NFS has them on request.
+    Locks of other hosts may be invisible here: on NFS they are optional.
     """
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)
     try:
         file = os.open(path, flags)
     except FileNotFoundError:
         return False
-    except OSError:  # somebody else's, or no file at all
+    except OSError:  # another user's, or not a file
         return True
     try:
         locked = _lock(file, shared=True)
@@ -313,9 +311,9 @@ def _is_written(path: Path, now: float) -> bool:
 
 
 def _lock(file: int, shared: bool) -> bool | None:
-    """Lock an open file until it is closed; False where another one has it, None where the file system has no locks.
+    """Lock an open file until it is closed; False if another process holds it, None without support for locks.
 
-    NFS locks for writing only what is open for writing: who only asks takes a shared lock.
+    NFS allows an exclusive lock only on a file open for writing: a query takes a shared lock.
     """
     if fcntl is None:
         return None
@@ -329,7 +327,7 @@ def _lock(file: int, shared: bool) -> bool | None:
 
 
 def _sync(path: Path) -> None:
-    """Have the disk hold a file's bytes, or a folder's names, before this returns."""
+    """Wait until a file's bytes, or a folder's names, are on the disk."""
     file = os.open(path, os.O_RDONLY)
     try:
         os.fsync(file)

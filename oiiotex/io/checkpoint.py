@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finished pieces of an image lie beside its file until that is whole, so that a run that was killed goes on.
+"""Checkpoints: finished pieces of an image are kept next to its file until it is complete, so a killed run can resume.
 
-Who writes a file opens a `Checkpoint` for it (`Resources.checkpoints`); an op that can make any window asks it
+The writer of a file opens a `Checkpoint` for it (`Resources.checkpoints`); an op that can compute any window asks it
 for its pieces, whatever other ops lie between.
 """
 
@@ -22,19 +22,19 @@ from .atomic import make_folders, temporary_beside
 
 log = logging.getLogger("oiiotex")
 
-# whole, or left by a kill
+# complete, or left by a killed process
 _NAME = re.compile(r"\.?[0-9a-f]{32}\.\d+x\d+[+-]\d+[+-]\d+(\.oiiotex-\w+-\d+-[0-9a-f]+)?\.piece")
-_SPEED = 1  # of zlib: it takes a tenth of what synthesis takes, and its checksum tells a spoiled piece
+_SPEED = 1  # of zlib: it takes a tenth of the time of synthesis, and its checksum detects corrupt pieces
 
 
 class Checkpoint:
-    """The folder of pieces of one file, `<file>.parts`; it is there from the first piece on.
+    """The folder of pieces of one file, `<file>.parts`, made with the first piece.
 
     Attributes
     ----------
     folder : Path
     count : int
-        Pieces of this run that lie there.
+        Number of pieces that this run has written or used.
     """
 
     def __init__(self, path: Path):
@@ -43,12 +43,12 @@ class Checkpoint:
         self._works = True
 
     def piece(self, key: str, place: Window, make: Callable[[], np.ndarray]) -> np.ndarray:
-        """The piece at that place: as a run before has left it, else made now and kept.
+        """The piece at `place`: from an earlier run, or made now and kept.
 
         Parameters
         ----------
         key : str
-            A hash, in hexadecimal digits, of all that determines the piece beside its place.
+            A hexadecimal hash of everything that determines the piece, except its place.
         place : Window
         make : callable
         """
@@ -62,17 +62,17 @@ class Checkpoint:
         return pixels
 
     def kept(self, key: str, place: Window) -> np.ndarray | None:
-        """That piece as a run before has left it, whole; else None."""
+        """The complete piece from an earlier run, or None."""
         pixels = _read(self._file(key, place))
         self.count += pixels is not None
         return pixels
 
     def keep(self, key: str, place: Window, pixels: np.ndarray) -> None:
-        """Keep that piece."""
+        """Write a piece."""
         self._keep(self._file(key, place), pixels)
 
     def holds(self, key: str, place: Window) -> bool:
-        """Whether that piece is there, whole."""
+        """Whether the complete piece exists."""
         return _read(self._file(key, place)) is not None
 
     def _file(self, key: str, place: Window) -> Path:
@@ -88,12 +88,12 @@ class Checkpoint:
             with temporary_beside(file) as temporary:
                 temporary.write_bytes(zlib.compress(plain.getbuffer(), _SPEED))
             self.count += 1
-        except (OSError, Error) as error:  # the run itself may still end well
+        except (OSError, Error) as error:  # the run itself may still succeed
             self._works = False
-            log.warning("resume: pieces cannot be kept in %s: %s", self.folder, error)
+            log.warning("resume: cannot write checkpoints to %s: %s", self.folder, error)
 
     def discard(self) -> None:
-        """Remove all pieces, if this run kept or used any; what is not ours stays."""
+        """Remove all pieces, if this run wrote or used any; other files are kept."""
         if not self.count:
             return
         self.count = 0
@@ -105,7 +105,7 @@ class Checkpoint:
 
 
 def _read(file: Path) -> np.ndarray | None:
-    """What a piece's file holds; None where it is absent or spoiled."""
+    """The piece in a file; None if it is missing or corrupt."""
     try:
         return np.load(io.BytesIO(zlib.decompress(file.read_bytes())), allow_pickle=False)
     except (OSError, ValueError, EOFError, zlib.error):

@@ -2,8 +2,8 @@
 """Label maps as Cryptomatte 1.2: compositors pick labels by clicking.
 
 The specification is Psyop's (github.com/Psyop/Cryptomatte, specification/cryptomatte_specification.pdf). A label map
-has one label per pixel; its borders are made soft (`covered`), and one layer of two ranks holds the two labels that
-cover most of a pixel.
+has one label per pixel; its borders are softened (`covered`), and one layer of two ranks holds the two labels with the
+largest coverage of each pixel.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from ..deferred import np, oiio
 
 
 def hashed(name: str) -> int:
-    """The 32 bits that stand for a name: MurmurHash3_x86_32, never the pattern of a float that is no number."""
+    """The 32-bit hash of a name: MurmurHash3_x86_32, adjusted so that it is never a NaN, Inf or denormal float."""
     bits = mmh3.hash(name.encode(), 0, signed=False)
     exponent = bits >> 23 & 255
     return bits ^ 1 << 23 if exponent in (0, 255) else bits
 
 
 def hashes(names: Iterable[str]) -> dict[str, int]:
-    """Names and what stands for them: a name whose hash is taken gets a mark until it is not."""
+    """Hashes by name: a name whose hash is taken gets apostrophes until its hash is unique."""
     taken: dict[int, str] = {0: ""}
     for name in names:
         while (bits := hashed(name)) in taken:
@@ -41,11 +41,11 @@ _WEIGHTS = (1, 2, 1, 2, 4, 2, 1, 2, 1)  # of `_AROUND`: a binomial filter one pi
 
 
 def covered(labels: Part, window: Window) -> tuple[np.ndarray, np.ndarray]:
-    """The two labels that cover most of every pixel of a window, and how much: (h, w, 2) int64, (h, w, 2) float32.
+    """The two labels with the largest coverage of each pixel, and the coverage: (h, w, 2) int64, (h, w, 2) float32.
 
-    Labels are weighed over 3 x 3 pixels, so that a straight border falls off over two. Where there is no label (0)
-    nothing covers, and it takes nothing from its neighbors: what is transparent there is so in the image's alpha.
-    The two shares are of their sum, which so is 1 wherever there is a label.
+    Labels are weighted over 3 x 3 pixels, so that a straight border falls off over two pixels. Pixels without a label
+    (0) have no coverage and take none from their neighbors: transparency there is in the image's alpha. The two
+    values are normalized to a sum of 1 where there is a label.
     """
     whole = labels.window
     around = window.grown(1, 1) & whole
@@ -62,7 +62,7 @@ def covered(labels: Part, window: Window) -> tuple[np.ndarray, np.ndarray]:
     nine = np.stack([one[border] for one in seen], -1)
     weights = np.where(nine > 0, ((nine[:, :, None] == nine[:, None, :]) * np.array(_WEIGHTS, np.int64)).sum(-1), 0)
     rows = np.arange(len(nine))
-    weights[:, 4] = 2 * weights[:, 4] + 1  # of equals the pixel's own label comes first
+    weights[:, 4] = 2 * weights[:, 4] + 1  # among equals the pixel's own label comes first
     weights[:, :4] *= 2
     weights[:, 5:] *= 2
     most = weights.argmax(1)
@@ -78,17 +78,17 @@ def covered(labels: Part, window: Window) -> tuple[np.ndarray, np.ndarray]:
 def cryptomatte_part(
     maps: Sequence[LabelMap], manifest_file: str | None = None, image: Part | None = None
 ) -> tuple[Part, dict[str, str]]:
-    """One part of 32-bit floats with four channels for each label map of an image, and what stands for all names.
+    """A part of 32-bit floats with four channels per label map, and the manifest (hashes in hex by name).
 
     Parameters
     ----------
     maps : sequence of LabelMap
-        Of one image.
+        Label maps of one image.
     manifest_file : str, optional
-        Where the manifest will lie, as seen from the image; in the metadata when left out.
+        Path of a manifest file, relative to the image. Default: the manifest is in the metadata.
     image : Part, optional
-        Whose channels come first in the part, which then has no name: so renderers write it, and so every compositor
-        finds it.
+        Part whose channels come first; the result then has no name. Renderers write Cryptomattes like this, and every
+        compositor finds them.
     """
     like = maps[0].part
     spec = oiio.ImageSpec((image or like).spec)
@@ -104,7 +104,7 @@ def cryptomatte_part(
     else:
         spec.erase_attribute("name")
         spec.erase_attribute("oiio:subimagename")
-    spec.erase_attribute("oiiotex:.*")  # what is said of one of the label maps alone
+    spec.erase_attribute("oiiotex:.*")  # describes only one of the label maps
     tables, whole = [], dict[str, str]()
     for layer, labels in zip(layers, maps, strict=True):
         bits = hashes(labels.name(label) for label in range(1, labels.count + 1))

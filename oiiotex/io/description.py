@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a part says of itself, through formats that would drop it: its color space, its name, how it was made.
+"""Metadata of a part in formats that would drop it: its color space, its name, how it was made.
 
-EXR and PNG hold attributes of any name, but color spaces only of the names that they know. TIFF and JPEG hold neither;
-there it goes into ImageDescription, as one line of JSON behind what stands there. Reading puts all back in its place.
+EXR and PNG hold arbitrary attributes, but only color spaces that they know. TIFF and JPEG hold neither: there the
+metadata is a line of JSON at the end of ImageDescription. Reading restores all of it.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from ..deferred import oiio
 log = logging.getLogger("oiiotex")
 
 NAME = "oiio:subimagename"
-SPACE = "oiiotex:colorspace"  # in files alone
+SPACE = "oiiotex:colorspace"  # only in files
 _DESCRIPTION = "ImageDescription"
 _MARK = "oiiotex: {"
-_MOST = 1 << 20  # characters of that line: foreign files may hold anything
+_MOST = 1 << 20  # longest line of JSON, characters: foreign files may hold anything
 _SRGB = "srgb_rec709_scene"
-_SPACES = {  # that a format says for itself
+_SPACES = {  # that a format can tag itself
     "tiff": (_SRGB,),
     "jpeg": (_SRGB,),
     "png": (_SRGB, "lin_rec709_scene", "g22_rec709_scene", "srgb_p3d65_scene"),
@@ -37,16 +37,16 @@ _SURROGATE = re.compile("[\ud800-\udfff]")
 _TAGGING = (b"sRGB", b"gAMA", b"iCCP", b"cICP", b"cHRM")  # chunks of PNG
 
 
-# --- leaving ---
+# --- writing ---
 
 
 def describe(spec: oiio.ImageSpec, format_name: str) -> None:
-    """Have the spec say, in what the format holds, what it else would drop."""
+    """Add attributes that carry the metadata which the format would drop."""
     space = spec.get_string_attribute(TAG)
     carried: dict[str, Any] = {}
     if space and format_name in (*_SPACES, "openexr") and not _says(format_name, space):
         carried[SPACE] = space
-        if format_name in _SPACES:  # they would say the next best, or sRGB; of data they say nothing
+        if format_name in _SPACES:  # these formats would tag the nearest space, or sRGB; they do not tag data
             spec.attribute(TAG, "data")
             spec.erase_attribute("Exif:ColorSpace")
     if format_name in ("openexr", "png"):
@@ -64,19 +64,19 @@ def describe(spec: oiio.ImageSpec, format_name: str) -> None:
 
 
 def _own(spec: oiio.ImageSpec) -> Iterator[tuple[str, Any]]:
-    """Our attributes, as far as JSON has them."""
+    """Our attributes, of types that JSON has."""
     for attribute in spec.extra_attribs:
         if attribute.name.startswith(OURS) and isinstance(attribute.value, (str, int, float)):
             yield attribute.name, attribute.value
 
 
 def is_ours(spec: oiio.ImageSpec) -> bool:
-    """Whether a filter of ours has noted something in it."""
+    """Whether the spec has attributes of our filters."""
     return any(attribute.name.startswith(OURS) for attribute in spec.extra_attribs)
 
 
 def _says(format_name: str, space: str) -> bool:
-    """Whether a file of that format says the space by itself."""
+    """Whether the format has a tag for this color space."""
     if format_name == "openexr":
         return bool(_names().get_color_interop_id(space))
     return any(_same(space, own) for own in _SPACES[format_name])
@@ -92,11 +92,11 @@ def _names() -> oiio.ColorConfig:
     return oiio.ColorConfig()
 
 
-# --- arriving ---
+# --- reading ---
 
 
 def restore(spec: oiio.ImageSpec, format_name: str, path: str) -> None:
-    """Put back what `describe` has hidden, unless the file itself has been told another color space since."""
+    """Restore what `describe` added, unless the file has been tagged with another color space since."""
     carried: dict[str, Any] = {}
     if format_name in ("openexr", "png"):
         space = spec.get_string_attribute(SPACE)
@@ -117,7 +117,7 @@ def restore(spec: oiio.ImageSpec, format_name: str, path: str) -> None:
 
 
 def _split(text: str) -> tuple[str, dict[str, Any]]:
-    """A description as people wrote it, and what ours says behind it; an empty dict where it says nothing."""
+    """A description without our line of JSON, and the line's contents; an empty dict without such a line."""
     at = text.rfind(_MARK)
     if at < 0 or len(text) - at > _MOST:
         return text, {}
@@ -129,7 +129,7 @@ def _split(text: str) -> tuple[str, dict[str, Any]]:
 
 
 def _fits(value: Any) -> bool:
-    """Whether an attribute can have the value."""
+    """Whether the value is valid for an attribute."""
     if isinstance(value, str):
         return not _SURROGATE.search(value)
     if isinstance(value, float):
@@ -138,7 +138,7 @@ def _fits(value: Any) -> bool:
 
 
 def is_tagged(spec: oiio.ImageSpec, format_name: str, path: str) -> bool:
-    """Whether the file says its color space, and OpenImageIO does not only assume one, as it does for JPEG and PNG."""
+    """Whether the file itself is tagged; for JPEG and PNG OpenImageIO otherwise assumes a color space."""
     if not spec.get_string_attribute(TAG):
         return False
     if format_name == "png":
@@ -157,31 +157,31 @@ def _png_is_tagged(path: str) -> bool:
                     return True
                 file.seek(struct.unpack(">I", head[:4])[0] + 4, os.SEEK_CUR)
     except OSError:
-        pass  # whoever reads the pixels says why they cannot be
+        pass  # reading the pixels reports the error
     return False
 
 
-# --- what got lost ---
+# --- lost metadata ---
 
 
 def warn_of_loss(
     path: object, format_name: str, wanted: Sequence[oiio.ImageSpec], arrived: Sequence[oiio.ImageSpec]
 ) -> None:
-    """Warn, in one line, of what the parts of a file do not say of what they should, or say otherwise.
+    """Warn, in one line, of metadata that a written file lacks or has changed.
 
-    Of what oiiotool would write alike, only that colors would be taken for others.
+    For files that oiiotool would write alike, only of a wrong color space.
     """
-    pairs = zip(wanted, arrived, strict=False)  # what a format holds of further parts has been said before
+    pairs = zip(wanted, arrived, strict=False)  # a format's limit of parts has been reported before
     missing = dict.fromkeys(loss for want, have in pairs for loss in _lost(want, have))
     if missing:
-        log.warning("%s: %s cannot say %s", path, format_name, ", nor ".join(missing))
+        log.warning("%s: %s cannot store %s", path, format_name, " or ".join(missing))
 
 
 def _lost(wanted: oiio.ImageSpec, arrived: oiio.ImageSpec) -> Iterator[str]:
     read, space = arrived.get_string_attribute(TAG), wanted.get_string_attribute(TAG)
     if space and (read or is_ours(wanted) or not _same(space, _SRGB)) and not (read and _same(space, read)):
-        yield f"the color space {space}" + (f" (read, it is {read})" if read else "")
-    # EXR has no empty texts
+        yield f"the color space {space}" + (f" (it is read as {read})" if read else "")
+    # EXR has no empty strings
     names = [name for name, value in _own(wanted) if value != "" and arrived.getattribute(name) is None]
     if names:
         yield f"how it was made ({', '.join(names)})"

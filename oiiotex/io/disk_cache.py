@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arrays that are dear to compute, kept on disk from one run to the next by the hash of what they follow from.
+"""Disk cache of expensive arrays between runs, keyed by a hash of their inputs.
 
-A file is the SHA-256 of all that comes after it, in 64 characters, and the arrays as .npy. It is read as a memory map,
-appears whole or not at all, and a spoiled one is computed again. The folder is held to `MOST_BYTES`: files that were
-not asked for for the longest time go first. Any number of processes may read, write and sweep at a time.
+A file holds the SHA-256 of its contents, in 64 characters, followed by the arrays as .npy. It is written atomically
+and read as a memory map; a corrupt file is recomputed. The folder is limited to `MOST_BYTES`, with the least recently
+used files evicted first. Any number of processes may read, write and evict at the same time.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from ..deferred import np
 from ..errors import Error
 from .atomic import temporary_beside
 
-MOST_BYTES = 2 << 30  # of a folder
-_ROWS = 256  # of an array, that are hashed at once
+MOST_BYTES = 2 << 30  # per folder
+_ROWS = 256  # rows of an array that are hashed at once
 _SUFFIX = ".arrays"
-_DIGEST = 64  # characters; and what follows stays aligned
+_DIGEST = 64  # characters; keeps the arrays aligned
 
 Arrays: TypeAlias = "tuple[np.ndarray, ...]"
 
 
 def hash_of(*facts: object) -> str:
-    """SHA-256 of arrays by their bytes, shape and type, and of all else by what it prints as."""
+    """SHA-256 of arrays (bytes, shape and type) and of the `repr` of everything else."""
     digest = hashlib.sha256()
     for fact in facts:
         if isinstance(fact, (np.ndarray, RowStore)):
@@ -44,27 +44,27 @@ def hash_of(*facts: object) -> str:
 
 
 def cached_arrays(folder: Path | None, name: str, make: Callable[[], Arrays]) -> Arrays:
-    """The arrays of that name out of a folder; made and put there where they are missing or spoiled.
+    """The arrays of this name in a folder; made and stored if they are missing or corrupt.
 
     Parameters
     ----------
     folder : Path or None
-        None: they are made.
+        None: no cache.
     name : str
-        `hash_of` all that they follow from.
+        `hash_of` all inputs.
     make : callable
-        Gives the arrays.
+        Returns the arrays.
     """
     if folder is None:
         return make()
     path = folder / f"{name}{_SUFFIX}"
-    with contextlib.suppress(OSError, ValueError):  # absent, or spoiled
+    with contextlib.suppress(OSError, ValueError):  # missing or corrupt
         arrays = _read(path)
         os.utime(path)
         return arrays
     arrays = make()
     if sum(array.nbytes for array in arrays) <= MOST_BYTES:
-        with contextlib.suppress(OSError, Error):  # a run does not fail for want of a cache
+        with contextlib.suppress(OSError, Error):  # a run must not fail for lack of a cache
             folder.mkdir(parents=True, exist_ok=True)
             with temporary_beside(path, cache=True) as temporary:
                 _write(temporary, arrays)
@@ -87,12 +87,12 @@ def _write(path: Path, arrays: Arrays) -> None:
 
 
 def _read(path: Path) -> Arrays:
-    """Read-only memory maps; ValueError where the file is not what was written."""
+    """Read-only memory maps; ValueError if the file is corrupt."""
     with open(path, "rb") as file:
         mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     with memoryview(mapped) as whole:
         if hashlib.sha256(whole[_DIGEST:]).hexdigest().encode() != bytes(whole[:_DIGEST]):
-            raise ValueError(f"{path}: spoiled")
+            raise ValueError(f"{path}: corrupt")
     arrays = []
     mapped.seek(_DIGEST)
     while mapped.tell() < len(mapped):
@@ -105,7 +105,7 @@ def _read(path: Path) -> Arrays:
 
 
 def _sweep(folder: Path, spared: Path) -> None:
-    """Remove the files that were not asked for for the longest time, until the rest is at most `MOST_BYTES`."""
+    """Remove the least recently used files until the rest is at most `MOST_BYTES`."""
     files = []
     for path in folder.iterdir():
         with contextlib.suppress(OSError):  # another process was faster

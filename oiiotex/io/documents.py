@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small files that users hand over beside images: JSON, YAML, text, arrays. Nothing in them is trusted.
+"""Small files from users: JSON, YAML, text, arrays. None of them is trusted.
 
-What is read is a regular file (a fifo would hang for ever) of a bounded size, numbers and texts of a document are such
-that the rest of the program can take them, and arrays are refused by what they say of their size, before they are
-unpacked.
+Only regular files of limited size are read (a fifo would hang forever), numbers and strings of a document must be
+usable by the rest of the program, and arrays are refused by their declared size before they are unpacked.
 """
 
 from __future__ import annotations
@@ -18,12 +17,12 @@ from typing import Any
 from ..deferred import np
 from ..errors import ImageError, one_line
 
-_MOST_BYTES = 16 << 20  # of a document
-_MOST_NUMBER = 2**53  # what a float64, and so any reader of JSON, holds exactly
+_MOST_BYTES = 16 << 20  # per document
+_MOST_NUMBER = 2**53  # exact in a float64, and so in any reader of JSON
 
 
 def require_regular(path: str | os.PathLike[str]) -> None:
-    """Refuse what is there but no regular file: opening a fifo waits for who writes to it.
+    """Refuse an existing path that is not a regular file: opening a fifo waits for a writer.
 
     Raises
     ------
@@ -32,7 +31,7 @@ def require_regular(path: str | os.PathLike[str]) -> None:
     try:
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
-        return  # whoever opens it says why it cannot
+        return  # opening it reports the error
     if not stat.S_ISREG(mode):
         raise ImageError(f"{path}: {'a folder' if stat.S_ISDIR(mode) else 'not a regular file'}")
 
@@ -51,13 +50,13 @@ def read_text(path: Path) -> str:
 
 
 def read_document(path: Path) -> Any:
-    """What a JSON file says, or a YAML file by its suffix.
+    """The contents of a JSON file, or by its suffix a YAML file.
 
     Raises
     ------
     ImageError
-        As `read_text`; it is neither JSON nor YAML; a number is NaN, infinite or beyond 2^53; a text holds half of a
-        surrogate pair.
+        As `read_text`; invalid JSON or YAML; a number is NaN, infinite or beyond 2^53; a string holds an unpaired
+        surrogate.
     """
     text = read_text(path)
     yaml_file = path.suffix.lower() in (".yaml", ".yml")
@@ -65,7 +64,7 @@ def read_document(path: Path) -> Any:
         document = _yaml(text, path) if yaml_file else json.loads(text)
         require_plain(document)
     except RecursionError as error:
-        raise ImageError(f"{path}: lists or objects lie too deep in each other") from error
+        raise ImageError(f"{path}: lists or objects are nested too deeply") from error
     except ValueError as error:
         raise ImageError(f"{path}: not {'YAML' if yaml_file else 'JSON'}: {one_line(str(error))[:300]}") from error
     return document
@@ -73,11 +72,11 @@ def read_document(path: Path) -> Any:
 
 def _yaml(text: str, path: Path) -> Any:
     try:
-        import yaml  # ours needs no such package: JSON says the same
+        import yaml  # optional: JSON can hold the same
     except ImportError as error:
-        raise ImageError(f"{path}: PyYAML is not installed: pip install pyyaml, or write it as JSON") from error
+        raise ImageError(f"{path}: PyYAML is not installed", hint="pip install pyyaml, or use JSON") from error
     if "&" in text and any(isinstance(event, yaml.AliasEvent) for event in _events(yaml, text)):
-        raise ValueError("aliases are not taken: a few lines of them can stand for gigabytes")
+        raise ValueError("aliases are not supported: a few of them can expand to gigabytes")
     try:
         return yaml.safe_load(text)
     except yaml.YAMLError as error:
@@ -92,12 +91,12 @@ def _events(yaml: Any, text: str) -> Iterable[Any]:
 
 
 def require_plain(document: Any) -> None:
-    """Refuse, with ValueError, numbers and texts that the rest of the program could not take."""
+    """Refuse, with ValueError, numbers and strings that the rest of the program cannot handle."""
     if isinstance(document, str):
         try:
             document.encode()
         except UnicodeEncodeError:
-            raise ValueError(f"{ascii(document)[:60]} is no text: half of a surrogate pair") from None
+            raise ValueError(f"{ascii(document)[:60]} is not valid text: unpaired surrogate") from None
     elif isinstance(document, (int, float)) and not -_MOST_NUMBER <= document <= _MOST_NUMBER:
         raise ValueError(f"{str(document)[:30]} is beyond 2^53")
     elif isinstance(document, dict):
@@ -116,25 +115,25 @@ def read_arrays(path: Path, budget: int) -> dict[str, np.ndarray]:
     ----------
     path : Path
     budget : int
-        Bytes that all of them together may take in memory.
+        Bytes that the arrays may take in memory, in total.
 
     Raises
     ------
     ImageError
-        It cannot be read, or is larger than the budget; the text says how large.
+        The file cannot be read, or its arrays exceed the budget.
     """
-    import zipfile  # few lines read arrays: it is slow to import
+    import zipfile  # slow to import, and rarely needed
 
     require_regular(path)
     try:
         with zipfile.ZipFile(path) as packed:
             need = sum(entry.file_size for entry in packed.infolist())
         if need > budget:
-            raise ImageError(f"{path}: takes {-(-need >> 20)} MB of memory; the budget is {budget >> 20} MB")
+            raise ImageError(f"{path}: needs {-(-need >> 20)} MB of memory; the budget is {budget >> 20} MB")
         with np.load(path, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
     except ImageError:
         raise
-    except Exception as error:  # of broken files zipfile, what unpacks for it, and numpy's parser of headers raise many
+    except Exception as error:  # broken files raise many types in zipfile, its decompressors and numpy's header parser
         why = getattr(error, "strerror", None) or one_line(str(error))[:300]
-        raise ImageError(f"{path}: no arrays can be read: {why}") from error
+        raise ImageError(f"{path}: cannot read arrays: {why}") from error

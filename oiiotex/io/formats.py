@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a file format can hold of an image, and what it is asked to."""
+"""Fit of an image to a file format: channels, windows, types and tiles."""
 
 from __future__ import annotations
 
@@ -24,32 +24,32 @@ _IDS = ("uint", "int")  # the types of ids
 
 @dataclass(frozen=True, kw_only=True)
 class Format:
-    """How to write.
+    """Settings for writing a file.
 
     Attributes
     ----------
     pixel_type : oiio.TypeDesc or None
-        Asked for by the user; an error where the format cannot hold it.
+        Type requested by the user; an error if the format cannot hold it.
     computed_type : oiio.TypeDesc or None
-        Of parts that ops of the host have computed, as far as the format has it; None: as they are.
+        Type of parts computed by oiiotool's ops, if the format has it; None: the part's own.
     computed_channels : dict of str to oiio.TypeDesc
-        Of single channels of computed parts, by name.
+        Types of channels of computed parts, by name.
     computed_tile : (int, int) or None
-        Width and height of tiles of computed parts; None: scanlines.
+        Width and height of the tiles of computed parts; None: scanlines.
     bits : int
-        Significant bits, where they are fewer than the type has; 0: as in the source.
+        Significant bits, if fewer than the type has; 0: as in the source.
     channel_types : dict of str to oiio.TypeDesc or None
-        Of single channels by name, or by 'part.name'; 'part.*' stands for all channels of a part. None: as the part.
+        Types of channels by name, or by 'part.name'; 'part.*' stands for all channels of a part. None: the part's type.
     tile : (int, int) or None
-        Width and height of tiles; None: as in a file that is only copied, else scanlines.
+        Width and height of tiles; None: as in the source if it is only copied, else scanlines.
     scanline : bool
-        Never tiles.
+        Write no tiles.
     attributes : dict
-        Set on all parts: compression, Software and so on. None erases one.
+        Attributes of all parts: compression, Software and so on. None erases one.
     autocrop : bool
-        Formats without a display window get exactly its pixels.
+        Crop or pad to the display window for formats without one.
     format_name : str
-        Which format to write; by the file's extension when left out.
+        Format to write. Default: by the file's extension.
     """
 
     pixel_type: oiio.TypeDesc | None = None
@@ -65,23 +65,23 @@ class Format:
     format_name: str = ""
 
 
-# --- what the format cannot hold ---
+# --- limits of the format ---
 
 
 def fitted(image: Image, out: oiio.ImageOutput, path: Path, how: Format) -> Image:
-    """The image as far as the format has channels, windows and origins for it, as oiiotool fits it."""
+    """The image with the channels, windows and origins that the format supports, as oiiotool fits it."""
     if len(image.parts) > 1 and not out.supports("multiimage"):
         names = ", ".join(p.name for p in image.parts)
-        raise ImageError(f"{path}: {out.format_name()} holds one image, here are {names}; use EXR or TIFF")
+        raise ImageError(f"{path}: {out.format_name()} holds one image, not {names}", hint="use EXR or TIFF")
     if any(part.spec.deep for part in image.parts) and not out.supports("deepdata"):
-        raise ImageError(f"{path}: {out.format_name()} cannot hold deep images: expected EXR, or a flat image")
+        raise ImageError(f"{path}: {out.format_name()} cannot hold deep images", expected="EXR, or a flat image")
     parts = [_with_fitting_channels(part, out, path) for part in image.parts]
     if how.autocrop and not out.supports("displaywindow"):
         parts = [_in_window(part, Window.display(part.spec)) for part in parts]
     if how.autocrop and not out.supports("negativeorigin"):
         parts = [_without_negative_origin(part) for part in parts]
     if any(part.window.empty for part in parts):
-        raise ImageError(f"{path}: there is no pixel to write")
+        raise ImageError(f"{path}: the image has no pixels")
     return Image(tuple(parts), image.source)
 
 
@@ -107,7 +107,7 @@ def _with_fitting_channels(part: Part, out: oiio.ImageOutput, path: Path) -> Par
 
 
 def _in_window(part: Part, window: Window) -> Part:
-    """Cropped, but in tiles as it was."""
+    """Cropped, with its tile size kept."""
     fitted = cropped(part, window)
     spec = fitted.spec
     spec.tile_width, spec.tile_height, spec.tile_depth = tile_of(part.spec)
@@ -115,15 +115,15 @@ def _in_window(part: Part, window: Window) -> Part:
 
 
 def tile_of(spec: oiio.ImageSpec) -> tuple[int, int, int]:
-    """Width, height and depth of its tiles; 0 for scanlines."""
+    """Width, height and depth of tiles; 0 for scanlines."""
     return spec.tile_width, spec.tile_height, spec.tile_depth
 
 
 def _without_negative_origin(part: Part) -> Part:
-    """Without the pixels left of and above 0, as oiiotool has it; a window of a plane without end is moved instead."""
+    """Without pixels left of and above 0, as by oiiotool; a window of an unbounded texture is moved instead."""
     display = Window.display(part.spec)
-    endless = bool(part.spec.get_string_attribute(WINDOW))  # of which nothing might be left
-    right, down = (max(0, -n) if endless else 0 for n in (display.left, display.top))
+    unbounded = bool(part.spec.get_string_attribute(WINDOW))  # cropping might leave no pixel
+    right, down = (max(0, -n) if unbounded else 0 for n in (display.left, display.top))
 
     def move(spec: oiio.ImageSpec) -> None:
         spec.x, spec.full_x = spec.x + right, spec.full_x + right
@@ -141,11 +141,11 @@ def _without_negative_origin(part: Part) -> Part:
 
 
 def specs_of(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio.ImageSpec]]:
-    """For each part the specs of its levels, as they are to be opened."""
+    """For each part the specs of its levels, ready for opening the file."""
     tiled = bool(out.supports("tiles")) and not how.scanline
     several = len(image.parts) > 1
-    shared = image.first.spec.getattribute("PixelAspectRatio")  # EXR wants one for all parts
-    ours = any(part.exact or is_ours(part.spec) for part in image.parts)  # else as oiiotool writes it
+    shared = image.first.spec.getattribute("PixelAspectRatio")  # EXR requires one for all parts
+    ours = any(part.exact or is_ours(part.spec) for part in image.parts)  # otherwise written as by oiiotool
     specs: list[list[oiio.ImageSpec]] = []
     for n, part in enumerate(image.parts):
         levels = []
@@ -162,7 +162,9 @@ def specs_of(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio
                 spec.attribute("PixelAspectRatio", shared)
             if not spec.tile_width or not part.levels:
                 spec.erase_attribute("textureformat")
-            if out.format_name() == "pnm":  # it writes floats from the bottom up, and reads them from the top down
+            if (
+                out.format_name() == "pnm"
+            ):  # the writer stores floats from the bottom up, but the reader expects top down
                 spec.attribute("pnm:pfmflip", 0)
             for name, value in how.attributes.items():
                 if value is None:
@@ -177,12 +179,12 @@ def specs_of(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio
 
 
 def nameless(part: Part) -> bool:
-    """Whether its name is only a number: OpenImageIO writes such parts as subimage00, subimage01 and so on."""
+    """Whether the part has only a number: OpenImageIO writes such parts as subimage00, subimage01 and so on."""
     return re.fullmatch(r"part\d+", part.name) is not None
 
 
 def _levels(part: Part, out: oiio.ImageOutput, how: Format, several: bool) -> tuple[Part, ...]:
-    """The smaller versions that are written: TIFF has them as further images, which must be tiled to be known."""
+    """The MIP levels to write: TIFF stores them as further images, which must be tiled to be recognized."""
     if several or how.scanline:
         return ()
     if out.supports("mipmap"):
@@ -191,14 +193,14 @@ def _levels(part: Part, out: oiio.ImageOutput, how: Format, several: bool) -> tu
 
 
 def keeps_type(part: Part) -> bool:
-    """Whether a file must hold the part's own type: rounded ids would be other ids."""
+    """Whether a file must keep the part's type: rounded ids would be wrong."""
     return part.exact or str(part.stored) in _IDS
 
 
 def wanted_type(part: Part, how: Format, spec: oiio.ImageSpec) -> oiio.TypeDesc | None:
-    """The type that a file must have for the part, or be refused: what the user asks for, or what may not change.
+    """The type that the file must have: requested by the user, or the part's own if that must be kept; else None.
 
-    `spec` is that of the part as `specs_of` gives it: -d PART.*=TYPE overrides -d TYPE there.
+    `spec` is the part's spec from `specs_of`, in which -d PART.*=TYPE overrides -d TYPE.
     """
     if keeps_type(part):
         return part.stored

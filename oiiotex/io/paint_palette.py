@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Palettes of painting programs, .gpl (GIMP, Krita, Inkscape) and .aco (Photoshop), and PNGs with a palette."""
+"""Palettes of paint programs, .gpl (GIMP, Krita, Inkscape) and .aco (Photoshop), and PNGs with a palette."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 class Swatch(NamedTuple):
-    """A color, sRGB in 8 bits, and what it is called."""
+    """A named color, sRGB in 8 bits."""
 
     name: str
     red: int
@@ -27,36 +27,34 @@ class Swatch(NamedTuple):
 
 
 def require_palette(path: Path) -> None:
-    """Refuse, with ImageError, a name that no such file has."""
+    """Refuse, with ImageError, a file name with another suffix."""
     _writer(path)
 
 
 def write_palette(path: Path, paints: Sequence[Swatch]) -> None:
-    """Write a palette, whole or not at all.
+    """Write a palette atomically.
 
     Raises
     ------
     ImageError
-        The suffix is no palette's, or the file cannot be written.
+        The suffix is not .gpl or .aco, or the file cannot be written.
     """
     text = _writer(path)(path.stem, paints)
     with temporary_beside(path) as temporary:
         temporary.write_bytes(text)
 
 
-def write_indexed(path: Path, ids: np.ndarray, colors: Mapping[int, Sequence[int]], texts: Mapping[str, Any]) -> None:
-    """Write ids, (height, width) uint8, as a PNG whose palette has their colors.
-
-    OpenImageIO writes no palettes.
+def write_indexed(path: Path, ids: np.ndarray, colors: Mapping[int, Sequence[int]], facts: Mapping[str, Any]) -> None:
+    """Write ids, (height, width) uint8, as a PNG with a palette of their colors; OpenImageIO cannot write palettes.
 
     Parameters
     ----------
     path : Path
     ids : (height, width) uint8
     colors : dict of int to (int, int, int)
-        By id; black is that of others.
-    texts : mapping
-        What is written as JSON, by name.
+        Color of each id; other ids are black.
+    facts : mapping
+        Values by name, written as JSON in text chunks.
 
     Raises
     ------
@@ -65,12 +63,12 @@ def write_indexed(path: Path, ids: np.ndarray, colors: Mapping[int, Sequence[int
     """
     height, width = ids.shape
     palette = bytes(channel for index in range(256) for channel in colors.get(index, (0, 0, 0)))
-    rows = np.zeros((height, width + 1), np.uint8)  # each begins with the number of its filter, none
+    rows = np.zeros((height, width + 1), np.uint8)  # each row begins with its filter type, 0 (none)
     rows[:, 1:] = ids
     chunks = (
         (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 3, 0, 0, 0)),
         (b"PLTE", palette),
-        *((b"tEXt", f"{name}\0{json.dumps(value)}".encode()) for name, value in texts.items()),
+        *((b"tEXt", f"{name}\0{json.dumps(value)}".encode()) for name, value in facts.items()),
         (b"IDAT", zlib.compress(rows.tobytes(), 3)),
         (b"IEND", b""),
     )
@@ -83,7 +81,7 @@ def write_indexed(path: Path, ids: np.ndarray, colors: Mapping[int, Sequence[int
 def _writer(path: Path) -> Callable[[str, Sequence[Swatch]], bytes]:
     writers = {".gpl": _gimp, ".aco": _photoshop}
     if path.suffix.lower() not in writers:
-        raise ImageError(f"{path}: a palette is a .gpl (GIMP, Krita, Inkscape) or an .aco (Photoshop)")
+        raise ImageError(f"{path}: unknown palette", expected=".gpl (GIMP, Krita, Inkscape) or .aco (Photoshop)")
     return writers[path.suffix.lower()]
 
 
@@ -94,7 +92,7 @@ def _gimp(title: str, paints: Sequence[Swatch]) -> bytes:
 
 
 def _photoshop(_: str, paints: Sequence[Swatch]) -> bytes:
-    """Two lists, for programs old and new: the second has names, as UTF-16 with their length."""
+    """Versions 1 and 2, one after the other: version 2 adds names, as UTF-16 with their length."""
     plain, named = b"", b""
     for paint in paints:
         color = struct.pack(">5H", 0, *(257 * n for n in paint[1:]), 0)

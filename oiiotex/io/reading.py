@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How image files enter: through ImageInput, in pieces, decoded ahead. How they leave is in `writing`."""
+"""Reading of image files: through ImageInput, in pieces, decoded ahead. `writing` writes them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .description import restore
 from .documents import require_regular
 
 _PIECE_BYTES = 4 << 20
-_BLOCK = 16  # rows of a piece are a multiple of those compressed together, or of this where a file does not say it
+_BLOCK = 16  # rows of a piece are a multiple of the rows compressed together, or of this if that is unknown
 _CACHE_BYTES = 256 << 20
 _sources: weakref.WeakSet[_OpenFile] = weakref.WeakSet()
 
@@ -33,22 +33,22 @@ def read(
     native: bool = False,
     config: oiio.ImageSpec | None = None,
 ) -> Image:
-    """Open an image file; pixels are read when they are asked for.
+    """Open an image file; pixels are read on demand.
 
     Parameters
     ----------
     path : path
     cache : PieceCache, optional
-        Where decoded pieces are kept; one of its own when left out.
+        Cache of decoded pieces. Default: a new one.
     native : bool
-        Ops of the host work on the file's own pixel type.
+        oiiotool's ops work in the file's pixel type.
     config : oiio.ImageSpec, optional
-        Hints for the file's reader, as its attributes.
+        Hints for the file's reader, as attributes.
 
     Raises
     ------
     ImageError
-        It is not there, or not an image, or of a kind that cannot be used (deep, volume).
+        The file does not exist, is not an image, or of an unsupported kind (volume).
     """
     path = checked_name(path)
     if not os.path.exists(path):
@@ -64,31 +64,31 @@ def read(
 
 
 def checked_name(path: str | os.PathLike[str]) -> str:
-    """A file's name as OpenImageIO takes it.
+    """A file name as OpenImageIO expects it.
 
     Raises
     ------
     ImageError
-        It is not UTF-8.
+        The name is not UTF-8.
     """
     path = os.fspath(path)
     try:
         path.encode()
     except UnicodeEncodeError:
         shown = path.encode(errors="surrogateescape").decode(errors="backslashreplace")
-        raise ImageError(f"{shown}: OpenImageIO opens only names that are UTF-8") from None
+        raise ImageError(f"{shown}: the file name is not UTF-8, as OpenImageIO requires") from None
     return path
 
 
 def keep_readable(path: Path) -> None:
-    """Have images that are still read from a file, which is about to be replaced, go on with what it holds now."""
+    """Keep the contents of a file that is about to be replaced, for images that still read from it."""
     for source in list(_sources):
         if os.path.exists(path) and os.path.exists(source.place) and os.path.samefile(path, source.place):
             source.keep()
 
 
 def error_text(geterror: Callable[[], str]) -> str:
-    """What OpenImageIO says, in one line: it quotes names from broken files, whatever bytes they are of."""
+    """An error of OpenImageIO in one line: it may quote names from broken files, with any bytes."""
     try:
         return one_line(geterror())
     except UnicodeDecodeError as error:
@@ -96,11 +96,11 @@ def error_text(geterror: Callable[[], str]) -> str:
 
 
 class _OpenFile:
-    """An open file; one thread reads at a time."""
+    """An open file, read by one thread at a time."""
 
     def __init__(self, path: str, config: oiio.ImageSpec | None):
         self.path = path
-        self.place = os.path.abspath(path)  # whoever calls may go to another folder
+        self.place = os.path.abspath(path)  # the caller may change the current folder
         self._config = config
         self._lock = threading.Lock()
         self._state = _state_of(path)
@@ -113,11 +113,11 @@ class _OpenFile:
         opened = oiio.ImageInput.open(self.place, *config)
         if opened is None:
             message = error_text(oiio.geterror) or "unknown format"
-            raise ImageError(f"{self.path}: not an image that can be read: {message}")
+            raise ImageError(f"{self.path}: cannot read the image: {message}")
         return opened
 
     def keep(self) -> None:
-        """Go on reading under another name: most readers open the file anew to go back to earlier rows."""
+        """Continue reading under another name: most readers reopen the file to go back to earlier rows."""
         held = held_beside(Path(self.place))
         kept = part_of(held, "kept")
         with self._lock:
@@ -142,17 +142,17 @@ class _OpenFile:
                 if spec.depth > 1:
                     raise ImageError(f"{self.path}: volume images are not supported")
                 if self.format == "tiff" and spec.format == oiio.DOUBLE:
-                    raise ImageError(f"{self.path}: TIFF files of doubles are not supported")
+                    raise ImageError(f"{self.path}: TIFF files of type double are not supported")
                 restore(spec, self.format, self.place)
                 levels.append(spec)
             yield levels
             subimage += 1
-        error_text(self._input.geterror)  # there is no subimage after the last
-        if self.format == "webp":  # its reader does not recover from being asked for one
+        error_text(self._input.geterror)  # discard the error about a subimage after the last
+        if self.format == "webp":  # its reader does not recover from that error
             self._input = self._open()
 
     def read(self, place: Window, spec: oiio.ImageSpec, where: tuple[int, int]) -> np.ndarray:
-        """Pixels of whole rows, or of whole tiles, of (subimage, level)."""
+        """Pixels of whole rows, or whole tiles, of (subimage, level)."""
         channels = spec.nchannels
         with self._lock:
             if spec.tile_width == 0:
@@ -162,11 +162,11 @@ class _OpenFile:
                     *where, place.left, place.right, place.top, place.bottom, 0, 1, 0, channels, spec.format
                 )
             message = error_text(self._input.geterror)
-            if _state_of(self.place) != self._state:  # rows of two files, or of none
-                raise ImageError(f"{self.path}: was changed by someone else while it was read")
-        if pixels is None or message:  # libjpeg fills up what is missing, and only says so
+            if _state_of(self.place) != self._state:  # the rows may come from two files
+                raise ImageError(f"{self.path}: the file was changed by another program while it was read")
+        if pixels is None or message:  # libjpeg fills missing pixels, and only reports it
             rows = f"rows {place.top - spec.y} to {place.bottom - spec.y - 1}"
-            raise ImageError(f"{self.path}: {rows} cannot be read: {message or 'the file is damaged'}")
+            raise ImageError(f"{self.path}: cannot read {rows}: {message or 'the file is damaged'}")
         return pixels.reshape(place.height, place.width, channels)
 
     def deep(self, where: tuple[int, int]) -> oiio.ImageBuf:
@@ -174,7 +174,7 @@ class _OpenFile:
         with self._lock:
             buffer = oiio.ImageBuf(self.place, *where, self._config or oiio.ImageSpec())
             if not buffer.read(*where, True) or buffer.has_error:
-                raise ImageError(f"{self.path}: the pixels cannot be read: {error_text(buffer.geterror)}")
+                raise ImageError(f"{self.path}: cannot read the pixels: {error_text(buffer.geterror)}")
             return buffer
 
     def thumbnail(self, subimage: int) -> oiio.ImageBuf:
@@ -183,12 +183,12 @@ class _OpenFile:
             small = self._input.get_thumbnail(subimage)
             message = error_text(self._input.geterror)
         if small is None or not small.initialized:
-            raise ImageError(f"{self.path}: the thumbnail cannot be read: {message or 'the file is damaged'}")
+            raise ImageError(f"{self.path}: cannot read the thumbnail: {message or 'the file is damaged'}")
         return small
 
 
 def _state_of(path: str) -> tuple[int, ...] | None:
-    """Which file this is and whether it is as it was; None where it is no more."""
+    """The identity and state of a file; None if it does not exist."""
     try:
         status = os.stat(path)
     except OSError:
@@ -199,9 +199,9 @@ def _state_of(path: str) -> tuple[int, ...] | None:
 def _part(source: _OpenFile, cache: PieceCache, spec: oiio.ImageSpec, where: tuple[int, int], native: bool) -> Part:
     name = spec.get_string_attribute("oiio:subimagename") or f"part{where[0]}"
     whole, cell = Window.data(spec), _piece_size(spec)
-    dtype_of(spec)  # refuses pixels that numpy lacks
+    dtype_of(spec)  # refuses pixel types that numpy lacks
 
-    if spec.deep:  # its samples are read whole, when they are first asked for
+    if spec.deep:  # all samples are read at once, on first use
         whole_buffer = functools.cache(lambda: source.deep(where))
         return Part(name, spec, lambda window: in_memory(name, whole_buffer()).fetch(window), spec.format, native)
 
@@ -225,7 +225,7 @@ def _part(source: _OpenFile, cache: PieceCache, spec: oiio.ImageSpec, where: tup
 
 
 def _piece_size(spec: oiio.ImageSpec) -> tuple[int, int]:
-    """(width, height) of what is decoded at once: rows of tiles, or full rows."""
+    """(width, height) of a piece that is decoded at once: rows of tiles, or full rows."""
     pixel = spec.nchannels * np.dtype(dtype_of(spec)).itemsize
     if spec.tile_width:
         across = -(-spec.width // spec.tile_width)
@@ -233,6 +233,6 @@ def _piece_size(spec: oiio.ImageSpec) -> tuple[int, int]:
         return min(across, fit) * spec.tile_width, spec.tile_height * max(1, fit // across)
     row = max(1, spec.width * pixel)
     together = spec.get_int_attribute("oiio:RowsPerChunk") or spec.get_int_attribute("tiff:RowsPerStrip") or _BLOCK
-    if together * row > 8 * _PIECE_BYTES:  # decoded again for each piece, but the memory stays bounded
+    if together * row > 8 * _PIECE_BYTES:  # decoded again for each piece, but in bounded memory
         together = 1
     return spec.width, max(1, _PIECE_BYTES // row // together) * together

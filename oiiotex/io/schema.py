@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a document may hold, as types: what does not fit is refused by its place, with what is expected there.
+"""Validation of documents by types: an error names the place in the document and the expected type.
 
 `str`, `int`, `float` and `bool`, `Literal`, `X | None`, `tuple[X, ...]`, `dict[str, X]`, `Annotated[X, Allowed(...)]`,
-`TypedDict` (all of its keys must be given) and frozen dataclasses (fields without a default must be given;
-`field(metadata={"key": ...})` says another key). `Any` stands for what is passed over.
+`TypedDict` (all keys are required) and frozen dataclasses (fields without a default are required;
+`field(metadata={"key": ...})` sets another key). `Any` is not checked.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _NAMES = {str: "text", int: "an integer", float: "a number", bool: "true or fals
 
 @dataclass(frozen=True)
 class Allowed:
-    """Numbers from `low` to `high`; texts of a pattern, which `words` describe, or at most so long; one of `among`."""
+    """Numbers from `low` to `high`; strings matching a pattern, described by `words`, or of limited length; choices."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -34,7 +34,7 @@ class Allowed:
     among: Collection[Any] | None = None
 
     def holds(self, value: Any) -> bool:
-        """Whether it allows a value of the right type."""
+        """Whether a value of the right type fits."""
         if self.among is not None:
             return value in self.among
         if isinstance(value, (int, float)):
@@ -46,7 +46,7 @@ class Allowed:
     def __str__(self) -> str:
         if self.words or self.among is not None:
             return f" {self.words or '(' + ', '.join(map(str, self.among or ())) + ')'}"
-        most = "" if self.most is None else f" at most {self.most} long"
+        most = "" if self.most is None else f" of at most {self.most} characters"
         if self.high < math.inf:
             return f" from {self.low:.15g} to {self.high:.15g}{most}"
         return f" >= {self.low:.15g}{most}" if self.low > -math.inf else most
@@ -57,16 +57,16 @@ Fraction = Annotated[float, Allowed(0, 1)]
 
 
 class _Unfit(Exception):
-    """The place of what does not fit, and what is wrong with it."""
+    """The place of an invalid value, and the error."""
 
     def below(self, place: str) -> _Unfit:
-        """The same, seen from further out."""
+        """The same, with the enclosing place in front."""
         inner, text = self.args
         return _Unfit(f"{place}{'.' if inner and inner[0] != '[' else ''}{inner}", text)
 
 
 def read_as(kind: Any, document: Any, where: str, error: type[Error] = ImageError, more: bool = False) -> Any:
-    """A document, as JSON, YAML or TOML gives it, as what it is said to be; with `more`, unknown keys are passed over.
+    """A parsed JSON, YAML or TOML document as the given type; with `more`, unknown keys are ignored.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def _below(place: str, kind: Any, value: Any, more: bool) -> Any:
 
 
 def _fits(kind: Any, value: Any) -> bool:
-    """Whether a value is of a type as a whole, or could be."""
+    """Whether a value has the type, without its elements."""
     origin, arguments = get_origin(kind), get_args(kind)
     if origin is Annotated:
         return _fits(arguments[0], value)
@@ -148,7 +148,7 @@ def _has_fields(kind: Any) -> bool:
 
 @functools.cache
 def types_of(kind: Any) -> dict[str, Any]:
-    """The types of a TypedDict or a dataclass by key."""
+    """The types of a TypedDict or a dataclass, by key."""
     hints = get_type_hints(kind, include_extras=True)
     return hints if is_typeddict(kind) else {_key(one): hints[one.name] for one in fields(kind)}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How images leave: streamed into a temporary file beside the name, which is looked at and renamed."""
+"""Writing of image files: streamed into a temporary file next to the target, which is checked and renamed."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from .description import warn_of_loss
 from .formats import Format, fitted, keeps_type, specs_of, tile_of, wanted_type
 from .reading import checked_name, error_text, keep_readable, read
 
-_BLOCK_ROWS = 64  # bands are multiples of it: no format compresses more rows of scanlines together, but DWAB with 256
-_PIPED = ("jpeg", "webp")  # on a full disk libjpeg ends the process, and libwebp's writer never ends
-_AT_CLOSE = ("gif", "jpegxl", "webp")  # encoded whole when they are closed
+_BLOCK_ROWS = 64  # bands are multiples of it: no format compresses more scanlines together, except DWAB with 256
+_PIPED = ("jpeg", "webp")  # on a full disk libjpeg ends the process, and libwebp's writer never returns
+_AT_CLOSE = ("gif", "jpegxl", "webp")  # encoded as a whole on close
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-_NOT_WHOLE = "the file could not be written whole: is the disk full?"
-_COPY = "cat && exit; code=$?; cat >/dev/null; exit $code"  # whoever writes must not wait for ever
+_NOT_WHOLE = "the file is incomplete: is the disk full?"
+_COPY = "cat && exit; code=$?; cat >/dev/null; exit $code"  # the writer must not wait forever
 
 
 def write(
@@ -35,22 +35,22 @@ def write(
     how: Format | oiio.TypeDesc | None = None,
     advance: Callable[[int, int], object] | None = None,
 ) -> None:
-    """Write to a temporary file beside `path` and rename it: a run that fails leaves what was there.
+    """Write to a temporary file next to `path` and rename it: a run that fails keeps the old file.
 
     Parameters
     ----------
     image : Image
-        All its parts are written; each in its own type, or as `how` says.
+        All its parts are written, each in its own type or by `how`.
     path : path
     how : Format or oiio.TypeDesc, optional
-        A type alone asks for it for the first part.
+        A type alone is the pixel type.
     advance : callable, optional
-        Called with (rows done, rows in all).
+        Called with (rows done, total rows).
 
     Raises
     ------
     ImageError
-        The format is unknown or cannot hold a part, or the disk says no.
+        The format is unknown or cannot hold a part, or writing fails.
     """
     path = Path(checked_name(path))
     with temporary_beside(path) as temporary:
@@ -63,13 +63,13 @@ def write(
         format_name = out.format_name()
         del out  # a MIP-mapped EXR is finished only now
         if not temporary.stat().st_size:
-            raise ImageError(f"{path}: {format_name} writes no file")
+            raise ImageError(f"{path}: the {format_name} writer produced no file")
         require_arrived(temporary, path, image, format_name)
         keep_readable(path)
 
 
 def require_writable(image: Image, path: str | os.PathLike[str], how: Format | oiio.TypeDesc | None = None) -> None:
-    """Refuse, before the work, what `write` would refuse of the name and the parts' types: no pixel is asked for."""
+    """Refuse a name or pixel types that `write` would refuse; no pixel is read."""
     path = Path(checked_name(path))
     temporary = held_beside(path)
     try:
@@ -81,12 +81,12 @@ def require_writable(image: Image, path: str | os.PathLike[str], how: Format | o
 def _prepared(
     image: Image, temporary: Path, path: Path, how: Format | oiio.TypeDesc | None
 ) -> tuple[oiio.ImageOutput, Image, list[list[oiio.ImageSpec]]]:
-    """The format that writes it, the image as that holds it, and the specs of its parts."""
+    """The writer, the image fitted to its format, and the specs of its parts."""
     how = how if isinstance(how, Format) else Format(pixel_type=how)
     out = oiio.ImageOutput.create(how.format_name or str(temporary))
     if out is None:
-        oiio.geterror()  # it names the temporary file
-        raise ImageError(f"{path}: no format writes '{how.format_name or path.suffix}'")
+        oiio.geterror()  # discarded: it names the temporary file
+        raise ImageError(f"{path}: no writer for '{how.format_name or path.suffix}'")
     image = fitted(image, out, path, how)
     specs = specs_of(image, out, how)
     _require_types(out, temporary, path, image, specs, how)
@@ -95,18 +95,18 @@ def _prepared(
 
 @contextlib.contextmanager
 def _way_to(temporary: Path, path: Path, out: oiio.ImageOutput) -> Iterator[Path]:
-    """Where OpenImageIO writes: for some formats a pipe to the file, which takes all even where the disk is full."""
+    """The path that OpenImageIO writes to: for some formats a pipe that accepts all data even if the disk is full."""
     if out.format_name() not in _PIPED or not os.path.isdir("/dev/fd"):
         yield temporary
         return
-    from subprocess import DEVNULL  # few formats start a process
+    from subprocess import DEVNULL  # rarely needed
 
     shell = program("sh")
     if shell is None:
         yield temporary
         return
     source, sink = os.pipe()
-    with open(temporary, "wb") as file:  # no thread could copy: OpenImageIO holds the GIL while it closes
+    with open(temporary, "wb") as file:  # a thread could not copy: OpenImageIO holds the GIL while it closes
         copier = start([shell, "-c", _COPY], stdin=source, stdout=file, stderr=DEVNULL, start_new_session=True)
     os.close(source)
     try:
@@ -121,7 +121,7 @@ def _way_to(temporary: Path, path: Path, out: oiio.ImageOutput) -> Iterator[Path
 
 @contextlib.contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Other threads take the signals: one that comes while a pipe is full would cut the write short."""
+    """Leave signals to other threads: one that arrives while a pipe is full would cut the write short."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -133,7 +133,7 @@ def _uninterrupted() -> Iterator[None]:
 
 
 def _error_text(out: oiio.ImageOutput | oiio.ImageBuf, temporary: Path, path: Path) -> str:
-    """The format's error, of the name that the user knows."""
+    """The writer's error, with the final file name."""
     return error_text(out.geterror).replace(str(temporary), str(path))
 
 
@@ -150,7 +150,7 @@ def _write_whole(
 ) -> None:
     """Write through an image in memory, which the format's encoder holds anyway.
 
-    OpenImageIO holds the GIL while it closes a file, for as long as these formats encode: nobody would hear a signal.
+    OpenImageIO holds the GIL while it closes a file, and these formats encode then: signals would not be handled.
     """
     whole = None
     for window, pixels in stream(part, part.window.cells(part.window.width, rows_for(part, BAND_BYTES, _BLOCK_ROWS))):
@@ -197,12 +197,12 @@ def _write_parts(
             _open(out, temporary, path, [s[0] for s in specs], n, m, spec)
             if part.thumbnail is not None and not m and out.supports("thumbnail"):
                 out.set_thumbnail(part.thumbnail())
-            opened = out.spec()  # some formats have only tiles, or begin at 0
+            opened = out.spec()  # some formats require tiles, or an origin of 0
             spec.tile_width, spec.tile_height, spec.tile_depth = tile_of(opened)
             x, y = opened.x - spec.x, opened.y - spec.y
             bands = _bands(part, spec)
             if out.format_name() == "openexr" and spec.get_string_attribute("openexr:lineOrder") == "decreasingY":
-                bands = reversed(list(bands))  # OpenEXR ends the process where rows come in another order
+                bands = reversed(list(bands))  # OpenEXR ends the process if rows come in another order
             if spec.deep:
                 if not out.write_deep_image(part.buffer(part.window).deepdata()):
                     raise ImageError(f"{path}: writing failed: {_error_text(out, temporary, path)}")
@@ -230,7 +230,7 @@ def _open(
         opened = out.open(str(temporary), spec, "AppendMIPLevel" if out.supports("mipmap") else "AppendSubimage")
     elif part > 0:
         opened = out.open(str(temporary), spec, "AppendSubimage")
-    elif len(firsts) > 1 and out.format_name() == "openexr":  # multi-part EXR wants all specs up front
+    elif len(firsts) > 1 and out.format_name() == "openexr":  # multi-part EXR requires all specs up front
         opened = out.open(str(temporary), tuple(firsts))
     else:
         opened = out.open(str(temporary), spec)
@@ -239,7 +239,7 @@ def _open(
 
 
 def _bands(part: Part, spec: oiio.ImageSpec) -> Iterator[Window]:
-    """Full rows where they fit, else runs of tiles: always in the order of the file."""
+    """Full rows if they fit, else runs of tiles, in the order of the file."""
     whole = Window.data(spec)
     multiple = spec.tile_height or _BLOCK_ROWS
     rows = rows_for(part, BAND_BYTES, multiple)
@@ -261,14 +261,14 @@ def _put(out: oiio.ImageOutput, spec: oiio.ImageSpec, window: Window, pixels: np
 def _require_types(
     out: oiio.ImageOutput, temporary: Path, path: Path, image: Image, specs: list[list[oiio.ImageSpec]], how: Format
 ) -> None:
-    """Refuse a type that the format would silently exchange, before the work begins: asked of one-pixel images."""
+    """Refuse a type that the format would silently replace; tested before the work begins, with one-pixel images."""
     for part, levels in zip(image.parts, specs, strict=True):
         wanted = wanted_type(part, how, levels[0])
         if part is image.first and keeps_type(part) and how.pixel_type not in (None, wanted):
-            change = f"as {how.pixel_type}, part '{part.name}' of {wanted} would lose its values"
+            change = f"converting part '{part.name}' from {wanted} to {how.pixel_type} would change its values"
             raise ImageError(f"{path}: {change}")
         if out.format_name() == "tiff" and levels[0].format == oiio.DOUBLE:
-            raise ImageError(f"{path}: TIFF files of doubles are not supported")  # see reading
+            raise ImageError(f"{path}: TIFF files of type double are not supported")  # see reading
         if wanted is None:
             continue
         trial = present(oiio.ImageOutput.create(how.format_name or str(temporary)))
@@ -286,15 +286,15 @@ def _require_types(
 
 
 def require_arrived(temporary: Path, path: Path, image: Image, format_name: str) -> None:
-    """Refuse a file that did not reach the disk whole: several of OpenImageIO's writers do not notice a full one.
+    """Refuse an incomplete file: several of OpenImageIO's writers do not notice a full disk.
 
-    Its last rows are read back, and what comes after them is missing where the disk takes no further byte. How many
-    blocks are free says nothing: some file systems do not count them. Warn of what the file does not say of the image.
+    The last rows are read back, and one more byte must fit on the disk, since data after the last rows may be missing.
+    The number of free blocks is not reliable on all file systems. Also warns of lost metadata.
 
     Raises
     ------
     ImageError
-        It cannot be read, or its end is missing.
+        The file cannot be read, or its end is missing.
     """
     try:
         _require_room(temporary)
@@ -308,7 +308,7 @@ def require_arrived(temporary: Path, path: Path, image: Image, format_name: str)
 
 
 def _require_room(temporary: Path) -> None:
-    """Raise OSError where one byte more would not fit: a file that was cut off ends where the room ends."""
+    """Raise OSError if one more byte does not fit: a truncated file ends where the disk is full."""
     with open(temporary, "ab", buffering=0) as file:
         size = file.tell()
         try:

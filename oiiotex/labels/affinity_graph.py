@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which superpixels look alike: a sparse graph of similarities.
+"""A sparse similarity graph of superpixels.
 
 LSA16 section 4.1: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
 Texture Synthesis, SIGGRAPH 2016. Departures from the paper:
 
-1. The walk's matrix is made from a symmetric one, W = (K + K^T) / 2, so the chain is reversible: its spectrum is
-   real, and a power of it is a product of two thin matrices.
-2. Nearest neighbors are exact. Points lie on a grid on which a squared distance is a whole number of 31 bits: the same
-   graph on every device.
-3. Points that are equal are one node with a multiplicity, so that flat pictures have neighbors that differ.
+1. The walk's matrix derives from a symmetric one, W = (K + K^T) / 2, so the chain is reversible: its spectrum is real,
+   and a power of it is a product of two thin matrices.
+2. Nearest neighbors are exact. Points lie on a grid on which squared distances are integers of 31 bits, so the graph
+   is the same on every device.
+3. Equal points are one node with a multiplicity, so that flat images have distinct neighbors.
 """
 
 from __future__ import annotations
@@ -27,42 +27,42 @@ from .products import TASK, Sparse
 NEIGHBORS = 256  # of a node in the graph: LSA16 section 4.1
 _FINEST_GRID = 1024.0
 _FARTHEST = 46340.0  # grid steps: its square fits 31 bits
-_FINEST = 0.1  # of a local scale: differences that no eye sees are not blown up
-_LARGEST_R = 6.0  # of eq. 5's r: what lies 20 local scales apart stays apart, even where nothing lies between
-_BLOCK = 32  # points that kernels look at together
-_SCRATCH = 1 << 22  # distances that are held at once
-_BINS_PER_OCTAVE_BITS = 7  # of relative distances, when r is looked for
+_FINEST = 0.1  # least local scale, so that invisible differences are not amplified
+_LARGEST_R = 6.0  # of r in eq. 5: points 20 local scales apart stay separate, even with no points between
+_BLOCK = 32  # points per block of a kernel
+_SCRATCH = 1 << 22  # distances held at once
+_BINS_PER_OCTAVE_BITS = 7  # of relative distances, in the search for r
 
 
 class Nearest(NamedTuple):
     """Neighbors of n points.
 
-    `scales` (n,) int32: squared distance to the sixth closest point, copies counted; 0 where more than so many are
-    equal.
+    `scales` (n,) int32: squared distance to the sixth closest point, copies included; 0 where more points than that
+    are equal.
     """
 
-    indices: np.ndarray  # (n, k) int32: in rising order
+    indices: np.ndarray  # (n, k) int32, ascending
     squared: np.ndarray  # (n, k) int32: squared distances to them
     scales: np.ndarray
 
 
 @dataclass(frozen=True)
 class AffinityGraph:
-    """The similarity graph of m points, equal ones taken together: n nodes.
+    """The similarity graph of m points, with equal points merged: n nodes.
 
-    `scaled`: T^-1/2 W T^-1/2, (n, n), symmetric: W holds similarities between nodes, counted for all the points that
-    they stand for, T its column sums.
+    `scaled`: T^-1/2 W T^-1/2, (n, n), symmetric: W holds similarities between nodes, multiplied by their
+    multiplicities, and T its column sums.
     """
 
     scaled: Sparse
-    mass: np.ndarray  # (n,) float64: those sums: what the walk tends to, but for a factor
-    node: np.ndarray  # (m,) int64: the node of every point
-    counts: np.ndarray  # (n,) int64: how many points a node stands for
-    r: float  # The global normalization of LSA16 eq. 5
+    mass: np.ndarray  # (n,) float64: column sums, proportional to the stationary distribution of the walk
+    node: np.ndarray  # (m,) int64: the node of each point
+    counts: np.ndarray  # (n,) int64: number of points of each node
+    r: float  # Global normalization of LSA16 eq. 5
 
     def weights(self) -> Any:
         """W, a scipy.sparse.csr_array."""
-        import scipy.sparse  # what finds labels has no need of it
+        import scipy.sparse  # not needed to find labels
 
         starts, columns, n = self.scaled.starts, self.scaled.columns, len(self.mass)
         root = np.sqrt(self.mass)
@@ -89,9 +89,9 @@ def similarity_graph(points: np.ndarray, neighbors: int, resources: Resources) -
 
 
 def on_grid(points: np.ndarray) -> tuple[np.ndarray, float]:
-    """Points as whole steps from their mean, (m, d) int16, and how many steps are 1.
+    """Points as integer steps from their mean, (m, d) int16, and the number of steps per unit.
 
-    The grid is as fine as the farthest one allows.
+    The grid is as fine as the range of int16 allows for the farthest point.
     """
     away = points - points.mean(0)
     reach = 2.0 * math.sqrt(float((away**2).sum(1).max())) + 1e-9
@@ -101,9 +101,9 @@ def on_grid(points: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def nearest(points: np.ndarray, count: int, resources: Resources, copies: np.ndarray | None = None) -> Nearest:
-    """The `count` nearest others of every point; among equally far ones those of lower index.
+    """The `count` nearest others of each point; ties go to the lower index.
 
-    In 15 dimensions and more a tree looks at nearly all points: so does this, two coordinates to a multiplication.
+    Brute force, two coordinates per multiplication: from 15 dimensions on, a tree visits nearly all points as well.
 
     `points` (n, d) int16; `copies` (n,) int.
     """
@@ -127,7 +127,7 @@ def nearest(points: np.ndarray, count: int, resources: Resources, copies: np.nda
 def _global_scale(near: Nearest, scale: np.ndarray, counts: np.ndarray) -> float:
     """The r at which the sum of similarities grows fastest: LSA16 eq. 5.
 
-    Relative distances are counted in bins of 1/128 octave, which a shift of their bits gives.
+    Relative distances are counted in bins of 1/128 octave, found by shifting their bits.
     """
     relative = near.squared / (scale[:, None] * scale[near.indices])
     shares = counts[:, None] * counts[near.indices].astype(np.float64)
@@ -135,7 +135,7 @@ def _global_scale(near: Nearest, scale: np.ndarray, counts: np.ndarray) -> float
     shift = 52 - _BINS_PER_OCTAVE_BITS
     bins = relative.ravel().view(np.int64) >> shift
     least = int(bins.min())
-    totals = np.bincount(bins - least, shares.ravel())  # whole numbers
+    totals = np.bincount(bins - least, shares.ravel())  # integers
     found = np.flatnonzero(totals)
     middle = ((found + least << shift) + (1 << shift - 1)).astype(np.int64).view(np.float64)
     totals = totals[found]
@@ -146,7 +146,7 @@ def _global_scale(near: Nearest, scale: np.ndarray, counts: np.ndarray) -> float
         return -float((scaled * similar).sum() / (diagonal + similar.sum()))
 
     r = min(np.arange(-6.0, _LARGEST_R, 0.5).tolist(), key=slope)
-    for step in (0.5, 0.1, 0.02):  # the vertex of a parabola through three places
+    for step in (0.5, 0.1, 0.02):  # vertex of a parabola through three values
         low, middle_slope, high = slope(r - step), slope(r), slope(r + step)
         bend = low - 2.0 * middle_slope + high
         if bend > 0:
@@ -155,15 +155,16 @@ def _global_scale(near: Nearest, scale: np.ndarray, counts: np.ndarray) -> float
 
 
 def _symmetric(near: Nearest, counts: np.ndarray, resources: Resources) -> tuple[Sparse, np.ndarray, np.ndarray]:
-    """Edges to whom a node is near or who is near to it, itself the first: no weights yet; squared distances, shares.
+    """Edges to the neighbors of each node and to nodes whose neighbor it is, itself first, without weights; squared
+    distances; and factors.
 
-    A share is what an edge weighs where nothing lies between: half where only one is near to the other.
+    A factor is 1 for mutual neighbors, else a half, times the multiplicities.
     """
     n, k = near.indices.shape
     mutual = _mutual(near.indices, resources)
     row, place = np.nonzero(~mutual)
     others = near.indices[row, place].astype(np.int64)
-    order = np.argsort(others * n + row)  # all differ: any way of sorting gives the same
+    order = np.argsort(others * n + row)  # keys are distinct: any sorting algorithm gives the same order
     row, place, others = row[order], place[order], others[order]
     lengths = 1 + k + np.bincount(others, minlength=n)
     starts = np.concatenate([[0], lengths.cumsum()]).astype(np.int32)
@@ -181,7 +182,7 @@ def _symmetric(near: Nearest, counts: np.ndarray, resources: Resources) -> tuple
 
 
 def _mutual(index: np.ndarray, resources: Resources) -> np.ndarray:
-    """Whether a node is among the nearest of those that are nearest to it, (n, k) bool."""
+    """Whether a node is among the neighbors of each of its neighbors, (n, k) bool."""
     device, (n, k) = resources.device, index.shape
     with Buffers(device, {"mutual": n * k}, resources.budget, TASK, tables={"index": index}) as buffers:
         device.program("affinity")("mutual", (k, n), buffers["index"], buffers["mutual"], n, k)
@@ -191,7 +192,7 @@ def _mutual(index: np.ndarray, resources: Resources) -> np.ndarray:
 def _weighted(
     edges: Sparse, squared: np.ndarray, shares: np.ndarray, near: np.ndarray, r: float, resources: Resources
 ) -> tuple[Sparse, np.ndarray]:
-    """LSA16 eq. 4 for all edges, made symmetric by the sums of its columns; and these sums."""
+    """LSA16 eq. 4 for all edges, symmetrized by the column sums; and these sums."""
     device, n = resources.device, edges.rows
     run = device.program("affinity")
     tables = {

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The contents of a label map of any size, looked through in strips: which keys its windows have, and where.
+"""Contents of a label map of any size, read in strips: the keys of its windows, and their positions.
 
-What `content_table` is for an exemplar that is held. Keys are exact counts, so strips do not show.
+The out-of-core counterpart of `content_table`. Keys are exact counts, so strips do not affect the result.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ from ..session.progress import Progress
 from ..session.resources import Resources
 from .content_table import window_keys
 
-_STEP = 256  # columns of windows that a thread looks at, at least
-_DENSE = 1 << 22  # pairs of labels that are counted in a table
+_STEP = 256  # least columns of windows per thread
+_DENSE = 1 << 22  # pairs of labels up to which counts are held in a dense table
 _STRIP_PIXELS = BAND_BYTES // 8
-_ID_BYTES, _KEY_BYTES = 12, 30  # of a pixel and of a window of a strip; measured, as the next
-_PIECE_BYTES = 24  # of a pixel that a thread looks at meanwhile
-CELL = 128  # px: how exactly `fullest_windows` are placed
+_ID_BYTES, _KEY_BYTES = 12, 30  # per pixel and per window of a strip; measured, as is the next
+_PIECE_BYTES = 24  # per pixel that a thread works on
+CELL = 128  # px: precision of the positions of `fullest_windows`
 _KEY_BITS = 32  # k1 << _KEY_BITS | k2
 
 
 @dataclass(frozen=True)
 class _Strip:
-    """Keys of some rows of windows, a window named by its top left pixel in the data window."""
+    """Keys of some rows of windows; a window is identified by its top-left pixel in the data window."""
 
     top: int  # the first row
     keys: np.ndarray  # (rows, columns) int64: k1 << 32 | k2 of `content_table.window_keys`; 0: none
-    counts: dict[int, int]  # how many windows have each key
-    ids: np.ndarray  # (rows, width): labels of the rows that no other strip gives
+    counts: dict[int, int]  # number of windows with each key
+    ids: np.ndarray  # (rows, width): labels of the rows that belong to this strip
 
 
 def _key_pair(code: int) -> tuple[int, int]:
-    """(k1, k2) of a key as strips have it."""
+    """(k1, k2) of a key of a strip."""
     return code >> _KEY_BITS, code & ((1 << _KEY_BITS) - 1)
 
 
@@ -51,7 +51,7 @@ def _key_code(key: tuple[int, int]) -> int:
 
 
 def _add_areas(areas: dict[int, int], ids: np.ndarray) -> None:
-    """Count the pixels of each label in an array of ids, too."""
+    """Add the number of pixels of each label in an array of ids."""
     if int(ids.max()) < _DENSE:
         counted = np.bincount(ids.ravel())
         labels = np.flatnonzero(counted)
@@ -63,7 +63,7 @@ def _add_areas(areas: dict[int, int], ids: np.ndarray) -> None:
 
 
 def scan_bytes(width: int, height: int, side: int, resources: Resources) -> int:
-    """Memory of `_key_strips`, whatever the map's height."""
+    """Memory of `_key_strips`, in bytes, for a map of any height."""
     across = _columns(side) + side
     pieces = resources.thread_count * min(width, across) * min(height, across)
     rows = min(height, _rows(width, side))
@@ -72,7 +72,7 @@ def scan_bytes(width: int, height: int, side: int, resources: Resources) -> int:
 
 
 def _key_strips(labels: Part, side: int, resources: Resources, advance: Callable[[], object]) -> Iterator[_Strip]:
-    """All windows of side x side px of a map of ids (0 is no label), from the top down; `advance` after each strip."""
+    """All windows of side x side px of a map of ids (0: unlabeled), top down; `advance` is called after each strip."""
     whole, part = labels.window, cached(labels, resources.cache)
     bands = list(Window(0, 0, whole.width, whole.height - side + 1).cells(whole.width, _rows(whole.width, side)))
     pieces = list(Window(0, 0, whole.width - side + 1, 1).cells(_columns(side), 1))
@@ -91,12 +91,12 @@ def _key_strips(labels: Part, side: int, resources: Resources, advance: Callable
 
 
 def _strip_count(labels: Part, side: int) -> int:
-    """How many strips `_key_strips` gives."""
+    """Number of strips of `_key_strips`."""
     return -(-(labels.spec.height - side + 1) // _rows(labels.spec.width, side))
 
 
 def _rows(width: int, side: int) -> int:
-    """Of windows in a strip: as many as it holds pixels, but no few, whose halo would be all the work."""
+    """Rows of windows in a strip: limited by its memory, but enough that halos do not dominate the work."""
     return max(side // 2, _STRIP_PIXELS // width - side)
 
 
@@ -105,7 +105,7 @@ def _columns(side: int) -> int:
 
 
 def _keyed(ids: np.ndarray, side: int) -> tuple[np.ndarray, dict[int, int]]:
-    """Keys of the windows of a piece, and how many have each."""
+    """Keys of the windows of a piece, and the number of windows with each key."""
     first, second = window_keys(ids, side)
     most = int(max(first.max(), second.max())) + 1
     if most * most <= _DENSE:
@@ -121,9 +121,9 @@ def _keyed(ids: np.ndarray, side: int) -> tuple[np.ndarray, dict[int, int]]:
 
 
 class Contents:
-    """How many windows of `side` px of a label map have each key, and where those of one key have their centers.
+    """Number of windows of `side` px with each key in a label map, and centers of the windows with one key.
 
-    `passes` is how often the map will be looked through: 2 where `middles` are asked for.
+    `passes` is how often the map will be read: 2 if `middles` is called.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class Contents:
             at = strip.top + self._half
             self._marks[at : at + len(marked)] = np.packbits(marked, 1)
         if not found:
-            raise ImageError(f"no {side}x{side} patch of the exemplar has a label throughout")
+            raise ImageError(f"no {side}x{side} patch of the exemplar lies within labeled pixels; reduce patch")
         self.counts = {_key_pair(code): found[code] for code in sorted(found)}
 
     def _strips(self) -> Iterator[_Strip]:
@@ -157,7 +157,7 @@ class Contents:
         self._progress.advance(self._done, self._total)
 
     def centers(self, rows: range) -> np.ndarray:
-        """Where in rows of the data window a window of the key has its center: (rows, width) bool."""
+        """Whether pixels in rows of the data window are centers of windows with the key: (rows, width) bool."""
         width = self._labels.spec.width
         out = np.zeros((len(rows), width), bool)
         begin, end = max(rows.start, self._rows.start), min(rows.stop, self._rows.stop)
@@ -167,7 +167,7 @@ class Contents:
         return out
 
     def middles(self, keys: Iterable[tuple[int, int]]) -> dict[tuple[int, int], tuple[int, int]]:
-        """Top and left of the middle one of each key's windows: the first may be a rare case at a border."""
+        """Top and left of the median window of each key: the first may be an outlier at a border."""
         left = {_key_code(key): self.counts[key] // 2 for key in keys}  # windows before it
         places = {}
         for strip in self._strips():
@@ -182,7 +182,7 @@ class Contents:
 
 
 def areas_of(labels: LabelMap, usable: np.ndarray | None) -> np.ndarray:
-    """Usable pixels of each label, by id."""
+    """Number of usable pixels of each label, by id."""
     areas: dict[int, int] = {}
     for _, ids in _bands(labels, usable):
         _add_areas(areas, ids)
@@ -192,7 +192,7 @@ def areas_of(labels: LabelMap, usable: np.ndarray | None) -> np.ndarray:
 
 
 def fullest_windows(labels: LabelMap, usable: np.ndarray | None, wanted: list[int], reach: int) -> dict[int, Window]:
-    """For each label the window of reach x reach px, or as large as the map is, that holds most of it."""
+    """For each label the window of reach x reach px, or less in a small map, with most pixels of it."""
     whole = labels.part.window
     cells = -(-whole.height // CELL), -(-whole.width // CELL)
     number = {label: n for n, label in enumerate(wanted)}
@@ -214,7 +214,7 @@ def fullest_windows(labels: LabelMap, usable: np.ndarray | None, wanted: list[in
 
 
 def _bands(labels: LabelMap, usable: np.ndarray | None) -> Iterator[tuple[int, np.ndarray]]:
-    """Ids of usable pixels, else 0, from the top down: the first row, (at most CELL rows, width)."""
+    """Ids of usable pixels, else 0, top down: (first row, ids of up to CELL rows)."""
     part, whole = labels.part, labels.part.window
     for window, pixels in stream(part, whole.cells(whole.width, CELL)):
         rows = window.inside(whole)[0]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is in a region: label histograms, keys, and the table from a key to all windows that have it.
+"""Contents of regions: label histograms, keys, and a table of all windows with each key.
 
-LSA16 section 6. A window is named by its top-left pixel. Id 0 is no label.
+LSA16 section 6. A window is identified by its top-left pixel. Id 0 is unlabeled.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from ..core.source_map import SourceMap
 from ..deferred import np
 from ..errors import ImageError
 
-NO_KEY = 0xFFFFFFFF  # in a key map: no window may be taken here
-TABLE_BYTES = 22  # held for every pixel of a label map while its windows are sorted by content, at most
-_SORTED = 1 << 16  # windows that are sorted at once, of 70 bytes each
-_TILE = 256  # offsets looked at together: a small piece holds few labels, and only those are counted
+NO_KEY = 0xFFFFFFFF  # in a key map: invalid window
+TABLE_BYTES = 22  # peak per pixel of a label map while its windows are sorted by content
+_SORTED = 1 << 16  # windows sorted at once, of 70 bytes each
+_TILE = 256  # side of a tile of offsets: a small tile holds few labels, and only those are counted
 
 
 def patch_side(rho: float) -> int:
-    """The side of a patch that holds patterns of scale rho: a power of two near it, 16 to 256 (LSA16 section 6.1)."""
+    """Side of a patch for patterns of scale rho: the nearest power of two from 16 to 256 (LSA16 section 6.1)."""
     return 2 ** int(np.clip(np.rint(np.log2(max(rho, 1.0))), 4, 8))
 
 
 def box_counts(chosen: np.ndarray, side: int) -> np.ndarray:
-    """How many pixels of `chosen` (h, w) bool every window holds: (h - side + 1, w - side + 1) int32."""
+    """Number of pixels of `chosen` (h, w) bool in each window: (h - side + 1, w - side + 1) int32."""
     sums = np.zeros((chosen.shape[0] + 1, chosen.shape[1] + 1), np.int32)
     np.cumsum(chosen, 0, np.int32, out=sums[1:, 1:])
     np.cumsum(sums[1:, 1:], 1, np.int32, out=sums[1:, 1:])
@@ -33,13 +33,13 @@ def box_counts(chosen: np.ndarray, side: int) -> np.ndarray:
 
 
 def histogram(labels: np.ndarray, y: int, x: int, side: int) -> dict[int, int]:
-    """The label histogram h of the window at (y, x), id -> pixels (LSA16 eq. 9). Pixels without label do not count."""
+    """Label histogram h of the window at (y, x), id -> pixels (LSA16 eq. 9), without unlabeled pixels."""
     ids, counts = np.unique(labels[y : y + side, x : x + side], return_counts=True)
     return {int(c): int(n) for c, n in zip(ids, counts, strict=True) if c != 0}
 
 
 def key_of(counts: dict[int, int]) -> tuple[int, int]:
-    """(k1, k2): the two most frequent labels of a histogram, ties to the lower id; k2 = k1 where there is only one."""
+    """(k1, k2): the two most frequent labels of a histogram, ties to the lower id; k2 = k1 if there is only one."""
     if not counts:
         return 0, 0
     order = sorted(counts, key=lambda c: (-counts[c], c))
@@ -47,7 +47,7 @@ def key_of(counts: dict[int, int]) -> tuple[int, int]:
 
 
 def whole_windows(allowed: np.ndarray, side: int) -> np.ndarray:
-    """Which windows lie fully inside `allowed` (h, w) bool: (h - side + 1, w - side + 1) bool."""
+    """Windows that lie fully inside `allowed` (h, w) bool: (h - side + 1, w - side + 1) bool."""
     out = np.empty((allowed.shape[0] - side + 1, allowed.shape[1] - side + 1), bool)
     for place, piece in _tiles(out.shape, side):
         out[place] = box_counts(allowed[piece], side) == side * side
@@ -55,7 +55,7 @@ def whole_windows(allowed: np.ndarray, side: int) -> np.ndarray:
 
 
 def largest_window(allowed: np.ndarray) -> int:
-    """The side of the largest square that lies fully inside `allowed` (h, w) bool; 0 where it is empty."""
+    """Side of the largest square that lies fully inside `allowed` (h, w) bool; 0 if `allowed` is empty."""
     low, high = 0, min(allowed.shape)
     while low < high:
         side = (low + high + 1) // 2
@@ -64,7 +64,7 @@ def largest_window(allowed: np.ndarray) -> int:
 
 
 def regions(chosen: np.ndarray, block: int) -> int:
-    """How many blocks of block x block offsets have one that is chosen, (h, w) bool."""
+    """Number of blocks of block x block offsets that contain a chosen one; `chosen` is (h, w) bool."""
     rows, columns = (-(-n // block) * block for n in chosen.shape)
     padded = np.zeros((rows, columns), bool)
     padded[: chosen.shape[0], : chosen.shape[1]] = chosen
@@ -72,17 +72,17 @@ def regions(chosen: np.ndarray, block: int) -> int:
 
 
 def window_keys(labels: np.ndarray, side: int, allowed: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """The key (k1, k2) of every window, by integral counting, label by label in small pieces of the map.
+    """Keys (k1, k2) of all windows, by integral images, label by label in small tiles of the map.
 
-    Memory is a few times that of the map, whatever the number of labels. Both are (h - side + 1, w - side + 1) int32,
-    and 0 where the window touches a pixel that has no label or is not allowed.
+    Memory is a small multiple of that of the map, for any number of labels. Both arrays are (h - side + 1, w - side +
+    1) int32, and 0 where the window contains a pixel that is unlabeled or not allowed.
     """
     shape = (labels.shape[0] - side + 1, labels.shape[1] - side + 1)
     first, second = np.zeros(shape, np.int32), np.zeros(shape, np.int32)
     for place, piece in _tiles(shape, side):
         ids = labels[piece]
         good = ids != 0 if allowed is None else (ids != 0) & allowed[piece]
-        if good.all() and (ids == ids[0, 0]).all():  # one label, as where nothing is said of labels
+        if good.all() and (ids == ids[0, 0]).all():  # a single label, as without label maps
             first[place] = second[place] = ids[0, 0]
             continue
         whole = box_counts(good, side) == side * side
@@ -90,7 +90,7 @@ def window_keys(labels: np.ndarray, side: int, allowed: np.ndarray | None = None
             continue
         k1, k2 = np.zeros(whole.shape, np.int32), np.zeros(whole.shape, np.int32)
         n1, n2 = np.zeros(whole.shape, np.int32), np.zeros(whole.shape, np.int32)
-        # in ascending order: with a strict comparison ties go to the lower id
+        # ascending: with a strict comparison ties go to the lower id
         for label in _distinct(ids[good], int(ids.max()) + 1):
             count = box_counts(ids == label, side)
             better = count > n1
@@ -104,7 +104,7 @@ def window_keys(labels: np.ndarray, side: int, allowed: np.ndarray | None = None
 
 
 def _tiles(shape: tuple[int, int], side: int) -> Iterable[tuple[tuple[slice, slice], tuple[slice, slice]]]:
-    """Pieces of a map of offsets, and the pixels that their windows see."""
+    """Tiles of a map of offsets, and the pixels that their windows cover."""
     step = max(_TILE, 2 * side)
     for y in range(0, shape[0], step):
         for x in range(0, shape[1], step):
@@ -114,24 +114,24 @@ def _tiles(shape: tuple[int, int], side: int) -> Iterable[tuple[tuple[slice, sli
 
 @dataclass(frozen=True)
 class ContentTable:
-    """Key -> all offsets whose window has this key (LSA16 figure 11): its size is proportional to the exemplar."""
+    """Key -> all offsets whose window has this key (LSA16 figure 11), in memory proportional to the exemplar."""
 
     side: int
-    keys: np.ndarray  # (n, 2) int32: (k1, k2) in ascending order
+    keys: np.ndarray  # (n, 2) int32: (k1, k2), ascending
     starts: np.ndarray  # (n + 1,) int64: offsets of key n are `offsets[starts[n]:starts[n + 1]]`, row by row
     offsets: np.ndarray  # (m,) uint32, as `SourceMap.packed`
-    key_map: np.ndarray  # (h - side + 1, w - side + 1) uint32: the number of the key of every offset, or NO_KEY
+    key_map: np.ndarray  # (h - side + 1, w - side + 1) uint32: index of the key of each offset, or NO_KEY
 
     def find(self, key: tuple[int, int]) -> int | None:
-        """The number of a key, or None."""
+        """Index of a key, or None."""
         at = np.flatnonzero((self.keys == np.asarray(key)).all(1))
         return int(at[0]) if len(at) else None
 
     def nearest(self, key: tuple[int, int]) -> int:
-        """The number of the key, or of the nearest that has offsets.
+        """Index of the key, or of the nearest key that has offsets.
 
-        Nearest: the pure (k1, k1); any other (k1, .); (., k1); the pure (k2, k2); (k2, .); (., k2); any. Of several,
-        the one with most offsets, ties to the lower ids.
+        In order of preference: the pure (k1, k1); any other (k1, .); (., k1); the pure (k2, k2); (k2, .); (., k2);
+        any. Of several, the one with most offsets, ties to the lower ids.
         """
         k1, k2 = key
         first, second = self.keys[:, 0], self.keys[:, 1]
@@ -143,19 +143,19 @@ class ContentTable:
         return int(fits[np.argmax(self.count()[fits])])
 
     def count(self) -> np.ndarray:
-        """How many offsets each key has."""
+        """Number of offsets of each key."""
         return np.diff(self.starts)
 
 
 def content_table(first: np.ndarray, second: np.ndarray, side: int) -> ContentTable:
-    """The table of what `window_keys` found; raises ImageError where there is no window at all."""
+    """The table of the keys from `window_keys`; raises ImageError if there is no valid window."""
     if not first.any():
-        raise ImageError(f"no {side}x{side} patch of the exemplar has a label throughout")
+        raise ImageError(f"no {side}x{side} patch of the exemplar lies within labeled pixels; reduce patch")
     most = int(max(first.max(), second.max())) + 1
     width, step = first.shape[1], max(1, _SORTED // first.shape[1])
 
     def strips() -> Iterable[tuple[int, np.ndarray, np.ndarray]]:
-        """Of some rows: the first, which of their windows have a key, and the keys' codes."""
+        """For some rows: the first row, which of their windows have a key, and the codes of these keys."""
         for top in range(0, len(first), step):
             one, other = (keys[top : top + step].ravel() for keys in (first, second))
             good = np.flatnonzero(one)
@@ -168,7 +168,7 @@ def content_table(first: np.ndarray, second: np.ndarray, side: int) -> ContentTa
         counts += np.bincount(np.searchsorted(present, codes), minlength=len(present))
     starts = np.append(0, counts.cumsum())
     key_map, offsets = np.full(first.shape, NO_KEY, np.uint32), np.empty(starts[-1], np.uint32)
-    free = starts[:-1].copy()  # where the next offset of each key goes: sorted strip by strip, no index is as large
+    free = starts[:-1].copy()  # position of the next offset of each key: sorting by strips needs no large index
     for top, good, codes in strips():
         number = np.searchsorted(present, codes)
         key_map[top : top + step].reshape(-1)[good] = number
@@ -183,7 +183,7 @@ def content_table(first: np.ndarray, second: np.ndarray, side: int) -> ContentTa
 
 
 def _distinct(codes: np.ndarray, limit: int) -> np.ndarray:
-    """The values there are, ascending."""
+    """Distinct values, ascending."""
     if limit > 1 << 22:
         return np.unique(codes)
     return np.flatnonzero(np.bincount(codes, minlength=1))

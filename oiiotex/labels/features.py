@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What describes a superpixel of any level: moments, Gabor responses, a local quadtree, textons (LSA16 4.1, 4.7).
+"""Features of superpixels at any level: moments, Gabor responses, a local quadtree, textons (LSA16 4.1, 4.7).
 
-All are sums over finest superpixels, so that any level's features follow from one look at the image. Moments come
-from the power sums that `superpixels` has taken at full resolution; the others look at means of squares, at most
-`WORKING_PIXELS` of them by whole factors, so their cost does not grow with the image.
+All are sums over finest superpixels, so features at any level follow from one pass over the image. Moments derive from
+the power sums that `superpixels` computes at full resolution. The others use box-filtered pixels, reduced by an integer
+to at most `WORKING_PIXELS`, so their cost does not grow with the image.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from .filter_bank import WAVES, Texture, gabor_responses, texton_map, texture_of
 
 KINDS = ("textons", "moments", "gabor", "quadtree")
 WORKING_PIXELS = 3 << 18
-_UNIT = 100.0  # histograms add up to it, squared: their distances are of the order of those of Lab
-_POOLED = 0.5  # scales of a superpixel: how far its neighbors' textons count
-_NEAR = 2.5  # sigmas, where they end
-_PLACE_STEPS = 64  # of a sigma, to which places are rounded
+_UNIT = 100.0  # sum of a squared histogram: its distances are of the order of those of Lab
+_POOLED = 0.5  # sigma, in scales of a superpixel, over which neighbors' textons are pooled
+_NEAR = 2.5  # sigmas at which pooling ends
+_PLACE_STEPS = 64  # steps per sigma to which places are rounded
 
 Features = Callable[[np.ndarray], np.ndarray]
-"""(n,) int: the group of every finest superpixel, 0 .. m - 1 -> (m, d) float64: the groups' features."""
+"""(n,) int: the group of each finest superpixel, 0 to m - 1 -> (m, d) float64: the groups' features."""
 
 
 def features_of(kind: str, superpixels: Superpixels, small: SmallLab, resources: Resources) -> Features:
-    """The features of that kind, of any level of a hierarchy."""
+    """The feature function of a kind, for all levels of a hierarchy."""
     if kind == "moments":
         return lambda groups: moments(present(superpixels.power_sums), superpixels.sizes, groups)
     if kind == "quadtree":
@@ -75,7 +75,7 @@ def moments(power_sums: np.ndarray, sizes: np.ndarray, groups: np.ndarray) -> np
 
 @dataclass(frozen=True)
 class SmallLab:
-    """Means of `factor` x `factor` pixels: Lab (h, w, 3) float32, and the superpixel in their middle, 0: none."""
+    """Means of `factor` x `factor` pixels: Lab (h, w, 3) float32, and the superpixel at their centers, 0: none."""
 
     lab: np.ndarray
     ids: np.ndarray
@@ -85,15 +85,15 @@ class SmallLab:
     _texture: list[Texture] = field(default_factory=list, repr=False)
 
     def texture(self, resources: Resources) -> Texture:
-        """What textons are made of, where there are superpixels; looked at once."""
+        """Texture around each pixel, the input of textons; computed once."""
         if not self._texture:
             self._texture.append(texture_of(self.lab, self.ids > 0, resources))
         return self._texture[0]
 
     def sums(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Sums (n, k) of (h, w, k) over finest superpixels, and how many values each has (n,).
+        """Sums (n, k) of values (h, w, k) over finest superpixels, and the number of values in each (n,).
 
-        One that is too thin to be met in the reduced image has the value at its center.
+        A superpixel too thin to appear in the reduced image gets the value at its center.
         """
         ids = self.ids.ravel()
         counts = np.bincount(ids, minlength=self.count + 1)[1:]
@@ -105,7 +105,7 @@ class SmallLab:
 
 
 def small_lab(superpixels: Superpixels) -> SmallLab:
-    """From the squares that the Gaussian stack begins with, so the image is not looked at again."""
+    """From the box-filtered pixels that the Gaussian stack starts with, so the image is not read again."""
     window, squares = superpixels.window, superpixels.reduced
     times = max(1, math.ceil(math.sqrt(squares.sums.shape[0] * squares.sums.shape[1] / WORKING_PIXELS)))
     factor = squares.side * times
@@ -113,7 +113,7 @@ def small_lab(superpixels: Superpixels) -> SmallLab:
     for axis in (0, 1):
         sums = np.add.reduceat(sums, np.arange(0, sums.shape[axis], times), axis=axis)
     height, width = sums.shape[:2]
-    lab = np.clip(mean_lab(sums), -1e4, 1e4)  # one firefly must not drown the scale of all the rest
+    lab = np.clip(mean_lab(sums), -1e4, 1e4)  # a firefly must not dominate the scale of all other pixels
     columns = np.minimum(np.arange(width) * factor + factor // 2, window.width - 1)
     ids = np.empty((height, width), np.int64)
     for row in range(height):
@@ -159,7 +159,7 @@ def _quadtree(small: SmallLab, superpixels: Superpixels) -> Features:
             )
             for j in range(cells):
                 for i in range(cells):
-                    # a cell beyond the border looks at the pixels that are nearest to it
+                    # a cell beyond the border uses the nearest pixels inside
                     left, top = np.minimum(x[:, i], width - 1), np.minimum(y[:, j], height - 1)
                     right, bottom = np.maximum(x[:, i + 1], left + 1), np.maximum(y[:, j + 1], top + 1)
                     total = (
@@ -172,11 +172,11 @@ def _quadtree(small: SmallLab, superpixels: Superpixels) -> Features:
 
 
 def _texton_histograms(small: SmallLab, superpixels: Superpixels, resources: Resources) -> Features:
-    """Square roots of texton histograms, (m, TEXTONS): Euclidean distances of them are Hellinger's.
+    """Square roots of texton histograms, (m, TEXTONS), whose Euclidean distances are Hellinger distances.
 
     Textons are clusters of 18 Gabor energies (three octaves, six directions), three Laplacians of L, and color. A
-    finest superpixel counts those of its neighbors too, by a Gaussian of half its scale: alone it holds too few
-    pixels to tell what it is a part of. Not in the paper; better than its features on the ground truth
+    finest superpixel has too few pixels to show the texture that it belongs to, so those of its neighbors are added,
+    weighted by a Gaussian of half its scale. Not in the paper; more accurate than its features on the ground truth
     (benchmarks/results/labels.md).
     """
     textons = texton_map(small.texture(resources), resources)
@@ -196,7 +196,7 @@ def _texton_histograms(small: SmallLab, superpixels: Superpixels, resources: Res
 
 
 def pooled(counts: np.ndarray, positions: np.ndarray, sigma: float, resources: Resources) -> np.ndarray:
-    """Counts with those of what is near, by Gaussian weights in steps of 1/4096, of itself 1.
+    """Counts pooled over near positions, by Gaussian weights in steps of 1/4096, 1 at the position itself.
 
     `counts` (n, k) int; `positions` (n, 2) float64: px; `sigma`: px; returns (n, k) int64.
     """

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bank of filters, and textons: clusters of what it says of pixels.
+"""A filter bank, and textons: clusters of its responses.
 
-Gaussians and textons are kernels (cl/filter_bank.cl). What the bank says is rounded to 1/64 of a deviation before
-textons are chosen: equal numbers have equal textons on every device.
+Gaussians and textons are kernels (cl/filter_bank.cl). Responses are rounded to 1/64 of a standard deviation before
+textons are learned, so textons are the same on every device.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from ..session.resources import Resources
 
 TEXTONS = 60
 WAVES = (4.0, 8.0, 16.0)  # px
-_PAD = 24  # px of mirror image around what is filtered
-PLANES = 24  # numbers that say how a pixel looks: 21 responses, three colors
-STEPS = 64  # of a deviation
+_PAD = 24  # px of mirrored border
+PLANES = 24  # values per pixel: 21 responses, three colors
+STEPS = 64  # per standard deviation
 _TURNS = 6
 _FAR = 2047  # steps
-_SAMPLES = 8000  # pixels that the textons are learned from
+_SAMPLES = 8000  # pixels from which textons are learned
 _ROUNDS = 20  # of k-means
 
 
 def gabor_responses(plane: np.ndarray, waves: tuple[float, ...], turns: int) -> list[np.ndarray]:
-    """|response| of Gabor filters of those wavelengths in px, in `turns` directions; plane (h, w) float32.
+    """|response| of Gabor filters of given wavelengths in px, in `turns` directions; plane (h, w) float32.
 
-    Each is a Gaussian in frequency around its wave (of deviation 0.45 wavelengths in space) on one half plane: its
-    inverse transform is complex, its modulus the local energy whatever the phase.
+    Each is a Gaussian in frequency (in space of standard deviation 0.45 wavelengths) on one half plane, so its inverse
+    transform is complex, and the modulus is the local energy for any phase.
     """
     padded = np.pad(plane - plane.mean(), _PAD, mode="symmetric")
     shape = [_smooth(s) for s in padded.shape]
@@ -51,7 +51,7 @@ def gabor_responses(plane: np.ndarray, waves: tuple[float, ...], turns: int) -> 
 
 
 def _smooth(size: int) -> int:
-    """The least number from `size` on that has no prime factor above 11: transforms of others are slow."""
+    """The least number from `size` on without a prime factor above 11, which FFTs compute fast."""
     while True:
         rest = size
         for prime in (2, 3, 5, 7, 11):
@@ -64,16 +64,16 @@ def _smooth(size: int) -> int:
 
 @dataclass(frozen=True)
 class Texture:
-    """How an image looks around every pixel: what textons are clusters of.
+    """Texture around each pixel of an image, which textons cluster.
 
     Attributes
     ----------
     seen : (h, w) bool
         Where textons are learned.
     responses : (21, h w) int16
-        Energies of 18 Gabor filters and three Laplacians of L, in units of their deviations, `STEPS` to one.
+        Energies of 18 Gabor filters and three Laplacians of L, in standard deviations times `STEPS`.
     colors : (3, h w) float32
-        L, a and b, a little blurred, in units of their deviations.
+        L, a and b, slightly blurred, in standard deviations.
     """
 
     seen: np.ndarray
@@ -82,7 +82,7 @@ class Texture:
 
 
 def texture_of(lab: np.ndarray, seen: np.ndarray, resources: Resources) -> Texture:
-    """The texture of (h, w, 3) float32 Lab, (h, w) bool of which counts."""
+    """The texture of (h, w, 3) float32 Lab; `seen` (h, w) bool are the valid pixels."""
     layers, known = np.ascontiguousarray(np.moveaxis(lab, -1, 0)), np.flatnonzero(seen.ravel())
     light = layers[:1]
     responses = np.empty((PLANES - 3, seen.size), np.int16)
@@ -94,7 +94,7 @@ def texture_of(lab: np.ndarray, seen: np.ndarray, resources: Resources) -> Textu
     octaves = resources.spread(lambda wave: np.stack(gabor_responses(layers[0], (wave,), _TURNS)), WAVES)
     for n, (wave, energies) in enumerate(zip(WAVES, octaves, strict=True)):
         keep(_TURNS * n, blurred_layers(energies, 0.35 * wave, 2.5, resources))
-    for n, sigma in enumerate((1.4, 2.8, 5.6)):  # a difference of Gaussians is a Laplacian
+    for n, sigma in enumerate((1.4, 2.8, 5.6)):  # a difference of Gaussians approximates a Laplacian
         wide, narrow = (blurred_layers(light, times * sigma, 3.0, resources) for times in (1.6, 1.0))
         keep(_TURNS * len(WAVES) + n, narrow - wide)
     colors = blurred_layers(layers, 1.0, 4.0, resources).reshape(3, -1)
@@ -102,7 +102,7 @@ def texture_of(lab: np.ndarray, seen: np.ndarray, resources: Resources) -> Textu
 
 
 def blurred_layers(layers: np.ndarray, sigma: float, reach: float, resources: Resources) -> np.ndarray:
-    """(k, h, w) float32 by a Gaussian, on the device; what lies beyond a border is its mirror image.
+    """Layers (k, h, w) float32 blurred by a Gaussian, on the device, with mirrored borders.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def blurred_layers(layers: np.ndarray, sigma: float, reach: float, resources: Re
     sigma : float
         px.
     reach : float
-        Where the Gaussian ends, in sigmas.
+        Radius of the Gaussian, in sigmas.
     """
     device, (count, height, width) = resources.device, layers.shape
     taps = gaussian_taps(sigma, reach)
@@ -131,16 +131,16 @@ def blurred_layers(layers: np.ndarray, sigma: float, reach: float, resources: Re
 def texton_map(
     texture: Texture, resources: Resources, most: int = TEXTONS, color: float = math.sqrt(3.0), samples: int = _SAMPLES
 ) -> np.ndarray:
-    """The texton of every pixel, (h, w) uint8, from 0 on.
+    """Texton of each pixel, (h, w) uint8, from 0.
 
     Parameters
     ----------
     most : int
-        Textons, 256 at most.
+        Maximum number of textons, up to 256.
     color : float
-        Weight of each of three colors against each of 21 responses.
+        Weight of each of the three colors relative to each of the 21 responses.
     samples : int
-        Pixels that textons are learned from, at most.
+        Maximum number of pixels from which textons are learned.
     """
     known = np.flatnonzero(texture.seen.ravel())
     planes = np.concatenate([texture.responses, _whole(np.float32(color) * texture.colors)])
@@ -151,7 +151,7 @@ def texton_map(
 
 
 def nearest_centers(planes: np.ndarray, centers: np.ndarray, resources: Resources) -> np.ndarray:
-    """The center nearest to every pixel, the first of equal ones, (n,) uint8.
+    """Index of the center nearest to each pixel, ties to the first, (n,) uint8.
 
     `planes` (24, n) int16; `centers` (k, 24) int32.
     """
@@ -164,7 +164,7 @@ def nearest_centers(planes: np.ndarray, centers: np.ndarray, resources: Resource
 
 
 def _standard(plane: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """The values in units of their deviation, in place; less than half a Lab unit is noise and not blown up."""
+    """Values in standard deviations, in place; less than half a Lab unit is noise and is not amplified."""
     values = plane if len(seen) == plane.size else plane[seen]
     mean, deviation = values.mean(dtype=np.float64), values.std(dtype=np.float64)
     plane -= np.float32(mean)
@@ -173,16 +173,15 @@ def _standard(plane: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def _whole(values: np.ndarray) -> np.ndarray:
-    """In `STEPS`, int16; 32 deviations away is far enough."""
+    """Values in steps of 1 / `STEPS`, int16, clipped at 32 standard deviations."""
     return np.rint(np.clip(values * np.float32(STEPS), -_FAR, _FAR)).astype(np.int16)
 
 
 def codebook(sample: np.ndarray, most: int, trials: int = 1) -> np.ndarray:
-    """k-means over a sample (n, d) int16, at most (most, d) int32; centers are rounded in every round.
+    """k-means of a sample (n, d) int16, at most (most, d) int32; centers are rounded in each iteration.
 
-    Of `trials` points that are drawn for each center at first, the one is taken that leaves the least error. All sums
-    are of whole numbers below 2^53, so no order of adding and no processor's BLAS shows: near ties, k-means sends the
-    least difference far.
+    Of `trials` candidates for each initial center, the one with the least error is used. All sums are of integers below
+    2^53, so the order of summation and the BLAS have no effect: k-means amplifies the least difference in near ties.
     """
     distinct = np.unique(sample, axis=0)
     if len(distinct) <= most:
@@ -199,7 +198,7 @@ def codebook(sample: np.ndarray, most: int, trials: int = 1) -> np.ndarray:
 
 
 def _spread_out(points: np.ndarray, count: int, trials: int) -> np.ndarray:
-    """`count` of (n, d) points, (count, d): k-means++, greedy with more than one trial (Arthur, Vassilvitskii 2007)."""
+    """`count` of (n, d) points, (count, d): k-means++, greedy if `trials` exceeds 1 (Arthur, Vassilvitskii 2007)."""
     random, squares = np.random.default_rng(0), (points**2).sum(1)
 
     def apart(drawn: list[int]) -> np.ndarray:

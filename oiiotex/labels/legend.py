@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""In which colors labels are shown and painted, and what there is to say of them."""
+"""Colors in which labels are shown and painted, and the table of labels."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ..deferred import np
 from ..errors import ImageError, texture_filter
 from ..io.documents import read_document
 
-_DISTINCT = 48  # colors that are told apart; further labels begin again
-_MOVES = 13  # of 255: how far a channel of such a label is moved, less than half a step of the colors' grid
-# What deuteranopes, protanopes and tritanopes see of linear Rec. 709: Machado, Oliveira, Fernandes 2009, severity 1.
+_DISTINCT = 48  # distinct colors; further labels reuse them, shifted
+_MOVES = 13  # of 255: maximum shift of a channel of a reused color, less than half a step of the color grid
+# linear Rec. 709 as seen by deuteranopes, protanopes and tritanopes: Machado, Oliveira, Fernandes 2009, severity 1
 _BLIND = (
     [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
     [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
@@ -27,19 +27,19 @@ _BLIND = (
 
 @dataclass(frozen=True)
 class Legend:
-    """What there is to say of a map's labels."""
+    """The table of a map's labels."""
 
     labels: LabelMap
     areas: np.ndarray  # px by id
 
     @classmethod
     def of(cls, labels: LabelMap, opaque: np.ndarray | None) -> Legend:
-        """Where `opaque`, (height, width) bool or None for everywhere."""
+        """Count areas where `opaque`, (height, width) bool; None: everywhere."""
         ids = labels.ids
         return cls(labels, np.bincount((ids if opaque is None else ids[opaque]).ravel()))
 
     def entries(self) -> list[dict[str, Any]]:
-        """What a table says of each label, the largest first."""
+        """A table row for each label, the largest first."""
         parents = self.labels.parents(len(self.areas) - 1)
         ids = [int(label) for label in np.argsort(-self.areas, kind="stable") if label and self.areas[label]]
         return [
@@ -55,15 +55,15 @@ class Legend:
 
 
 class LabelNames:
-    """What labels are called, by level and id: a table of --texpalette with the names that somebody has written.
+    """Names of labels by level and id, from an edited table of --texpalette.
 
     Raises
     ------
     ImageError
-        It is no such table.
+        The file is not such a table.
     """
 
-    HELP = "table of `palette`: what labels are called, in parts and in Cryptomatte"
+    HELP = "Table from `palette`, whose names are written to label parts and Cryptomatte."
 
     def __init__(self, path: Path):
         document, self._path = read_document(path), path
@@ -72,19 +72,20 @@ class LabelNames:
             rows = {level: document["labels"]} | ({level - 1: document["finer"]} if document.get("finer") else {})
             self._names = {at: {entry["id"]: entry["name"] for entry in entries} for at, entries in rows.items()}
         except (KeyError, TypeError, AttributeError) as error:
-            expected = f"a table of {texture_filter('palette')}"
+            expected = f"a table from {texture_filter('palette')}"
             raise ImageError(parameter="names", value=str(path), expected=expected) from error
         numbers = [number for at, one in self._names.items() for number in (at, *one)]
-        texts = [text for one in self._names.values() for text in one.values()]
-        if not all(type(n) is int and n >= 1 for n in numbers) or not all(type(t) is str and t.strip() for t in texts):
-            raise ImageError(f"names={path}: expected ids of 1 and up, and texts as names")
+        called = [name for one in self._names.values() for name in one.values()]
+        if not all(type(n) is int and n >= 1 for n in numbers) or not all(type(c) is str and c.strip() for c in called):
+            raise ImageError(parameter="names", value=str(path), expected="integer ids >= 1 and names that are strings")
 
     def of(self, maps: Sequence[LabelMap]) -> list[LabelMap]:
-        """All maps of an image with their labels called so; raises ImageError where they have no such label."""
+        """Label maps with these names; raises ImageError if a label does not exist."""
         counts = {one.level: one.count for one in maps}
         for level, names in self._names.items():
             if max(names, default=0) > counts.get(level, 0):
-                raise ImageError(f"names={self._path}: there is no label.{level}/{max(names)}")
+                problem = f"has label.{level}/{max(names)}, which does not exist"
+                raise ImageError(problem, parameter="names", value=str(self._path))
         return [one.named(self._names[one.level]) if one.level in self._names else one for one in maps]
 
 
@@ -92,7 +93,7 @@ class LabelNames:
 
 
 def code_of(color: str) -> int:
-    """'255,128,0' -> red << 16 | green << 8 | blue; ValueError where it is no such color."""
+    """'255,128,0' -> red << 16 | green << 8 | blue; ValueError for anything else."""
     red, green, blue = (int(n) for n in color.split(","))
     if not all(0 <= n <= 255 for n in (red, green, blue)):
         raise ValueError(f"'{color}'")
@@ -105,28 +106,28 @@ def color_of(code: int) -> str:
 
 
 def codes_of(ids: np.ndarray) -> np.ndarray:
-    """The colors with which labels are painted: those in which they are shown, moved a little where they come again.
+    """Paint colors of labels: their display colors, shifted slightly where those are reused.
 
-    No two of the first hundred thousand are alike, and none is black.
+    The first hundred thousand are distinct, and none is black.
     """
     eight, again = np.rint(255 * colors_of(ids)).astype(np.int64), (ids - 1) // _DISTINCT
-    # half the way to the next color of the grid that they are chosen from, in each of three channels
+    # half the distance to the next color of the grid, in each of three channels
     step = np.stack([again // _MOVES**n % _MOVES for n in range(3)], -1)
     red, green, blue = np.moveaxis(eight + np.where(eight < 128, step, -step), -1, 0)
     return red << 16 | green << 8 | blue
 
 
 def codes_in(pixels: np.ndarray, channels: Sequence[int], alpha: int | None = None) -> np.ndarray:
-    """The codes of pixels, int64.
+    """Color codes of pixels, int64.
 
     Parameters
     ----------
     pixels : (..., channels)
-        0 .. 1 or integers.
+        0 to 1, or integers.
     channels : 3 ints
-        Those of red, green and blue.
+        Indices of red, green and blue.
     alpha : int, optional
-        The channel with which they are multiplied: it is taken out where it is not 0.
+        Index of alpha, by which the pixels are unpremultiplied where it is not 0.
     """
     values = np.nan_to_num(as_float(pixels))
     color = values[..., list(channels)]
@@ -138,47 +139,47 @@ def codes_in(pixels: np.ndarray, channels: Sequence[int], alpha: int | None = No
 
 
 def oklab_of(codes: np.ndarray) -> np.ndarray:
-    """Colors (n,) in Oklab, (n, 3): black and white are 1 apart."""
+    """Color codes (n,) in Oklab, (n, 3), where black and white are 1 apart."""
     eight = np.stack([codes >> 16, codes >> 8 & 255, codes & 255], -1)
     return _oklab(_linear(eight / 255))
 
 
-# --- colors for eyes ---
+# --- display colors ---
 
 
 def colors_of(ids: np.ndarray) -> np.ndarray:
-    """The colors in which labels are shown: sRGB in 0 .. 1, (..., 3); 0 is black."""
+    """Display colors of labels: sRGB 0 to 1, (..., 3); label 0 is black."""
     palette = np.concatenate([np.zeros((1, 3)), distinct_colors()])
     return palette[np.where(ids > 0, (ids - 1) % _DISTINCT + 1, 0)]
 
 
 @functools.cache
 def distinct_colors() -> np.ndarray:
-    """Colors (48, 3) in sRGB, each as far as can be from those before it, for every kind of eye."""
+    """Colors (48, 3) in sRGB, each as distinct as possible from those before it, also for color-blind viewers."""
     levels = np.linspace(0, 1, 11)
     candidates = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), -1).reshape(-1, 3)
     linear = _linear(candidates)
     luma = linear @ np.array([0.2126, 0.7152, 0.0722])
-    kept = (luma > 0.08) & (luma < 0.85)  # borders are dark, paper is light
+    kept = (luma > 0.08) & (luma < 0.85)  # distinct from dark borders and light paper
     candidates, linear = candidates[kept], linear[kept]
     seen = np.stack([_oklab(linear), *(_oklab(np.clip(linear @ eye.T, 0, 1)) for eye in np.array(_BLIND))], axis=1)
     chosen = [int(np.abs(candidates - [0.2, 0.5, 0.9]).sum(1).argmin())]
     nearest = np.full(len(candidates), np.inf)
     while len(chosen) < _DISTINCT:
         apart = ((seen - seen[chosen[-1]]) ** 2).sum(-1)
-        # the eye to which it looks most like one before it
+        # the type of vision to which it is least distinct from one before it
         nearest = np.minimum(nearest, apart.min(1))
         chosen.append(int(nearest.argmax()))
     return candidates[chosen]
 
 
 def _linear(srgb: np.ndarray) -> np.ndarray:
-    """Colors of sRGB, 0 .. 1, as linear Rec. 709."""
+    """sRGB colors, 0 to 1, as linear Rec. 709."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
 def _oklab(linear: np.ndarray) -> np.ndarray:
-    """Ottosson 2020: a space in which distances are near to what eyes see."""
+    """Oklab (Ottosson 2020), in which distances are approximately perceptual."""
     lms = np.cbrt(linear @ np.array([[0.4122214708, 0.2119034982, 0.0883024619],
                                      [0.5363325363, 0.6806995451, 0.2817188376],
                                      [0.0514459929, 0.1073969566, 0.6299787005]]))  # fmt: skip

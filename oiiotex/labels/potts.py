@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mean field of a Potts model: what places are members of when they mind their neighbors."""
+"""Mean field of a Potts model: memberships smoothed over neighbors."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from ..opencl.buffers import Buffers
 from ..session.resources import Resources
 from .products import TASK
 
-_COUPLING, _UPDATES = 4.0, 6  # of a superpixel with its neighbors, nats; and how often
-UNLIKELY = 1e-3  # of a label that a superpixel does not belong to at all
+_COUPLING, _UPDATES = 4.0, 6  # of a superpixel to its neighbors, nats; number of updates
+UNLIKELY = 1e-3  # least likelihood of a label
 
 
 def settled(likely: np.ndarray, edges: np.ndarray, resources: Resources) -> np.ndarray:
-    """Labels of superpixels that mind their neighbors.
+    """Labels of superpixels after smoothing over their neighbors.
 
     `likely` (r, n) float; `edges` (m, 2) int; returns (n,) int64.
     """
@@ -42,7 +42,7 @@ def settled(likely: np.ndarray, edges: np.ndarray, resources: Resources) -> np.n
 def members(
     alone: np.ndarray, around: np.ndarray, seen: np.ndarray, coupling: float, resources: Resources
 ) -> np.ndarray:
-    """Shares of labels, proportional to e^(alone + coupling around), that add up to 1 where something is seen.
+    """Memberships proportional to e^(alone + coupling around), which sum to 1 where `seen`.
 
     Parameters
     ----------
@@ -63,14 +63,14 @@ def members(
 
 
 def winners(votes: np.ndarray, side: int, shape: tuple[int, int], resources: Resources) -> np.ndarray:
-    """The label of most votes at every pixel, the first of equal ones, (h, w) uint8.
+    """Label with most votes at each pixel, ties to the first, (h, w) uint8.
 
     Parameters
     ----------
     votes : (r, down, across) float32
-        Not negative; of cells, between whose middles they are taken linearly. r is 256 at most.
+        Nonnegative votes of cells, interpolated linearly between their centers; r is at most 256.
     side : int
-        Of a cell, px.
+        Side of a cell, px.
     shape : (int, int)
         h and w.
     """

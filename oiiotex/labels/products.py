@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Products of thin matrices, on the device: sums of floats in one fixed order, so that no BLAS and no thread shows."""
+"""Products of thin matrices on the device, with float sums in one fixed order, independent of BLAS and threads."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 from ..opencl.buffers import Buffers
 from ..session.resources import Resources
 
-LANES = 8  # to which rows are padded: columns that kernels add up at once
-TASK = "labels"  # in errors of memory
+LANES = 8  # to which rows are padded: columns that a kernel adds at once
+TASK = "labels"  # task name in memory errors
 
 
 @dataclass(frozen=True)
 class Sparse:
-    """A square sparse matrix by rows: entries starts[i] .. starts[i + 1] - 1 are those of row i."""
+    """A square sparse matrix in CSR form: entries starts[i] to starts[i + 1] - 1 belong to row i."""
 
     starts: np.ndarray
     columns: np.ndarray
@@ -25,12 +25,12 @@ class Sparse:
 
     @property
     def rows(self) -> int:
-        """Of them, and of columns."""
+        """Number of rows, and of columns."""
         return len(self.starts) - 1
 
 
 def padded(matrix: np.ndarray, value: float = 0.0) -> np.ndarray:
-    """Float32, rows as long as kernels want them; `value` where there was nothing."""
+    """A float32 matrix with rows padded to `LANES` by `value`."""
     rows, columns = matrix.shape
     wide = np.full((rows, columns + -columns % LANES), value, np.float32)
     wide[:, :columns] = matrix
@@ -68,12 +68,12 @@ def _made(
 
 
 def wide_of(resources: Resources) -> int:
-    """Columns that an item makes: cl/factorization.cl."""
+    """Columns computed by a work item (cl/factorization.cl)."""
     return LANES if resources.device.lanes > 1 else 1
 
 
 class Spread:
-    """Products of one sparse matrix, which stays on the device."""
+    """Products of one sparse matrix, which is kept on the device."""
 
     def __init__(self, matrix: Sparse, width: int, resources: Resources):
         self._resources, self._shape = resources, (matrix.rows, width)
@@ -82,7 +82,7 @@ class Spread:
         self._buffers = Buffers(
             resources.device, {"x": size, "before": size, "out": size}, resources.budget, TASK, tables=tables
         )
-        resources.device.fill(self._buffers["before"], np.float32(0), matrix.rows * width)  # 0 times NaN is none
+        resources.device.fill(self._buffers["before"], np.float32(0), matrix.rows * width)  # 0 times NaN would be NaN
 
     def __enter__(self) -> Spread:
         return self
@@ -91,11 +91,11 @@ class Spread:
         self._buffers.__exit__()
 
     def start(self, x: np.ndarray) -> None:
-        """What is multiplied, (n, width) float32."""
+        """Set x, the matrix to multiply, (n, width) float32."""
         self._resources.device.write(self._buffers["x"], x)
 
     def step(self, alpha: float, beta: float, gamma: float) -> None:
-        """x and the one before become alpha S x + beta x + gamma before, and x."""
+        """Replace x and the previous x by alpha S x + beta x + gamma previous, and x."""
         rows, width = self._shape
         names = ("starts", "columns", "weights", "x", "before", "out")
         items = width // wide_of(self._resources), rows
@@ -105,7 +105,7 @@ class Spread:
         self._buffers.swap("x", "before")
 
     def once(self, vector: np.ndarray) -> np.ndarray:
-        """S times a vector, (n,) float32; what `step` works on is lost."""
+        """S times a vector, (n,) float32; overwrites the state of `step`."""
         device, rows = self._resources.device, self._shape[0]
         device.write(self._buffers["x"], vector)
         tables = [self._buffers[name] for name in ("starts", "columns", "weights", "x", "out")]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The random walk on a graph: D^s of LSA16 eq. 6, never formed.
+"""The random walk on a graph: D^s of LSA16 eq. 6, never formed explicitly.
 
 With S = T^-1/2 W T^-1/2, D^s = T^1/2 S^s T^-1/2. S^s is V (V^T S V)^s V^T in the subspace V of its largest eigenvalues,
-which is found by subspace iteration with Chebyshev polynomials (Zhou, Saad, Tiago, Chelikowsky, Journal of
-Computational Physics 219, 2006). Products with S are kernels, what is left are matrices of 48 x 48: no eigenvector is
-asked for, as those of equal eigenvalues are arbitrary, and no library's order of adding shows.
+computed by subspace iteration with Chebyshev polynomials (Zhou, Saad, Tiago, Chelikowsky, Journal of Computational
+Physics 219, 2006). Products with S are kernels, and the remaining matrices are 48 x 48. No eigenvectors are computed,
+since those of equal eigenvalues are arbitrary, and no sum depends on a library's order of summation.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from ..session.resources import Resources
 from .affinity_graph import AffinityGraph
 from .products import Spread, gram, product
 
-PERSISTENCE = 0.95  # what is left of the largest eigenvalue below 1 after the steps: LSA16 section 4.4
-SLOWEST = 0.98  # a faster walk is taken for one of this eigenvalue: LSA16's rule would stop it before it mixes at all
-DIMENSIONS = 48  # of the subspace: 64 move no score by .01
+PERSISTENCE = 0.95  # remaining power of the largest eigenvalue below 1 after the walk: LSA16 section 4.4
+SLOWEST = 0.98  # floor of this eigenvalue: for faster walks LSA16's rule would stop before they mix at all
+DIMENSIONS = 48  # of the subspace: 64 change no score by .01
 _ONE = 0.9999  # eigenvalues above count as 1: LSA16 section 4.4
 _MOST_STEPS = 2000
-_POWERS, _DEGREES = 4, (6, 6, 6)  # of S at first, of the polynomials then
+_POWERS, _DEGREES = 4, (6, 6, 6)  # initial powers of S, then degrees of the polynomials
 _BISECTIONS = 16  # of an interval of eigenvalues
-_NOISE = 1e-5  # of a distribution's largest value: what is less is none
-_LOST = 1e-6  # of a column's length that is left after those before it are taken out: it is one of them
+_NOISE = 1e-5  # of a distribution's maximum: smaller values are zeroed
+_LOST = 1e-6  # of a column's length: a smaller remainder after projection is linear dependence
 
 
 class Walk:
     """Steps of the random walk on a graph.
 
-    `n`: nodes; `mass` (n,) float64: what the walk tends to, but for a factor; `steps`: s; `left`, `right` (n, k)
+    `n`: nodes; `mass` (n,) float64: proportional to the stationary distribution; `steps`: s; `left`, `right` (n, k)
     float32: D^s is left right^T; `norm`: |D^s|^2, Frobenius.
     """
 
@@ -49,23 +49,23 @@ class Walk:
         self.norm = float(squares.sum())
 
     def step(self, start: np.ndarray) -> np.ndarray:
-        """D p: where the walk is one step after p, (n,) float32."""
+        """D p: distribution one step after p, (n,) float32."""
         return self._root * self._spread.once(start / self._root)
 
     def column(self, node: int) -> np.ndarray:
-        """D^s from one node: a map of how similar all are to it, a distribution, (n,) float32."""
+        """D^s from one node: its similarity to all nodes as a distribution, (n,) float32."""
         column = (self.left * self.right[node]).sum(1)
         column[column < np.float32(_NOISE) * column.max()] = 0
         total = column.sum(dtype=np.float64)
-        if total <= 0:  # what the subspace knows nothing of stays where it is
+        if total <= 0:  # outside of the subspace the walk stays at the node
             return (np.arange(self.n) == node).astype(np.float32)
         return column / np.float32(total)
 
 
 def steps_of(largest: float, persistence: float, slowest: float) -> int:
-    """How long to walk: until that share of the largest eigenvalue below 1 is left. LSA16 section 4.4.
+    """Number of steps until the largest eigenvalue below 1 has decayed to `persistence`. LSA16 section 4.4.
 
-    One below `slowest` is taken for it, 0: the paper; none, 0, is walked one step.
+    A value below `slowest` (0: the paper) is raised to it; for 0, no eigenvalue, the walk takes one step.
     """
     largest = max(largest, slowest)
     if largest <= 0:
@@ -75,11 +75,11 @@ def steps_of(largest: float, persistence: float, slowest: float) -> int:
 
 
 def _subspace(spread: Spread, root: np.ndarray, resources: Resources) -> tuple[np.ndarray, np.ndarray]:
-    """Of S's largest eigenvalues: V (n, 48) float32, orthonormal, and V^T S V (48, 48) float64."""
+    """Subspace of S's largest eigenvalues: V (n, 48) float32, orthonormal, and V^T S V (48, 48) float64."""
     n = len(root)
     bits = np.random.Philox(key=0).random_raw(n)[:, None] >> np.arange(DIMENSIONS, dtype=np.uint64)
     start = np.where(bits & np.uint64(1), 1.0, -1.0)
-    start[:, 0] = root  # that of eigenvalue 1
+    start[:, 0] = root  # the eigenvector of eigenvalue 1
     start /= np.sqrt((start**2).sum(0))
 
     def inside(basis: np.ndarray) -> np.ndarray:
@@ -92,7 +92,7 @@ def _subspace(spread: Spread, root: np.ndarray, resources: Resources) -> tuple[n
         spread.step(1.0, 0.0, 0.0)
     basis = _orthonormal(spread.now(), resources)
     for degree in _DEGREES:
-        edge = float(np.diagonal(inside(basis)).min())  # some eigenvalues lie below
+        edge = float(np.diagonal(inside(basis)).min())  # some eigenvalues lie below it
         spread.start(basis)
         _filtered(spread, degree, min(max(edge, -0.5), 0.9))
         basis = _orthonormal(spread.now(), resources)
@@ -100,7 +100,7 @@ def _subspace(spread: Spread, root: np.ndarray, resources: Resources) -> tuple[n
 
 
 def _filtered(spread: Spread, degree: int, edge: float) -> None:
-    """The Chebyshev polynomial of S that is small from -1 to `edge` and 1 at 1."""
+    """Apply the Chebyshev polynomial of S that is small from -1 to `edge` and 1 at 1."""
     middle, half = (edge - 1.0) / 2.0, (edge + 1.0) / 2.0
     first = sigma = half / (1.0 - middle)
     spread.step(sigma / half, -middle * sigma / half, 0.0)
@@ -111,9 +111,9 @@ def _filtered(spread: Spread, degree: int, edge: float) -> None:
 
 
 def _orthonormal(columns: np.ndarray, resources: Resources) -> np.ndarray:
-    """An orthonormal basis of what columns span, (n, k) float32; 0 for columns that others make.
+    """An orthonormal basis of the span of columns, (n, k) float32; 0 for linearly dependent columns.
 
-    By Cholesky's factor of their products, twice, as the first is of single precision.
+    By a Cholesky factor of their products, twice, because the first is of single precision.
     """
     for _ in range(2):
         products = _symmetric(gram(columns, columns, resources))
@@ -125,10 +125,10 @@ def _orthonormal(columns: np.ndarray, resources: Resources) -> np.ndarray:
 
 
 def _inverse_of_factor(products: np.ndarray) -> np.ndarray:
-    """R^-1 where R^T R = products, upper; columns of 0 where one is made of those before it. The diagonal is 1."""
+    """R^-1 where R^T R = products, upper triangular with unit diagonal; columns of 0 for linear dependence."""
     n = len(products)
     left, inverse = products.copy(), np.eye(n)
-    for k in range(n):  # elimination; what it does to rows is done to the unit matrix
+    for k in range(n):  # elimination, applied to the unit matrix as well
         pivot = left[k, k]
         if pivot <= _LOST:
             left[k], inverse[k] = 0.0, 0.0
@@ -145,7 +145,7 @@ def _symmetric(matrix: np.ndarray) -> np.ndarray:
 
 
 def _multiplied(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """A b of small matrices, added in one order: BLAS has many."""
+    """A b of small matrices, in a fixed order of summation, which BLAS does not guarantee."""
     made = np.zeros((len(a), b.shape[1]))
     for k in range(len(b)):
         made += a[:, k, None] * b[k]
@@ -153,7 +153,7 @@ def _multiplied(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _power(matrix: np.ndarray, exponent: int) -> np.ndarray:
-    """By squares."""
+    """A power by repeated squaring."""
     result, square = None, matrix
     while True:
         if exponent & 1:
@@ -168,7 +168,7 @@ def _power(matrix: np.ndarray, exponent: int) -> np.ndarray:
 
 
 def _fewer(matrix: np.ndarray, bound: float) -> int:
-    """How many eigenvalues lie below a bound: the negative pivots of elimination (Sylvester's law of inertia)."""
+    """Number of eigenvalues below a bound: the negative pivots of elimination (Sylvester's law of inertia)."""
     left, negative = matrix - bound * np.eye(len(matrix)), 0
     for k in range(len(left)):
         pivot = left[k, k] if abs(left[k, k]) > 1e-12 else -1e-12
@@ -178,7 +178,7 @@ def _fewer(matrix: np.ndarray, bound: float) -> int:
 
 
 def _bisected(matrix: np.ndarray, rank: int, low: float, high: float) -> float:
-    """The eigenvalue that `rank` others lie below, of those between low and high."""
+    """The eigenvalue with `rank` others below it, between low and high, by bisection."""
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2.0
         if _fewer(matrix, middle) <= rank:
@@ -189,7 +189,7 @@ def _bisected(matrix: np.ndarray, rank: int, low: float, high: float) -> float:
 
 
 def _largest_below_one(matrix: np.ndarray, slowest: float) -> float:
-    """The largest eigenvalue below 1 that is above `slowest`, else 0."""
+    """The largest eigenvalue below 1 and above `slowest`, else 0."""
     fewer = _fewer(matrix, _ONE)
     if fewer == 0 or _fewer(matrix, slowest) == fewer:
         return 0.0

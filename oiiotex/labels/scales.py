@@ -1,23 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Labels at several scales: which scales, by the way up; a tree of labels, by the way down (LSA16 section 4.3).
+"""Labels at several scales: scales are chosen bottom-up, and a tree of labels is built top-down (LSA16 section 4.3).
 
-Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest. Departures:
+Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest. Departures from the paper:
 
-1. The paper goes on to the first scale at which *every* superpixel overlaps two labels; one superpixel that does not
-   ends the search. Here a `share` of them is enough (1: the paper).
-2. A coarsest level may be given, which no walk has found (`label_maps`).
-3. The walk gets longer from level to level: what is left of the largest eigenvalue below 1 is `persistence` to the
-   power of the level, so that larger patterns come with fewer labels. The paper leaves 0.95 at every level.
-4. A node has at most n / 13 neighbors: the paper's 256 of n at fine scales would be all of them at coarse ones.
-5. Above `MOST` superpixels a fixed sample of them is factored, and the others take the mean membership of those
-   that are nearest to them.
-6. The paper cuts a label wherever a coarser border crosses it, which leaves rings of crumbs where two levels do not
-   quite agree. Here a label is a child of the coarser one that has most of it, and of others that have a fair share;
-   a superpixel in none of its children takes the likeliest (`literal`: the paper). So do superpixels
-   among others: G is multiplied by what its neighbors are, a Potts step.
+1. The paper proceeds to the first scale at which *every* superpixel overlaps two labels, so a single superpixel can end
+   the search. Here a `share` of them is enough (1: the paper).
+2. A coarsest level from another method may be given (`label_maps`).
+3. The walk gets longer from level to level, so that larger patterns have fewer labels: the largest eigenvalue below 1
+   decays to `persistence` to the power of the level. In the paper it decays to 0.95 at all levels.
+4. A node has at most n / 13 neighbors: the paper's 256 would be all of n nodes at coarse scales.
+5. Above `MOST` superpixels a fixed sample of them is factored, and the others take the mean membership of the sampled
+   superpixels nearest to them.
+6. The paper splits a label wherever a coarser border crosses it, which leaves rings of small fragments where borders of
+   two levels differ slightly. Here a label is a child of the coarser label that contains most of it, and of others that
+   contain at least `_PART` of it; a superpixel in none of these takes the most likely child (`literal`: the paper). In
+   addition, G is smoothed over neighbors by a Potts step.
 
-`literal` takes back 3, 4 and 6, the floor of the walk's eigenvalue, and that superpixels of large images settle on
-squares; with share 1 and no level given, the levels are the paper's.
+`literal` reverts 3, 4 and 6, the floor of the walk's eigenvalue, and the settling of superpixels of large images on
+squares. With share 1 and without a given level, the levels are the paper's.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ from .random_walk import PERSISTENCE, SLOWEST, Walk
 from .stochastic_nmf import Factors, factored
 
 MOST = 20000  # superpixels up to which all are nodes of the graph
-_PIXEL_BYTES, _EDGE_BYTES = 300, 80  # held at once, per pixel of the reduced image and per edge of the graph
-_NEAREST = 6  # sampled superpixels that one which was left out looks at
+_PIXEL_BYTES, _EDGE_BYTES = 300, 80  # peak, per pixel of the reduced image and per edge of the graph
+_NEAREST = 6  # sampled superpixels from which another one takes its membership
 _NODES_PER_NEIGHBOR, _FEWEST_NEIGHBORS = 13, 8
-_PART = 0.25  # of a label that lies in a coarser one, for it to be a child of that
+_PART = 0.25  # least proportion of a label in a coarser one for it to be a child of that
 
 
 @dataclass(frozen=True, kw_only=True)
 class LabelSettings:
-    """How labels are found; see `filters.label` for what each does."""
+    """Settings of label maps; see `filters.label`."""
 
     cluster: str = "nmf"
     neighbors: int = NEIGHBORS
@@ -73,16 +73,16 @@ class LabelLevel:
     scale : float
         rho, px.
     groups : (n,) int32
-        The level's superpixel of every finest superpixel, 0 .. m - 1.
+        Superpixel at this level for each finest superpixel, 0 to m - 1.
     labels : (n,) int64
-        The label of every finest superpixel, 1 .. count; none of them is empty.
+        Label of each finest superpixel, 1 to count; none is empty.
     parents : (count,) int64
-        The label of the next coarser level that holds label i + 1; 0 at the coarsest.
+        Label of the next coarser level that contains label i + 1; 0 at the coarsest.
     features : (m, d)
     F : (m, r)
-        Where the walk goes from a label; divided by its column's largest value it says how well a superpixel fits.
+        Distribution of the walk from each label; divided by its column's maximum, the fit of each superpixel.
     G : (r, m)
-        Which label a superpixel belongs to.
+        Membership of superpixels in labels.
     """
 
     scale: float
@@ -97,12 +97,12 @@ class LabelLevel:
 
 @dataclass(frozen=True)
 class LabelMaps:
-    """All that is known of an image's labels.
+    """Label maps of an image.
 
     Attributes
     ----------
     superpixels : Superpixels
-        n finest ones.
+        The n finest superpixels.
     levels : tuple of LabelLevel
         Finest first.
     """
@@ -131,19 +131,19 @@ def label_maps(
     features : str
         One of `features.KINDS`.
     runs, minsize
-        As `superpixels` takes them.
+        As for `superpixels`.
     coarsest : callable, optional
-        Gives a coarsest level of its own: the label of every superpixel, (n,) int64, 0 .. r - 1, none of them empty.
+        Gives a separate coarsest level: the label of each superpixel, (n,) int64, 0 to r - 1, none empty.
 
     Raises
     ------
     ImageError
-        Alpha is 0 everywhere, NaN or Inf, or what does not fit.
+        Alpha is 0 everywhere, values are NaN or Inf, or memory is insufficient.
     """
     settings = settings or LabelSettings()
     window = image.first.window
     seeds = SeedGrid.of(window.width, window.height, finest_scale(window), COMPACTNESS).count
-    _require(resources, window, seeds, settings)  # there will hardly be fewer superpixels: it is said before the work
+    _require(resources, window, seeds, settings)  # there will hardly be fewer superpixels: fail before the work
     total = 2 * runs + 3
 
     def advance(done: int, _: int) -> None:
@@ -153,10 +153,10 @@ def label_maps(
         finest = superpixels(image, lens, resources, runs=runs, minsize=minsize, seed=settings.seed, advance=advance,
                              literal=settings.literal, powers=features == "moments")  # fmt: skip
         if not finest.count:
-            raise ImageError(f"{image.source}: alpha is 0 everywhere: there is nothing to label")
+            raise ImageError(f"{image.source}: alpha is 0 everywhere: expected opaque pixels")
     _require(resources, finest.window, finest.count, settings)
     small = small_lab(finest)
-    # One BLAS thread: the products are thin, waiting threads would spin, and sums must not depend on their number.
+    # One BLAS thread: products are thin, waiting threads would spin, and sums must not depend on the number of threads.
     with threadpool_limits(1, "blas"):
         with (
             resources.in_background(functools.partial(hierarchy, finest, resources)) as tree,
@@ -172,16 +172,16 @@ def label_maps(
 
 
 def _import_scipy() -> None:
-    """What superpixels look for later: it takes a fifth of a second, in which kernels can be at work."""
+    """Import scipy, which superpixels need later, while kernels run: it takes a fifth of a second."""
     import scipy.ndimage
     import scipy.sparse.csgraph  # noqa: F401
 
 
 def _require(resources: Resources, window: Window, count: int, settings: LabelSettings) -> None:
-    """Refuse what `count` superpixels of a window need, where it does not fit."""
+    """Raise an error if `count` superpixels of a window exceed the memory budget."""
     pixels = min(window.width * window.height, WORKING_PIXELS)
     need = pixels * _PIXEL_BYTES + min(count, MOST) * settings.neighbors * _EDGE_BYTES
-    resources.require(need, "labeling", "take fewer :neighbors=")
+    resources.require(need, "labeling", "reduce neighbors")
 
 
 def label_levels(
@@ -192,7 +192,7 @@ def label_levels(
     resources: Resources,
     coarsest: Callable[[], np.ndarray | None] = lambda: None,
 ) -> tuple[LabelLevel, ...]:
-    """The levels of labels, finest first, as a tree.
+    """Levels of labels, finest first, as a tree.
 
     `edges` (m, 2) int.
     """
@@ -207,7 +207,7 @@ def label_levels(
 
 
 def labeled(points: np.ndarray, settings: LabelSettings, level: int, resources: Resources) -> Factors:
-    """Labels of m points, (m, d), found at that level (0: the finest). Every label has a point."""
+    """Labels of m points, (m, d), at a level (0: the finest). No label is empty."""
     m = len(points)
     if m > MOST:
         return _labeled_by_sample(points, settings, level, resources)
@@ -229,7 +229,7 @@ def labeled(points: np.ndarray, settings: LabelSettings, level: int, resources: 
 
 
 def _without_empty(F: np.ndarray, G: np.ndarray, error: float) -> Factors:
-    """Labels that are nobody's most likely one go; what they had goes to the others."""
+    """Remove labels that are the most likely one of no node, and renormalize."""
     used = np.unique(G.argmax(0))
     kept = G[used]
     kept = kept / np.maximum(kept.sum(0), 1e-300)
@@ -237,23 +237,23 @@ def _without_empty(F: np.ndarray, G: np.ndarray, error: float) -> Factors:
 
 
 def _by_scikit_learn(settings: LabelSettings, points: np.ndarray, graph: AffinityGraph, count: int) -> np.ndarray:
-    """The paper's comparison (figure 3d): as many clusters as our own way finds."""
+    """The paper's comparison (figure 3d): the same number of clusters as `nmf` finds."""
     try:
         from sklearn.cluster import KMeans, SpectralClustering
     except ImportError:
         raise ImageError(
-            f"cluster={settings.cluster} needs scikit-learn: pip install 'oiiotex[cluster]'; cluster=nmf does not"
+            f"cluster={settings.cluster} requires scikit-learn: pip install 'oiiotex[cluster]', or use cluster=nmf"
         ) from None
     if settings.cluster == "kmeans":
         return KMeans(count, n_init=10, random_state=settings.seed).fit(points).labels_
-    if len(graph.counts) <= count:  # as many kinds as clusters
+    if len(graph.counts) <= count:  # no more distinct points than clusters
         return graph.node
     model = SpectralClustering(count, affinity="precomputed", random_state=settings.seed, assign_labels="kmeans")
     return np.unique(model.fit(graph.weights()).labels_, return_inverse=True)[1][graph.node]
 
 
 def _labeled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, resources: Resources) -> Factors:
-    from scipy.spatial import cKDTree  # of very long images alone
+    from scipy.spatial import cKDTree  # only for very large images
 
     random = np.random.default_rng(settings.seed)
     chosen = np.sort(random.choice(len(points), MOST, replace=False))
@@ -265,13 +265,13 @@ def _labeled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, 
     return _without_empty(F / F.sum(0), G, small.error)
 
 
-# --- up ---
+# --- bottom-up ---
 
 
 def _bottom_up(
     hierarchy: Hierarchy, features: Features, settings: LabelSettings, edges: np.ndarray, resources: Resources
 ) -> list[LabelLevel]:
-    """Levels labeled each for itself, finest first; neither parents nor intersections yet."""
+    """Independent levels, finest first, without parents or intersections."""
     levels: list[LabelLevel] = []
     at = 0
     while True:
@@ -301,7 +301,7 @@ def _level(
 
 
 def _given(hierarchy: Hierarchy, features: Features, labels: np.ndarray) -> LabelLevel:
-    """A level that no walk has found: every superpixel is a group, and wholly a member of its label."""
+    """A level from another method: each superpixel is a group with full membership in its label."""
     groups, count = np.arange(len(labels), dtype=np.int32), int(labels.max()) + 1
     G = (labels == np.arange(count)[:, None]).astype(np.float64)
     F = (G / G.sum(1, keepdims=True)).T
@@ -310,9 +310,9 @@ def _given(hierarchy: Hierarchy, features: Features, labels: np.ndarray) -> Labe
 
 
 def _next_scale(hierarchy: Hierarchy, labels: np.ndarray, at: int, share: float) -> int | None:
-    """The finest level above `at` of whose superpixels at least that share overlaps two labels.
+    """The finest level above `at` at which a proportion `share` of superpixels overlaps two labels.
 
-    Superpixels only merge, and a merged one overlaps what its pieces did: the search may halve.
+    Superpixels only merge, and a merged one overlaps all labels of its parts, so bisection applies.
     """
     low, high = at, len(hierarchy.sigmas)
     while high - low > 1:
@@ -325,16 +325,16 @@ def _next_scale(hierarchy: Hierarchy, labels: np.ndarray, at: int, share: float)
 
 
 def _mixed_share(groups: np.ndarray, labels: np.ndarray) -> float:
-    """The share of groups in which there are two labels or more."""
+    """Proportion of groups with two or more labels."""
     pairs = np.unique(np.stack([groups, labels], axis=1), axis=0)
     return float((np.bincount(pairs[:, 0]) >= 2).mean())
 
 
-# --- down ---
+# --- top-down ---
 
 
 def top_down(levels: list[LabelLevel], literal: bool = False) -> tuple[LabelLevel, ...]:
-    """LSA16 algorithm 2: every label is intersected with those of the next coarser level; see departure 6."""
+    """LSA16 algorithm 2: intersect each label with those of the next coarser level; see departure 6."""
     intersected: list[LabelLevel] = []
     above = np.zeros(len(levels[-1].labels), np.int64)
     for level in reversed(levels):
@@ -346,7 +346,7 @@ def top_down(levels: list[LabelLevel], literal: bool = False) -> tuple[LabelLeve
 
 
 def _within(above: np.ndarray, level: LabelLevel) -> np.ndarray:
-    """Of every superpixel a label of that level that is a child of its coarser label, (n,) 0 .. r - 1."""
+    """For each superpixel a label that is a child of its coarser label, (n,) 0 to r - 1."""
     own = level.labels - 1
     table = np.zeros((above.max() + 1, len(level.G)))
     np.add.at(table, (above, own), 1.0)

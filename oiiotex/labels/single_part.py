@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How filters of labels are told to put image and Cryptomatte into one part, and what they then do."""
+"""Label filters that write image and Cryptomatte as one part."""
 
 from __future__ import annotations
 
@@ -7,33 +7,35 @@ from pathlib import Path
 
 from ..core.image import Part
 from ..core.op import Kind, Op, Output
-from ..errors import ParameterError
+from ..errors import ParameterError, modifier
 
 SINGLE = (
-    "with cryptomatte: one nameless part of the image's channels and Cryptomatte's, as Blender and Nuke take it at once"
+    "Output as one unnamed part with the channels of the image and of Cryptomatte, as Blender and Nuke expect. Requires"
+    " cryptomatte."
 )
 
 
 class OnePart(Op):
-    """Makes label maps, in parts or in Cryptomatte's channels alone; declares `single` and `cryptomatte`."""
+    """A filter that outputs label maps, as parts or only as Cryptomatte; declares `single` and `cryptomatte`."""
 
     single: bool
 
     def require_single(self) -> None:
-        """Refuse `single` without Cryptomatte, and with further parts."""
+        """Raise ParameterError for `single` without `cryptomatte`, or with further parts."""
         values = self.values()
         if not self.single:
             return
         if not values["cryptomatte"]:
-            raise ParameterError("single says how Cryptomatte is written: say cryptomatte, too")
+            raise ParameterError(f"requires {modifier(cryptomatte=True)}", parameter="single", value=True)
         more = [name for name in ("keep", "soft") if values.get(name)]
         if more:
-            raise ParameterError(f"single is one part, which has the image's channels: leave out {', '.join(more)}")
+            problem = f"conflicts with {', '.join(more)}: a single part has only the image's channels"
+            raise ParameterError(problem, parameter="single", value=True)
 
     def asked(self, output: Output) -> bool | Path:
-        """Ids are in Cryptomatte's channels where one part holds all."""
+        """No id parts with `single`: Cryptomatte holds the labels."""
         return False if self.single and output.kind is Kind.IDS else super().asked(output)
 
     def carried(self) -> tuple[Part, ...]:
-        """None where one part holds all."""
+        """No carried parts with `single`."""
         return () if self.single else super().carried()

@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Labels from a random walk: D^s ~ F G with F and G left-stochastic, the number of labels found (LSA16 section 4.2).
+"""Labels from a random walk: D^s ~ F G with left-stochastic F and G, whose rank is found (LSA16 section 4.2).
 
-F, (n, r): column c says where the walk goes from label c; G, (r, n): column j says how likely node j belongs to each
-label. How the paper solves eq. 8 is in its supplement, which is not public; what is built here:
+F, (n, r): column c is the distribution of the walk from label c. G, (r, n): column j is the membership of node j in the
+labels. The paper describes its solver of eq. 8 in a supplement that is not public. This one consists of:
 
-- start: heat spreads from an uncovered node of the largest mass; all nodes that give more of it away than they get
-  are the same source, and covered (probe cover). Without restarts it is deterministic.
-- descent: F and G in turn, each a least-squares problem on the simplex (FISTA, Newton's iteration for the threshold of
-  the projection). G's columns are problems of their own, and restart by themselves.
-- boosting (`tries` > 0): the starts of several runs, probed in random order, are stacked, and the walk between their
-  labels is factored in turn.
+- start: heat diffuses from an uncovered node of the largest mass; all nodes that lose more of it than they gain belong
+  to the same source, and are covered (probe cover). Without restarts it is deterministic.
+- descent: alternating F and G, each a least-squares problem on the simplex (FISTA, with Newton's method for the
+  threshold of the projection). Columns of G are independent problems with separate restarts.
+- boosting (`tries` > 0): starts from several random orders of probes are stacked, and the walk between their labels is
+  factored in turn.
 
-What is large is done by kernels in single precision, sums in one order; the host is left with matrices of labels.
+Large matrices are processed by kernels in single precision with a fixed order of summation; only matrices of the size
+of the labels are left to the host.
 """
 
 from __future__ import annotations
@@ -26,17 +27,17 @@ from ..opencl.buffers import Buffers
 from ..session.resources import Resources
 from .products import TASK, gram, padded, product, wide_of
 
-_ROUNDS = 30  # of F and G in turn
-_INNER = 8  # steps of either within a round
+_ROUNDS = 30  # alternations of F and G
+_INNER = 8  # steps of either in a round
 _FIRST = 100  # steps of the first G
-_GAIN = 1e-2  # of the error, relative: less ends the descent; a tenth of it moves no score by .01
-_SETTLED = 1e-6  # of a membership: moves less than that
-_FAR = -1e37  # of padding, which no projection keeps
-_BOUNDS = 20  # rounds of the bound of a norm
+_GAIN = 1e-2  # least relative decrease of the error in a round; a tenth of it changes no score by .01
+_SETTLED = 1e-6  # greatest change of a converged membership
+_FAR = -1e37  # value of padding, which a projection removes
+_BOUNDS = 20  # iterations of the bound of a norm
 
 
 class Power(Protocol):
-    """What is factored: a left-stochastic matrix left right^T (`random_walk.Walk` is one)."""
+    """A left-stochastic matrix left right^T to factor, such as `random_walk.Walk`."""
 
     n: int
     norm: float
@@ -53,12 +54,12 @@ class Power(Protocol):
 
 @dataclass(frozen=True)
 class Factors:
-    """Attributes.
+    """A factorization.
 
     F : (n, r) float64
-        Where the walk goes from a label; columns add up to 1.
+        Distribution of the walk from each label; columns sum to 1.
     G : (r, n) float64
-        Which label a node belongs to; columns add up to 1.
+        Membership of nodes in labels; columns sum to 1.
     error : float
         |D^s - F G|^2 / |D^s|^2.
     """
@@ -86,9 +87,9 @@ def factored(walk: Power, resources: Resources, seed: int = 0, tries: int = 0) -
 
 
 def probe_cover(walk: Power, random: np.random.Generator | None = None) -> np.ndarray:
-    """Distributions from one probe after another, until every node is covered by one: the start of F, (n, r).
+    """Distributions from successive probes, until each node is covered: the start of F, (n, r).
 
-    With p = D^s e_j and q = D p, nodes with q < p still give heat away to the rest: they share j's source.
+    With p = D^s e_j and q = D p, nodes with q < p still lose heat to the others: they share the source of j.
     """
     unused = np.ones(walk.n, bool)
     columns = []
@@ -100,13 +101,13 @@ def probe_cover(walk: Power, random: np.random.Generator | None = None) -> np.nd
         unused &= walk.step(heat) >= heat
         unused[node] = False
         last = np.flatnonzero(unused)
-        if len(last) == 1 and max(column[last[0]] for column in columns) > 0:  # no label for what others reach
+        if len(last) == 1 and max(column[last[0]] for column in columns) > 0:  # no label for a node that others reach
             break
     return np.stack(columns, axis=1)
 
 
 def _descended(walk: Power, resources: Resources, F: np.ndarray, G: np.ndarray | None = None) -> Factors:
-    """Both in turn, until the error falls no more."""
+    """Alternate both, until the error no longer decreases."""
     r = F.shape[1]
     F = np.asarray(F, np.float32)
     memberships = np.full((walk.n, r), 1.0 / r, np.float32) if G is None else np.ascontiguousarray(G.T, np.float32)
@@ -181,7 +182,7 @@ def distributions(
 
 
 def _momentum(steps: int) -> np.ndarray:
-    """How far to look ahead, (steps + 1,) float32 by steps since a start: Beck and Teboulle 2009, eq. 4.2."""
+    """Momentum, (steps + 1,) float32 by steps since a restart: Beck and Teboulle 2009, eq. 4.2."""
     factors, t = [0.0], 1.0
     for _ in range(steps):
         following = (1.0 + math.sqrt(1.0 + 4.0 * t * t)) / 2.0
@@ -191,7 +192,7 @@ def _momentum(steps: int) -> np.ndarray:
 
 
 def _largest(matrix: np.ndarray) -> float:
-    """Not less than the largest eigenvalue of a symmetric matrix without negative numbers (Collatz 1942)."""
+    """Upper bound of the largest eigenvalue of a symmetric nonnegative matrix (Collatz 1942)."""
     matrix = matrix.astype(np.float64) + 1e-30
     vector = np.ones(len(matrix))
     for _ in range(_BOUNDS):

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A folder of photos and maps becomes a library of materials. See README.md."""
+"""Builds a library of materials from a folder of photos and maps. See README.md."""

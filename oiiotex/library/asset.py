@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One material made an asset: its lines run, its files delivered, measured and judged, all of it in one new folder.
+"""Makes an asset from a material: runs its lines, delivers, measures and judges its files, in a new folder.
 
-A worker does this, here or on another machine. It writes into a folder of its run alone; whoever gave it the job
-renames that to where it belongs.
+Workers do this, on this machine or a farm. A worker writes only to a folder of its run; the run moves it to its final
+place.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from ..recipes.recipe import LibraryRecipe
 from .catalog import SIDECAR
 
 SCHEMA = "oiiotex.asset/2"
-_STEP = 0.1  # of a height map's range, between neighbors
+_STEP = 0.1  # of a height map's range, between neighboring pixels
 
 
 class _File(TypedDict):
@@ -53,32 +53,32 @@ class _Sidecar(TypedDict):
 
 
 class AssetJob(NamedTuple):
-    """A material for a worker."""
+    """A job for a worker: one material."""
 
     material: Material
     recipe: LibraryRecipe
     photos: str  # absolute, as the library
     library: str
-    work: str  # the folder that it makes, below the library
-    before: str  # the asset's folder of an earlier run, from which products are taken that would be the same; ''
-    digests: tuple[tuple[str, str], ...]  # of the maps: role and SHA-256 of the file, or of the archive that it is in
+    work: str  # the folder to create, below the library
+    before: str  # the asset's folder of an earlier run, whose unchanged products are reused; '' if none
+    digests: tuple[tuple[str, str], ...]  # role and SHA-256 of each map's file or archive
     budget: int
     threads: int
     version: str = __version__
 
 
 class Outcome(NamedTuple):
-    """What has become of a job."""
+    """The result of a job."""
 
     name: str
-    sidecar: dict[str, Any] | None  # What asset.json says; None where it failed
+    sidecar: dict[str, Any] | None  # Content of asset.json; None if the job failed
     error: str = ""
     seconds: float = 0.0
-    short_of_memory: bool = False  # More memory would help
+    short_of_memory: bool = False  # Whether more memory would help
 
 
 def key_of(material: Material, recipe: LibraryRecipe, digests: Mapping[str, str]) -> str:
-    """The hash of all that an asset follows from."""
+    """The hash of everything that determines an asset."""
     known = material.facts
     return hash_of(
         SCHEMA, __version__, material.name, sorted(digests.items()), _maps(material),
@@ -88,10 +88,10 @@ def key_of(material: Material, recipe: LibraryRecipe, digests: Mapping[str, str]
 
 
 def make(job: AssetJob) -> Outcome:
-    """Do a job. What is wrong with a material is its outcome and no exception: others go on."""
+    """Run a job. Errors are part of the result, so that other jobs continue."""
     start = time.perf_counter()
     if job.version != __version__:
-        text = f"a worker has oiiotex {__version__}, the run is of {job.version}: they must be the same"
+        text = f"the worker has oiiotex {__version__}: expected {job.version}, as in the run; install the same version"
         return Outcome(job.material.name, None, text)
     folder = Path(job.work)
     try:
@@ -99,15 +99,15 @@ def make(job: AssetJob) -> Outcome:
         folder.mkdir(parents=True)
         sidecar = _Making(job, folder).sidecar(start)
         return Outcome(job.material.name, sidecar, seconds=time.perf_counter() - start)
-    except Exception as error:  # a fault of ours must not end a night's run either
+    except Exception as error:  # a bug must not end a run either
         shutil.rmtree(folder, ignore_errors=True)
-        kind = "" if isinstance(error, (Error, OSError)) else f"internal, {type(error).__name__}: "
+        kind = "" if isinstance(error, (Error, OSError)) else f"internal error: {type(error).__name__}: "
         short = isinstance(error, MemoryBudgetError)
         return Outcome(job.material.name, None, one_line(f"{kind}{error}"), time.perf_counter() - start, short)
 
 
 def read_sidecar(folder: Path) -> dict[str, Any]:
-    """What a folder says it is."""
+    """Read and check the asset.json of a folder."""
     try:
         sidecar = json.loads((folder / SIDECAR).read_bytes())
     except (OSError, ValueError) as error:
@@ -117,32 +117,32 @@ def read_sidecar(folder: Path) -> dict[str, Any]:
 
 
 def faults(folder: Path, files: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What is wrong with the files of a folder, by their bytes and hashes."""
+    """Errors of the files of a folder, compared with their recorded sizes and hashes."""
     wrong = []
     for file in files:
         path = folder / file["path"]
         if not path.is_relative_to(folder) or ".." in path.relative_to(folder).parts:
-            wrong.append(f"{path}: is not in the folder")
+            wrong.append(f"{path} is outside the asset's folder")
         elif not path.is_file():
-            wrong.append(f"{path}: is not there")
+            wrong.append(f"{path} is missing")
         elif path.stat().st_size != file["bytes"] or digest_of(path) != file["sha256"]:
-            wrong.append(f"{path}: is not what was written")
+            wrong.append(f"{path} has changed since it was written")
     return wrong
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256 of a file."""
+    """The SHA-256 of a file."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def run_line(step: ProductStep, folder: Path, budget: int = 0, threads: int = 0) -> int:
-    """Run a product's line in an asset's folder, where it writes into the product's own alone; returns its exit code.
+    """Run a product's line in an asset's folder, writing only to the product's folder; returns the exit code.
 
     Raises
     ------
     Error
-        It fails.
+        The line fails.
     """
     task = Task(Frame(None, step.words), len(parse(list(step.words), LANGUAGE).steps))
     with writing_only_below(folder / step.product):
@@ -155,18 +155,18 @@ def run_line(step: ProductStep, folder: Path, budget: int = 0, threads: int = 0)
 
 @dataclass
 class _Making:
-    """One job while it is done."""
+    """A running job."""
 
     job: AssetJob
     folder: Path
 
     def sidecar(self, start: float) -> dict[str, Any]:
-        """Make everything, and say what was made."""
+        """Make the asset, and return the content of its asset.json."""
         job, material, recipe = self.job, self.job.material, self.job.recipe
         steps = steps_of(recipe, material.maps)
         tile = next((step for step in steps if step.outputs), None)
         if tile is None:
-            raise Error("the product that is delivered asks for a map that this material does not have")
+            raise Error("the product with $outputs requires a map that this material does not have")
         keys, reasons = self._products(steps)
         maps = {role: read(self.folder / path) for role, path in tile.outputs.items()}
         measures, steps_px = self._measures(tile.product, maps)
@@ -217,7 +217,7 @@ class _Making:
     # --- lines ---
 
     def _products(self, steps: Sequence[ProductStep]) -> tuple[dict[str, str], list[str]]:
-        """Run the lines, or take their files from before; gives keys of what may be taken again, and failed limits."""
+        """Run the lines or reuse earlier files; returns the keys of reusable products, and failed limits."""
         keys: dict[str, str] = {}
         failed: dict[str, str] = {}
         before = self._before()
@@ -230,18 +230,18 @@ class _Making:
             (self.folder / step.product).mkdir(exist_ok=True)
             self._lay_out_sources()
             if status := run_line(step, self.folder, self.job.budget, self.job.threads):
-                failed[step.product] = f"product {step.product}: beyond a limit of its line (exit {status})"
+                failed[step.product] = f"product {step.product}: exceeds a limit of its line (exit code {status})"
         return {name: key for name, key in keys.items() if name not in failed}, list(failed.values())
 
     def _before(self) -> dict[str, Any]:
-        """What an earlier run made of this material."""
+        """The asset.json of an earlier run; empty if there is none."""
         if self.job.before:
             with contextlib.suppress(Error):
                 return read_sidecar(Path(self.job.before))
         return {}
 
     def _taken(self, step: ProductStep, before: Mapping[str, Any]) -> bool:
-        """Take a product's files from before; False where they are no more what they were."""
+        """Reuse a product's files of an earlier run; False if they have changed."""
         old = Path(self.job.before)
         files = [file for file in before["files"] if file["path"].startswith(f"{step.product}/")]
         if not files or faults(old, files):
@@ -260,10 +260,10 @@ class _Making:
         for role, file in self.job.material.maps.items():
             extract(Path(self.job.photos), file, self.folder / source_name(role, file))
 
-    # --- what is said of it ---
+    # --- description ---
 
     def _hand(self) -> str:
-        """Of the delivered normals: 'opengl', 'directx' or ''."""
+        """Convention of the delivered normals: 'opengl', 'directx' or ''."""
         normal = self.job.material.maps.get("normal")
         if normal is None:
             return ""
@@ -273,7 +273,7 @@ class _Making:
         return self.job.recipe.deliver.color or color.first.spec.get_string_attribute(TAG)
 
     def _measures(self, product: str, maps: Mapping[str, Image]) -> tuple[dict[str, float], list[list[float]]]:
-        """What the tile's own report says, and what maps of normals and heights are like; its lattice, px."""
+        """Measures of the tile from its report and from normal and height maps; its lattice in pixels."""
         measures, lattice = dict[str, float](), list[list[float]]()
         report = self.folder / product / "report.json"
         if report.is_file():
@@ -287,7 +287,7 @@ class _Making:
         return measures, lattice
 
     def _labels(self, steps: Sequence[ProductStep], color: Image) -> list[tuple[str, float, list[float]]]:
-        """The labels of the first product that has label maps, by name, share and color."""
+        """Name, share and color of the labels of the first product with label maps."""
         for step in steps:
             for path in sorted((self.folder / step.product).glob("*.exr")):
                 labels = label_colors(read(path), color, _session(self.job).resources)
@@ -296,7 +296,7 @@ class _Making:
         return []
 
     def _meters_a_pixel(self, tile: ProductStep, steps: Sequence[ProductStep]) -> tuple[float, ...]:
-        """Of the tile along x and y, where the photo's size is known and no line on the way to it has resized it."""
+        """Meters per pixel of the tile along x and y; () if the photo's size is unknown or a line resizes."""
         size, needed = self.job.material.facts.size_m, {tile.product}
         for step in reversed(steps):
             if step.product in needed:
@@ -318,7 +318,7 @@ class _Making:
         ]
 
     def _files(self) -> list[dict[str, Any]]:
-        """Everything that was written, with its hash."""
+        """All written files, with their hashes."""
         files = []
         for path in sorted(path for path in self.folder.rglob("*") if path.is_file()):
             name = path.relative_to(self.folder).as_posix()
@@ -327,24 +327,24 @@ class _Making:
 
 
 def role_of(path: str) -> str:
-    """What a file of an asset is, for the catalog: its product, or what it is itself."""
+    """The role of an asset's file in the catalog: its product, or its name or extension."""
     return path.split("/")[0] if "/" in path else Path(path).stem if path.endswith(".jpg") else Path(path).suffix[1:]
 
 
 def _maps(material: Material) -> list[tuple[str, str, str, str]]:
-    """What of a material's maps shows in the result, beside their bytes."""
+    """Properties of a material's maps that affect the result, in addition to their content."""
     return [(role, file.suffix, file.channel, file.hand) for role, file in material.maps.items()]
 
 
 def _steps(heights: np.ndarray) -> float:
-    """Share of neighbors, around the borders of the tile, too, that differ by more than a tenth of the map's range."""
+    """Share of neighboring pixels, with wraparound, that differ by more than a tenth of the map's range."""
     most = _STEP * max(float(np.ptp(heights)), 1e-9)
     shares = [np.mean(np.abs(heights - np.roll(heights, 1, axis)) > most) for axis in (0, 1)]
     return float(np.mean(shares))
 
 
 def _write_texture(source: Path, target: Path) -> None:
-    """A MIP-mapped texture that repeats."""
+    """Write a MIP-mapped, periodic texture."""
     config = oiio.ImageSpec()
     config.tile_width = config.tile_height = 64
     config.tile_depth = 1
@@ -353,7 +353,7 @@ def _write_texture(source: Path, target: Path) -> None:
         raise Error(f"{target}: {oiio.geterror()}")
 
 
-_sessions: list[Session] = []  # the one that this process draws with: its color config takes a while to load
+_sessions: list[Session] = []  # one per process, because loading its color config is slow
 
 
 def _session(job: AssetJob) -> Session:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a library holds, in a SQLite database: assets, files, measures, failures, and which run is at which asset.
+"""The catalog of a library, a SQLite database: assets, files, measures, failures, and assets claimed by runs.
 
-Folders are the truth: each says in its asset.json what it is. The catalog is how they are found and searched, and it
-is written after them, in one transaction an asset. It lies on a disk of the machine that runs `ingest`: SQLite's
-write-ahead log wants shared memory. Workers on other machines write folders alone.
+The folders with their asset.json are authoritative. The catalog indexes them, and is updated after them, in one
+transaction per asset. It must be on a local disk of the machine that runs `ingest`, because SQLite's write-ahead log
+requires shared memory. Workers on other machines only write folders.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..errors import Error
-from .runs import CAN_LOCK, FILE, WORK, folder_of_run, lock, locked, said
+from .runs import CAN_LOCK, FILE, WORK, folder_of_run, lock, locked, sqlite_errors
 
-PLACES = ("assets", "review")  # where folders of assets lie
-SIDECAR = "asset.json"  # what says in a folder which asset it is
+PLACES = ("assets", "review")  # parents of asset folders
+SIDECAR = "asset.json"  # describes the asset of a folder
 _VERSION = 2
-_PATIENCE = 60.0  # s that one writer waits for another
+_PATIENCE = 60.0  # s; timeout of a writer that waits for another
 _TABLES = """
 CREATE TABLE assets (
     name TEXT PRIMARY KEY, key TEXT NOT NULL, status TEXT NOT NULL, folder TEXT NOT NULL, reasons TEXT NOT NULL,
@@ -56,16 +56,16 @@ class Asset(NamedTuple):
 
     name: str
     key: str
-    status: str  # ok; review: beyond a limit; failed: could not be made; asked: the recipe must say something
-    folder: str = ""  # Below the library; '' where there is none
+    status: str  # ok; review: exceeds a limit; failed: not made; asked: the recipe must answer a question
+    folder: str = ""  # Below the library; '' if there is none
     reasons: tuple[str, ...] = ()  # Why it is not ok
-    root: str = ""  # The folder of photos that it was found in
+    root: str = ""  # The folder of photos that contains its material
     license: str = ""
     author: str = ""
     width: int = 0
     height: int = 0
     size_m: tuple[float, ...] = ()
-    lab: tuple[float, ...] = ()  # Its mean color; () where there is none
+    lab: tuple[float, ...] = ()  # Mean color; () if unknown
     seconds: float = 0.0
     made: str = ""
 
@@ -85,20 +85,20 @@ class Catalog:
     ----------
     library : Path
     create : bool
-        Make library and catalog where they are not.
+        Create library and catalog if they do not exist.
 
     Raises
     ------
     Error
-        There is none, it is of another version, it is none, or it has been emptied.
+        The catalog is missing, has another version, is damaged, or is empty although there are assets.
     """
 
     def __init__(self, library: Path, create: bool = False):
         self.library = library
         path = library / FILE
         if not create and not path.is_file():
-            raise Error(f"{library}: no library: oiiotex-library ingest PHOTOS {library} makes one")
-        with said(library):
+            raise Error(f"{library} is not a library; create one with oiiotex-library ingest PHOTOS {library}")
+        with sqlite_errors(library):
             (library / WORK).mkdir(parents=True, exist_ok=True)
             self._data = sqlite3.connect(path, timeout=_PATIENCE, isolation_level=None)
             self._data.execute("PRAGMA journal_mode=WAL")
@@ -109,12 +109,12 @@ class Catalog:
                 self._require_filled()
 
     def _require_filled(self) -> None:
-        """Refuse a catalog without assets beside folders of them: what is there would be taken for nothing, or go."""
+        """Raise Error for an empty catalog alongside folders of assets, which would be ignored or removed."""
         if self._data.execute("SELECT 1 FROM assets LIMIT 1").fetchone():
             return
         if any(next((self.library / place).glob(f"*/*/{SIDECAR}"), None) for place in PLACES):
-            told = "ingest again, which records what is made"
-            raise Error(f"{self.library / FILE}: names no asset, though there are folders of some: {told}")
+            hint = "run ingest again, which restores the catalog"
+            raise Error(f"{self.library / FILE} is empty, but the library has assets; {hint}")
 
     def _prepare(self) -> None:
         with self._transaction():
@@ -124,8 +124,8 @@ class Catalog:
                     self._data.execute(statement)
                 self._data.execute(f"PRAGMA user_version={_VERSION}")
             elif version != _VERSION:
-                told = f"this oiiotex reads {_VERSION}: remove {FILE}* and ingest again"
-                raise Error(f"{self.library}: a library of version {version}; {told}")
+                hint = f"remove {FILE}* and run ingest again"
+                raise Error(f"{self.library}: library version {version}: expected {_VERSION}; {hint}")
 
     def __enter__(self) -> Catalog:
         return self
@@ -135,8 +135,8 @@ class Catalog:
 
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[None]:
-        """All of the block or nothing of it, and no other writer in between."""
-        with said(self.library):
+        """An exclusive transaction, rolled back on errors."""
+        with sqlite_errors(self.library):
             self._data.execute("BEGIN IMMEDIATE")
             try:
                 yield
@@ -148,28 +148,28 @@ class Catalog:
     # --- reading ---
 
     def assets(self) -> dict[str, Asset]:
-        """All assets by name, in its order."""
-        with said(self.library):
+        """All assets by name, sorted."""
+        with sqlite_errors(self.library):
             return {row[0]: _asset(row) for row in self._data.execute(f"{_ASSETS} ORDER BY name")}
 
     def asset(self, name: str) -> Asset | None:
-        """The asset of that name."""
-        with said(self.library):
+        """The asset with a name."""
+        with sqlite_errors(self.library):
             row = self._data.execute(f"{_ASSETS} WHERE name = ?", (name,)).fetchone()
         return _asset(row) if row else None
 
     def measures(self) -> dict[str, dict[str, float]]:
-        """The measures of all assets."""
+        """The measures of all assets, by asset and measure."""
         return self._gathered("SELECT asset, name, value FROM measures")
 
     def tags(self) -> dict[str, dict[str, str]]:
-        """The tags of all assets, as keys."""
+        """The tags of all assets: asset -> tags as keys."""
         return self._gathered("SELECT asset, tag, tag FROM tags")
 
     def labels(self) -> dict[str, list[AssetLabel]]:
-        """The labels of all assets that have some."""
+        """The labels of assets with labels."""
         gathered: dict[str, list[AssetLabel]] = {}
-        with said(self.library):
+        with sqlite_errors(self.library):
             for asset, name, share, *lab in self._data.execute(
                 "SELECT asset, name, share, l, a, b FROM labels ORDER BY asset, number"
             ):
@@ -178,7 +178,7 @@ class Catalog:
 
     def _gathered(self, query: str) -> dict[str, dict[str, Any]]:
         gathered: dict[str, dict[str, Any]] = {}
-        with said(self.library):
+        with sqlite_errors(self.library):
             for asset, name, value in self._data.execute(query):
                 gathered.setdefault(asset, {})[name] = value
         return gathered
@@ -186,18 +186,18 @@ class Catalog:
     def files(self, asset: str) -> list[tuple[str, str, int, str]]:
         """An asset's files: (path in its folder, role, bytes, SHA-256)."""
         query = "SELECT path, role, bytes, sha256 FROM files WHERE asset = ? ORDER BY path"
-        with said(self.library):
+        with sqlite_errors(self.library):
             return list(self._data.execute(query, (asset,)))
 
     def sources(self) -> dict[str, tuple[int, int, str]]:
-        """Files that were hashed: path -> (bytes, ns of the last change, SHA-256)."""
-        with said(self.library):
+        """Hashed files: path -> (bytes, modification time in ns, SHA-256)."""
+        with sqlite_errors(self.library):
             rows = self._data.execute("SELECT path, bytes, changed, sha256 FROM sources")
             return {path: (size, changed, digest) for path, size, changed, digest in rows}
 
     def faults(self) -> list[str]:
-        """What SQLite finds wrong in its file."""
-        with said(self.library):
+        """Errors that SQLite finds in the database."""
+        with sqlite_errors(self.library):
             rows = [text for (text,) in self._data.execute("PRAGMA integrity_check")]
             rows += [f"a row of {row[0]} without its asset" for row in self._data.execute("PRAGMA foreign_key_check")]
         return [text for text in rows if text != "ok"]
@@ -205,7 +205,7 @@ class Catalog:
     # --- writing ---
 
     def remember_sources(self, rows: Iterable[tuple[str, int, int, str]]) -> None:
-        """Keep the hashes of files."""
+        """Store the hashes of files."""
         with self._transaction():
             self._data.executemany("INSERT OR REPLACE INTO sources VALUES (?, ?, ?, ?)", rows)
 
@@ -217,13 +217,13 @@ class Catalog:
         tags: Sequence[str] = (),
         labels: Sequence[AssetLabel] = (),
     ) -> None:
-        """An asset as it is now, in place of what it was."""
+        """Insert or replace an asset."""
         self.put_all([(asset, files, measures or {}, tags, labels)])
 
     def put_all(
         self, rows: Iterable[tuple[Asset, Sequence[Any], Mapping[str, float], Sequence[str], Sequence[AssetLabel]]]
     ) -> None:
-        """Many assets in one transaction: (asset, files, measures, tags, labels)."""
+        """Insert or replace assets, given as (asset, files, measures, tags, labels), in one transaction."""
         with self._transaction():
             for asset, files, measures, tags, labels in rows:
                 self._data.execute("DELETE FROM assets WHERE name = ?", (asset.name,))
@@ -243,7 +243,7 @@ class Catalog:
 
     @contextlib.contextmanager
     def run(self) -> Iterator[str]:
-        """While this lasts, a run with a folder of its own below `WORK`; what dead runs have left is swept."""
+        """A context with a separate folder below `WORK` for a run; leftovers of dead runs are removed."""
         with locked(self.library / WORK / "lock"):
             self._sweep()
         with folder_of_run(self.library) as name:
@@ -254,8 +254,8 @@ class Catalog:
                     self._data.execute("DELETE FROM claims WHERE run = ?", (name,))
 
     def _sweep(self) -> None:
-        """Remove folders and claims of runs that are no more: the system has let go of their locks."""
-        if not CAN_LOCK:  # nobody can tell
+        """Remove folders and claims of dead runs, whose locks the system has released."""
+        if not CAN_LOCK:  # without locks, dead runs cannot be recognized
             return
         live = []
         for folder in (self.library / WORK).glob("run-*"):
@@ -273,19 +273,19 @@ class Catalog:
             self._data.execute(f"DELETE FROM claims WHERE run NOT IN ({marks})", live)
 
     def sweep(self) -> None:
-        """Remove what runs have left that were killed."""
+        """Remove leftovers of killed runs."""
         with locked(self.library / WORK / "lock"):
             self._sweep()
 
     def claim(self, asset: str, run: str) -> bool:
-        """Take an asset for a run; False where another one is at it."""
+        """Claim an asset for a run; False if another run has claimed it."""
         with self._transaction():
             self._data.execute("INSERT OR IGNORE INTO claims VALUES (?, ?)", (asset, run))
             (owner,) = self._data.execute("SELECT run FROM claims WHERE asset = ?", (asset,)).fetchone()
         return bool(owner == run)
 
     def release(self, asset: str, run: str) -> None:
-        """Let others take it."""
+        """Release the claim of an asset."""
         with self._transaction():
             self._data.execute("DELETE FROM claims WHERE asset = ? AND run = ?", (asset, run))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `oiiotex-library` does: its words, and what is printed."""
+"""Command line of `oiiotex-library`: arguments, commands and their output."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from .search import AssetSearch
 
 _SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
-_LEAST_MEMORY = 2048  # MB that a task of a job template asks for, when the line does not say
+_LEAST_MEMORY = 2048  # MB; memory requirement of a job template's task without --cache
 _LOG = "ingest.log"
 
 
 def run(words: list[str]) -> int:
-    """Do what a command line says; returns the exit code."""
+    """Run a command line, and return the exit code."""
     given = _parser().parse_args(words or ["--help"])
     level = logging.INFO if given.debug else logging.ERROR
     logging.basicConfig(format="%(message)s", level=level)
@@ -36,72 +36,82 @@ def run(words: list[str]) -> int:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Its errors are ours: one line, exit 1."""
+    """An argument parser that raises ParameterError: one line, exit code 1."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise what is wrong."""
-        raise ParameterError(f"{message}: {self.prog} --help lists what is allowed")
+        """Raise a ParameterError."""
+        raise ParameterError(f"{message}; see {self.prog} --help")
 
 
 def _parser() -> _Parser:
-    parser = _Parser(prog="oiiotex-library", description="A library of materials from a folder of photos.")
+    parser = _Parser(
+        prog="oiiotex-library", description="Build and search a library of materials from a folder of photos."
+    )
     parser.add_argument("--version", action="version", version=f"oiiotex {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=_Parser)
 
     def command(name: str, work, text: str, library: bool = True) -> argparse.ArgumentParser:  # type: ignore[no-untyped-def]
         own = commands.add_parser(name, help=text, description=text)
-        own.add_argument("--debug", action="store_true", help="say where an error comes from")
+        own.add_argument("--debug", action="store_true", help="Log details, and print the traceback of an error.")
         own.set_defaults(work=work)
         if library:
-            own.add_argument("library", type=_path, metavar="LIBRARY")
+            own.add_argument("library", type=_path, metavar="LIBRARY", help="Folder of the library.")
         return own
 
-    command("recipe", _recipe, "print a commented recipe", library=False)
-    own = command("ingest", _ingest, "bring a library up to date with a folder of photos", library=False)
-    own.add_argument("photos", type=_path, metavar="PHOTOS")
-    own.add_argument("library", type=_path, metavar="LIBRARY")
-    own.add_argument("--recipe", type=_path, required=True, metavar="FILE", help="what is made, and how")
-    own.add_argument("--workers", type=_number, default=0, metavar="N", help="processes; as many as threads by default")
-    own.add_argument("--cache", type=_number, default=0, metavar="MB", help="memory of all of them")
-    own.add_argument("--farm", default="", metavar="ENGINE", help="dask=tcp://HOST:PORT, dask=local:N, openjd=FILE[,N]")
-    own.add_argument("--share", default="", metavar="I/N", help="make share I of N; a later run records it")
-    own.add_argument("--join", action="store_true", help="the run that records shares, and makes what is missing")
-    own.add_argument("--openjd", action="store_true", help="tell progress as Open Job Description's runners read it")
-    own.add_argument("-q", "--quiet", action="store_true", help="no line for an asset, no progress")
-    _add_search(command("list", _list, "list assets"))
-    own = command("show", _show, "print all that is known of an asset, as JSON")
-    own.add_argument("name", metavar="NAME")
-    command("check", _check, "hash and validate everything; exit 1 where something is wrong")
-    command("gc", _gc, "remove what newer assets have replaced, and what killed runs have left")
-    own = command("export", _export, "copy assets into a folder, each under its name")
-    own.add_argument("target", type=_path, metavar="FOLDER")
+    command("recipe", _recipe, "Print a commented recipe.", library=False)
+    own = command("ingest", _ingest, "Create or update a library from a folder of photos.", library=False)
+    add = own.add_argument
+    add("photos", type=_path, metavar="PHOTOS", help="Folder of photos and maps.")
+    add("library", type=_path, metavar="LIBRARY", help="Folder of the library.")
+    add("--recipe", type=_path, required=True, metavar="FILE", help="Recipe (TOML): which products to make, and how.")
+    text = "Number of worker processes. Default: number of threads."
+    add("--workers", type=_number, default=0, metavar="N", help=text)
+    text = "Memory budget of all workers together, in MB. Default: a quarter of the memory."
+    add("--cache", type=_number, default=0, metavar="MB", help=text)
+    text = "Run on a farm: dask=tcp://HOST:PORT, dask=local:N or openjd=FILE[,SHARES]."
+    add("--farm", default="", metavar="ENGINE", help=text)
+    text = "Make only share I of N. A later run records the results in the catalog."
+    add("--share", default="", metavar="I/N", help=text)
+    add("--join", action="store_true", help="Record the results of shares, and make missing assets.")
+    add("--openjd", action="store_true", help="Print progress for Open Job Description runners.")
+    add("-q", "--quiet", action="store_true", help="Print neither assets nor progress.")
+    _add_search(command("list", _list, "List assets."))
+    own = command("show", _show, "Print all data of an asset as JSON.")
+    own.add_argument("name", metavar="NAME", help="Name of the asset.")
+    command("check", _check, "Verify the hashes and documents of all assets. Exit code 1 if there are errors.")
+    command("gc", _gc, "Remove replaced assets and leftovers of killed runs.")
+    own = command("export", _export, "Copy assets to a folder, each in a subfolder with its name.")
+    own.add_argument("target", type=_path, metavar="FOLDER", help="Target folder, outside the library.")
     _add_search(own, "ok")
     return parser
 
 
 def _add_search(parser: argparse.ArgumentParser, status: str = "") -> None:
-    group = parser.add_argument_group("search")
-    group.add_argument("--name", default="", metavar="PATTERN", help="with * and ?")
-    choices = ("ok", "review", "failed", "asked")
-    group.add_argument("--status", default=status, choices=choices)
-    group.add_argument("--tag", default="")
-    group.add_argument("--measure", action="append", default=[], metavar="LIMIT", help="such as seam<1.2; all hold")
-    group.add_argument("--color", default="", metavar="RRGGBB", help="sRGB; the nearest mean colors come first")
-    group.add_argument("--distance", type=float, default=15.0, metavar="LAB", help="from --color at most (15)")
-    group.add_argument("--size", default="", metavar="[<>]WxH[m]", help="px, or meters; > or <: at least or at most")
-    text = "NAME or #RRGGBB of labels; behind it >0.2: of more than a fifth"
-    group.add_argument("--label", default="", metavar="TERM", help=text)
+    add = parser.add_argument_group("search").add_argument
+    add("--name", default="", metavar="PATTERN", help="Name of the asset, with wildcards * and ?.")
+    text = "Status of the asset." + (f" Default: {status}." if status else "")
+    add("--status", default=status, choices=("ok", "review", "failed", "asked"), help=text)
+    add("--tag", default="", help="Tag of the asset.")
+    text = "Limit of a measure, such as 'seam<1.2'. Can be repeated: all must hold."
+    add("--measure", action="append", default=[], metavar="LIMIT", help=text)
+    add("--color", default="", metavar="RRGGBB", help="Mean color in sRGB. Sorts by color distance.")
+    text = "Maximum distance (CIE Lab) from a color. Default: 15."
+    add("--distance", type=float, default=15.0, metavar="LAB", help=text)
+    text = "Size in pixels, or in meters with m. >: at least, <: at most."
+    add("--size", default="", metavar="[<>]WxH[m]", help=text)
+    text = "Label NAME (with wildcards) or #RRGGBB, optionally with a minimum share: 'moss>0.2' for more than 20 %%."
+    add("--label", default="", metavar="TERM", help=text)
 
 
 def _path(text: str) -> Path:
-    if not text:  # which a Path takes for the current folder
+    if not text:  # Path("") is the current folder
         raise argparse.ArgumentTypeError("'': expected a path")
     return Path(text)
 
 
 def _number(text: str) -> int:
     if not (text.isascii() and text.isdigit()):
-        raise argparse.ArgumentTypeError(f"'{text}': expected a whole number")
+        raise argparse.ArgumentTypeError(f"'{text}': expected an integer >= 0")
     return int(text)
 
 
@@ -145,14 +155,14 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
     from .ingest import IngestSettings, ingest
     from .report import write_report
 
-    blender_list(given.library)  # what cannot be written in the end is said now
+    blender_list(given.library)  # fail now if Blender's list cannot be written at the end
     settings = IngestSettings(workers, given.cache << 20, address, share)
     lines: list[str] = []
 
     def say(text: str) -> None:
         lines.append(one_line(text))
         with contextlib.suppress(OSError), open(given.library / _LOG, "a") as log:
-            log.write(f"{lines[-1]}\n")  # at once: a run may be killed
+            log.write(f"{lines[-1]}\n")  # at once, because a run can be killed
         if not given.quiet:
             display.print(lines[-1])
             sys.stdout.flush()
@@ -164,7 +174,9 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
             write_blender(catalog, given.library)
             write_report(catalog, given.library.resolve().name)
     if not given.quiet:
-        counts = ", ".join(f"{count} {status}" for status, count in sorted(tally.counts.items())) or "nothing found"
+        counts = (
+            ", ".join(f"{count} {status}" for status, count in sorted(tally.counts.items())) or "no materials found"
+        )
         print(f"{tally.made} made, {tally.unchanged} unchanged: {counts}; {tally.seconds:.1f} s")
     return tally.status
 
@@ -218,7 +230,7 @@ def _list(given: argparse.Namespace, words: list[str]) -> int:
         size = f"{asset.width}x{asset.height}" if asset.width else "-"
         own = [f"{name}={measures[name]:.3g}" for name in ("seam", "repeat", "loss") if name in measures]
         lines.append("  ".join((asset.name, asset.status, size, *own, "; ".join(asset.reasons))).rstrip())
-    print("\n".join(map(one_line, lines)) or "no asset")
+    print("\n".join(map(one_line, lines)) or "no matching assets")
     return 0
 
 
@@ -238,7 +250,7 @@ def _check(given: argparse.Namespace, words: list[str]) -> int:
         left, count = len(orphans(catalog)), len(catalog.assets())
     for fault in faults:
         print(one_line(fault))
-    print(f"{count} assets, {len(faults)} faults" + (f"; {left} folders that gc removes" if left else ""))
+    print(f"{count} assets, {len(faults)} errors" + (f"; {left} replaced folders (gc removes them)" if left else ""))
     return 1 if faults else 0
 
 
@@ -257,9 +269,9 @@ def _export(given: argparse.Namespace, words: list[str]) -> int:
     with _catalog(given) as catalog:
         chosen = [asset for asset, _ in _search(given).assets(catalog) if asset.folder]
         if not chosen:
-            raise Error("no asset fits: nothing to export")
+            raise Error("no matching assets to export; change the search options")
         count = export(catalog, given.target, chosen, lambda name: print(one_line(name)))
-    print(f"{count} copied, {len(chosen) - count} as they were")
+    print(f"{count} copied, {len(chosen) - count} unchanged")
     return 0
 
 

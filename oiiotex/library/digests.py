@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of photos by their hashes: what is as it was is not read again."""
+"""Hashes of photo files; unchanged files are not read again."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _READERS = 4  # threads that hash files
 def digests_of(
     photos: Path, found: Sequence[Material], catalog: Catalog | FoldersAlone
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """The SHA-256 of every file that is used, and why others have none; what is as it was is not read again."""
+    """The SHA-256 of every file in use, and errors of files that cannot be read. Unchanged files are not read again."""
     known, digests, unread, new = catalog.sources(), dict[str, str](), dict[str, str](), []
     for path in sorted({file.path for material in found for file in material.maps.values()}):
         if not is_text(path):
-            unread[path] = f"{one_line(path)}: its name is not UTF-8: rename it"
+            unread[path] = f"{one_line(path)}: the file name is not UTF-8; rename it"
             continue
         try:
             status = os.stat(photos / path)
@@ -54,11 +54,11 @@ def digests_of(
 
 
 def _why(path: str, error: OSError) -> str:
-    return f"{path}: cannot be read: {error.strerror or error}"
+    return f"{path}: cannot read: {error.strerror or error}"
 
 
 def is_text(path: str | Path) -> bool:
-    """Whether a name is more than bytes: SQLite and JSON hold text."""
+    """Whether a name is valid UTF-8, which SQLite and JSON require."""
     try:
         str(path).encode()
     except UnicodeEncodeError:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Assets handed on: copied into a folder, each under its name, with an index and Blender's catalog."""
+"""Export: copies assets to a folder, with an index and Blender's list of catalogs."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ INDEX, EXPORT_SCHEMA = "index.json", "oiiotex.export/1"
 
 
 def export(catalog: Catalog, target: Path, chosen: Sequence[Asset], done: Callable[[str], object]) -> int:
-    """Copy assets that have a folder into another, each under its name, with an index and Blender's catalog.
+    """Copy assets to a folder, each in a subfolder with its name, with an index and Blender's list of catalogs.
 
-    Returns how many were copied: the others are as they were.
+    Returns the number of copied assets; the others were up to date.
     """
     count, index = 0, []
     if target.resolve().is_relative_to(catalog.library.resolve()):
-        raise ParameterError(f"{target}: lies in the library: export to a folder outside of it")
+        raise ParameterError(f"{target} is inside the library: expected a folder outside of it")
     for asset in chosen:
         _require_replaceable(target / asset.name)
     if os.path.lexists(target / INDEX) and not _is_of(EXPORT_SCHEMA, target / INDEX):
-        raise _foreign(target / INDEX, "index of an export")
+        raise _foreign(target / INDEX, "an export index")
     blender = _blender_text(catalog, target)
     try:
         target.mkdir(parents=True, exist_ok=True)
@@ -58,20 +58,20 @@ def export(catalog: Catalog, target: Path, chosen: Sequence[Asset], done: Callab
 
 
 def write_blender(catalog: Catalog, folder: Path) -> None:
-    """Blender's list of catalogs: one for each first tag, and one for what has none; what others put there stays."""
+    """Write Blender's list of catalogs, with one per first tag and one for untagged assets; other entries are kept."""
     _write(folder / materials.BLENDER, _blender_text(catalog, folder))
 
 
 def blender_list(folder: Path) -> str:
-    """Blender's list of catalogs as it is there; '' where there is none."""
+    """The content of Blender's list of catalogs in a folder; '' if there is none."""
     path = folder / materials.BLENDER
     if not os.path.lexists(path):
         return ""
     with contextlib.suppress(OSError, UnicodeDecodeError):
-        text = path.read_text() if path.is_file() else ""  # reading a pipe would wait
+        text = path.read_text() if path.is_file() else ""  # reading a pipe would block
         if "VERSION 1" in text.splitlines():
             return text
-    raise _foreign(path, "list of Blender's catalogs")
+    raise _foreign(path, "a list of Blender's catalogs")
 
 
 def _blender_text(catalog: Catalog, folder: Path) -> str:
@@ -85,13 +85,13 @@ def _write(path: Path, text: str) -> None:
 
 
 def _require_replaceable(folder: Path) -> None:
-    """Refuse what is no asset's folder, of whatever version: it is the user's."""
+    """Raise Error if a path exists that is not a folder of an asset (of any version)."""
     if os.path.lexists(folder) and (folder.is_symlink() or not _is_of(SCHEMA, folder / SIDECAR)):
-        raise _foreign(folder, "asset")
+        raise _foreign(folder, "an asset")
 
 
 def _is_of(schema: str, path: Path) -> bool:
-    """Whether a file is JSON of that schema, of whatever version."""
+    """Whether a file is JSON of a schema, in any version."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         if path.is_file():
             found = json.loads(path.read_bytes()).get("schema")
@@ -100,7 +100,7 @@ def _is_of(schema: str, path: Path) -> bool:
 
 
 def _foreign(path: Path, kind: str) -> Error:
-    return Error(f"{path}: is no {kind}, and would be replaced by one: remove it, or give it another name")
+    return Error(f"{path} is not {kind} and would be overwritten; remove or rename it")
 
 
 def _same(folder: Path, asset: Asset) -> bool:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A folder of photos into a library: what has changed is made, by processes here or by a farm, and recorded.
+"""Updates a library from a folder of photos: makes what has changed, with local processes or a farm, and records it.
 
-Who makes an asset claims it first, so two runs on one library share the work. An asset is a folder named by the hash of
-all that it follows from: made aside, renamed in one go, then recorded. Whatever kills a run, a folder that is there is
-whole, and what the catalog says is there.
+A run claims an asset before making it, so concurrent runs share the work. An asset is a folder named by the hash of
+everything that determines it: it is made in a working folder, renamed atomically, then recorded. If a run is killed,
+folders are still complete, and all assets in the catalog exist.
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ from .runs import WORK, FoldersAlone
 
 log = logging.getLogger("oiiotex")
 
-_POLL = 0.3  # s between looks at what another run has
-_DIED = "its process has ended of itself: killed, or out of memory?"
+_POLL = 0.3  # s between checks for assets of another run
+_DIED = "its process has ended unexpectedly (killed, or out of memory)"
 
 
 class IngestSettings(NamedTuple):
-    """How a run goes about it.
+    """Settings of a run.
 
-    `share`: make these of the materials and leave the catalog alone: number and count; (0, 0): all.
+    `share`: (number, count) of the share of materials to make, without the catalog; (0, 0): all materials.
     """
 
-    workers: int = 0  # Processes; 0: as many as there are threads and materials
-    budget: int = 0  # Bytes of memory for all of them; 0: a quarter of what there is
-    cluster: str = ""  # Address of a Dask scheduler that does the work; '': processes of this machine do
+    workers: int = 0  # Processes; 0: number of threads, at most number of materials
+    budget: int = 0  # Memory for all workers, in bytes; 0: a quarter of the memory
+    cluster: str = ""  # Address of a Dask scheduler; '': local processes
     share: tuple[int, int] = (0, 0)
 
 
 class Tally(NamedTuple):
-    """What has become of a run's materials."""
+    """The result of a run."""
 
     made: int
     unchanged: int
@@ -58,7 +58,7 @@ class Tally(NamedTuple):
 
     @property
     def status(self) -> int:
-        """The exit code: 1 where something failed, 3 where something wants to be looked at."""
+        """The exit code: 1 if a material failed, 3 if one needs attention (review, asked)."""
         return 1 if self.counts.get("failed") else 3 if self.counts.get("review") or self.counts.get("asked") else 0
 
 
@@ -70,17 +70,17 @@ def ingest(
     say: Callable[[str], object],
     display: Display,
 ) -> Tally:
-    """Bring a library up to date with a folder of photos."""
+    """Create or update a library from a folder of photos."""
     start = time.perf_counter()
     require_lines(recipe)
     require_confined(recipe)
     if photos.resolve() == library.resolve():
-        raise ParameterError(f"{library}: photos and library are one folder: give the library one of its own")
+        raise ParameterError(f"{library}: photos and library are the same folder: expected two folders")
     found = materials(photos, recipe)
     photos, library = photos.resolve(), library.resolve()
     for folder in (photos, library):
         if not is_text(folder):
-            raise ParameterError(f"{folder}: its name is not UTF-8: rename it")
+            raise ParameterError(f"{folder}: the name is not UTF-8; rename the folder")
     number, count = settings.share
     if count:
         found = found[number - 1 :: count]
@@ -93,7 +93,7 @@ def ingest(
 
 @dataclass
 class _IngestRun:
-    """One run at its work."""
+    """A run in progress."""
 
     photos: Path
     library: Path
@@ -108,9 +108,9 @@ class _IngestRun:
     total: int = 0
 
     def plan(self, found: Sequence[Material], digests: dict[str, str], unread: dict[str, str]) -> list[AssetJob]:
-        """What is to be made; questions and what cannot be read are recorded, and what is as it was is counted."""
+        """The jobs of a run. Questions and unreadable files are recorded; unchanged assets are counted."""
         old, asked, todo = self.catalog.assets(), list[tuple[Any, ...]](), []
-        self.total = len(found)  # until it is known how many are to be made
+        self.total = len(found)  # until the number of assets to make is known
         for material in found:
             before = old.get(material.name)
             own = {role: digests.get(file.path, "") for role, file in material.maps.items()}
@@ -129,7 +129,7 @@ class _IngestRun:
                 self._count("asked")
                 if not before or before.reasons != questions:
                     self.say(f"{material.name}: asked: {'; '.join(questions)}")
-                if not before or (not before.folder and before.reasons != questions):  # what is there stays there
+                if not before or (not before.folder and before.reasons != questions):  # keep an existing folder
                     asked.append((Asset(material.name, key, "asked", "", questions, str(self.photos)), (), {}, (), ()))
                 continue
             if before and self._is_made(before, key):
@@ -141,22 +141,22 @@ class _IngestRun:
         return todo
 
     def _taken_by_another(self, before: Asset | None, key: str) -> tuple[str, ...]:
-        """A material of that name from another folder: two of a name would replace each other again and again."""
+        """A question if another folder has a material of that name: they would replace each other at every run."""
         if before is None or before.key == key or before.root in ("", str(self.photos)) or before.status == "asked":
             return ()
-        if not os.path.isdir(before.root):  # the folder has moved
+        if not os.path.isdir(before.root):  # the other folder has been moved
             return ()
-        return (f"{before.root} has a material of that name, too: rename the files of one",)
+        return (f"{before.root} also has a material of that name: rename the files of one of them",)
 
     def _is_made(self, asset: Asset, key: str) -> bool:
-        """Whether there is nothing to do: its folder is there, too."""
+        """Whether an asset is up to date and its folder exists."""
         return asset.key == key and asset.status in ("ok", "review") and (self.library / asset.folder).is_dir()
 
     def _count(self, status: str) -> None:
         self.counts[status] = self.counts.get(status, 0) + 1
 
     def carry_out(self, todo: list[AssetJob], total: int, start: float) -> Tally:
-        """Do all jobs; those that another run is at are waited for."""
+        """Run all jobs; wait for those that another run has claimed."""
         later, self.total = list(todo), self.made + len(todo)
         self.display.stage("ingest", True)
         while later:
@@ -170,7 +170,7 @@ class _IngestRun:
         return Tally(self.made, total - self.made, self.counts, time.perf_counter() - start)
 
     def _claimed(self, jobs: Sequence[AssetJob], tried: set[str]) -> Iterator[AssetJob]:
-        """Those that nobody has made and nobody is at, each claimed when it is asked for: two runs share them."""
+        """Yield jobs that no other run has made or claimed, claiming each on demand, so that runs share the work."""
         for job in jobs:
             name = job.material.name
             if not self.catalog.claim(name, self.name):
@@ -193,7 +193,7 @@ class _IngestRun:
     # --- making ---
 
     def _make(self, jobs: Iterator[AssetJob], most: int) -> None:
-        """Do jobs as they come, and record what becomes of them; there are so many at most."""
+        """Run at most `most` jobs as they arrive, and record the results."""
         if self.settings.cluster:
             for made, job in self._on_farm(list(jobs)):
                 self._record(made, job)
@@ -208,7 +208,7 @@ class _IngestRun:
                 alone.append(job)
             else:
                 self._record(outcome, job)
-        for job in alone:  # what has not got through beside others is tried with all the memory there is
+        for job in alone:  # retry failed jobs one at a time, with the whole memory budget
             again = job._replace(budget=budget, threads=usable_threads())
             for outcome, _ in _in_processes(iter([again]), 1):
                 self._record(outcome or Outcome(job.material.name, None, _DIED), job)
@@ -231,7 +231,7 @@ class _IngestRun:
     # --- recording ---
 
     def _there(self, job: AssetJob) -> dict[str, Any] | None:
-        """What an earlier run, or a worker of a farm, has made and nobody recorded; broken folders go."""
+        """The asset.json of a folder that was made but not recorded, or None; removes broken folders."""
         key = self._key(job)
         for place in PLACES:
             folder = self.library / place / job.material.name / key
@@ -241,7 +241,7 @@ class _IngestRun:
                 sidecar = read_sidecar(folder)
                 says = sidecar["name"], sidecar["key"], sidecar["status"] == "ok"
                 if says == (job.material.name, key, place == "assets") and not faults(folder, sidecar["files"]):
-                    _row(self.library, f"{place}/{job.material.name}/{key}", sidecar, "")  # else it is broken
+                    _row(self.library, f"{place}/{job.material.name}/{key}", sidecar, "")  # raises if it is broken
                     return sidecar
             aside = self.library / WORK / self.name / f"broken-{key}"
             folder.rename(aside)
@@ -249,7 +249,7 @@ class _IngestRun:
         return None
 
     def _record(self, outcome: Outcome, job: AssetJob) -> None:
-        """Put a made folder where it belongs, then say so."""
+        """Move a finished folder to its place, then record and report it."""
         self.made += 1
         self.display.advance(self.made, self.total)
         name, sidecar = outcome.name, outcome.sidecar
@@ -273,7 +273,7 @@ class _IngestRun:
         )
 
     def _published(self, job: AssetJob, sidecar: dict[str, Any]) -> str:
-        """The folder of an asset, below the library: renamed to there where it is not yet."""
+        """Move an asset's folder to its place, unless it is there, and return its path below the library."""
         place = "assets" if sidecar["status"] == "ok" else "review"
         folder = Path(place) / sidecar["name"] / sidecar["key"]
         made = self.library / WORK / self.name / job.material.name
@@ -285,12 +285,12 @@ class _IngestRun:
             except OSError:
                 if not (target / SIDECAR).is_file():
                     raise
-                shutil.rmtree(made, ignore_errors=True)  # another run was there first
+                shutil.rmtree(made, ignore_errors=True)  # another run was first
         return folder.as_posix()
 
 
 def _row(library: Path, folder: str, sidecar: dict[str, Any], root: str) -> tuple[Any, ...]:
-    """An asset as the catalog has it; TypeError, ValueError or KeyError where the sidecar is none that we write."""
+    """The catalog row of an asset; TypeError, ValueError or KeyError if its asset.json is invalid."""
     names = ("name", "key", "status", "license", "author", "made")
     name, key, status, license, author, made = _texts(sidecar[key] for key in names)
     asset = Asset(
@@ -311,10 +311,10 @@ def _row(library: Path, folder: str, sidecar: dict[str, Any], root: str) -> tupl
 
 
 def _texts(values: Iterable[Any]) -> tuple[str, ...]:
-    texts = tuple(values)
-    if not all(isinstance(text, str) for text in texts):
-        raise TypeError(f"{texts} are no texts")
-    return texts
+    strings = tuple(values)
+    if not all(isinstance(one, str) for one in strings):
+        raise TypeError(f"{strings}: expected strings")
+    return strings
 
 
 def _numbers(values: Iterable[Any]) -> tuple[float, ...]:
@@ -322,9 +322,9 @@ def _numbers(values: Iterable[Any]) -> tuple[float, ...]:
 
 
 def _in_processes(jobs: Iterator[AssetJob], workers: int) -> Iterator[tuple[Outcome | None, AssetJob]]:
-    """What becomes of jobs, as they end, in processes that stay; None of one whose process dies.
+    """Yield the results of jobs as they end, in persistent processes; None if a job's process has died.
 
-    A job is taken when a process is free for it: another run may take it before.
+    A job is taken only when a process is free, because another run may claim it before.
     """
     with worker_processes(workers, debugging=False) as pool:
         waiting = {pool.submit(make, job): job for job in itertools.islice(jobs, workers)}

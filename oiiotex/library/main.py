@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The program `oiiotex-library`. What it does is imported once signals are answered."""
+"""The program `oiiotex-library`. Commands are imported after signal handlers are installed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..api.lines import exit_with
 
 
 def main(words: list[str] | None = None) -> None:
-    """Run the command line and exit: 0 well, 1 an error, 3 assets want to be looked at, 128 + N after a signal N."""
+    """Run the command line and exit: 0: success, 1: error, 3: assets need attention, 128 + N: ended by signal N."""
     exit_with(sys.argv[1:] if words is None else words, _line)
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A library as one page: pictures, measures and reasons in a table that sorts, without a server and without a network.
+"""The library's report: a single HTML page with a sortable table of previews, measures and reasons, usable offline.
 
-The page holds its pictures itself. Those of more than `_MOST` assets would make it too large for a browser: then it
-shows what is not ok first, and says how many it leaves out.
+Previews are embedded. To keep the page small enough for browsers, it shows at most `_MOST` assets, those that are not
+ok first.
 """
 
 from __future__ import annotations
@@ -44,22 +44,22 @@ _ORDER = {"failed": 0, "asked": 1, "review": 2, "ok": 3}
 
 
 def write_report(catalog: Catalog, title: str) -> Path:
-    """Write the page of a library; returns where it lies."""
+    """Write the report of a library, and return its path."""
     assets = sorted(catalog.assets().values(), key=lambda asset: (_ORDER[asset.status], asset.name))
     measures = catalog.measures()
     named = {name for own in measures.values() for name in own}
     columns = [name for name in _COLUMNS if name in named]
     counts = {status: sum(asset.status == status for asset in assets) for status in reversed(_ORDER)}
-    summary = ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "nothing yet"
+    summary = ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "no assets yet"
     if len(assets) > _MOST:
-        summary += f"; the first {_MOST} are shown, what is not ok before the rest"
-    heads = ["picture: lit, 2 × 2, image | hextiledimage", "name", "status", "why", "size", *columns, "seconds"]
+        summary += f"; showing {_MOST}, those that are not ok first"
+    heads = ["preview: lit, 2 × 2, image | hextiledimage", "name", "status", "reason", "size", *columns, "seconds"]
     rows = [_row(catalog.library, asset, measures.get(asset.name, {}), columns) for asset in assets[:_MOST]]
     made = time.strftime("%Y-%m-%d %H:%M")
     page = (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
         f"<style>{_STYLE}</style><h1>{html.escape(title)}</h1><p>{made}: {summary}</p>"
-        '<input placeholder="filter by name, status, reason">'
+        '<input placeholder="Filter by name, status or reason">'
         f"<table><thead><tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr></thead>"
         f"<tbody>{''.join(rows)}</tbody></table><script>{_SCRIPT}</script></html>\n"
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs beside each other on one library: locks that go with their process, and machines without the catalog."""
+"""Concurrent runs on one library: locks that end with their process, and farm machines without the catalog."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 FILE = LIBRARY
-WORK = ".making"  # folders of runs, each with what it works on
+WORK = ".making"  # working folders of runs
 CAN_LOCK = fcntl is not None
-_BROKEN = ("SQLITE_NOTADB", "SQLITE_CORRUPT")  # files of which SQLite reads nothing
+_BROKEN = ("SQLITE_NOTADB", "SQLITE_CORRUPT")  # SQLite errors of unreadable files
 
 
 class FoldersAlone:
-    """Stands for the catalog on a machine of a farm: folders are written, and a later run records them."""
+    """Replaces the catalog on a farm machine, which only writes folders; a later run records them."""
 
     def __init__(self, library: Path):
         self.library = library
 
     def __enter__(self) -> FoldersAlone:
-        with said(self.library):
+        with sqlite_errors(self.library):
             (self.library / WORK).mkdir(parents=True, exist_ok=True)
         return self
 
@@ -43,49 +43,52 @@ class FoldersAlone:
         pass
 
     def assets(self) -> dict[str, Asset]:
-        """Nothing is known here."""
+        """No assets: there is no catalog."""
         return {}
 
     def asset(self, name: str) -> Asset | None:
-        """Nothing is known here."""
+        """None: there is no catalog."""
         return None
 
     def sources(self) -> dict[str, tuple[int, int, str]]:
-        """Nothing is known here."""
+        """No sources: there is no catalog."""
         return {}
 
     def remember_sources(self, rows: Iterable[tuple[str, int, int, str]]) -> None:
-        """Nothing is kept here."""
+        """Do nothing: there is no catalog."""
 
     def put(self, *_: Any) -> None:
-        """Nothing is kept here."""
+        """Do nothing: there is no catalog."""
 
     def put_all(self, *_: Any) -> None:
-        """Nothing is kept here."""
+        """Do nothing: there is no catalog."""
 
     def run(self) -> contextlib.AbstractContextManager[str]:
-        """While this lasts, a run with a folder of its own."""
+        """A context with a separate working folder for a run."""
         return folder_of_run(self.library)
 
     def sweep(self) -> None:
-        """It is for who has the catalog."""
+        """Do nothing: runs with the catalog clean up."""
 
     def claim(self, asset: str, run: str) -> bool:
-        """Shares do not overlap."""
+        """True: shares do not overlap."""
         return True
 
     def release(self, asset: str, run: str) -> None:
-        """Nobody waits."""
+        """Do nothing: nothing was claimed."""
 
 
 @contextlib.contextmanager
 def folder_of_run(library: Path) -> Iterator[str]:
-    """A folder that nobody else has, locked as long as its process lives."""
+    """A new working folder, locked until the process ends."""
     name = f"run-{os.urandom(8).hex()}"
     folder = library / WORK / name
-    with said(library), locked(library / WORK / "lock"):  # else it would be swept before it is locked
+    with (
+        sqlite_errors(library),
+        locked(library / WORK / "lock"),
+    ):  # else another run could remove it
         folder.mkdir()
-        held = open(folder / "lock", "wb")  # noqa: SIM115 - held as long as the run
+        held = open(folder / "lock", "wb")  # noqa: SIM115 - held during the run
         lock(held.fileno(), wait=False)
     try:
         yield name
@@ -95,30 +98,30 @@ def folder_of_run(library: Path) -> Iterator[str]:
 
 
 @contextlib.contextmanager
-def said(library: Path) -> Iterator[None]:
-    """SQLite's errors as ours."""
+def sqlite_errors(library: Path) -> Iterator[None]:
+    """Convert SQLite's errors to Error."""
     try:
         yield
     except sqlite3.DatabaseError as error:
         if getattr(error, "sqlite_errorname", "").startswith(_BROKEN):
-            told = f"remove {library / FILE}* and ingest again, which records what is made"
-            raise Error(f"{library / FILE}: {error}: {told}") from error
-        told = ": remove it and ingest again" if "no such table" in str(error) else ""
-        raise Error(f"{library / FILE}: {error}{told}") from error
+            hint = f"remove {library / FILE}* and run ingest again, which restores the catalog"
+            raise Error(f"{library / FILE}: {error}; {hint}") from error
+        hint = "; remove it and run ingest again" if "no such table" in str(error) else ""
+        raise Error(f"{library / FILE}: {error}{hint}") from error
     except (sqlite3.Error, OSError) as error:
         raise Error(f"{library}: {error}") from error
 
 
 @contextlib.contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """While this lasts, nobody else has that file locked."""
+    """Hold the lock of a file."""
     with open(path, "wb") as file:
         lock(file.fileno(), wait=True)
         yield
 
 
 def lock(file: int, wait: bool) -> bool:
-    """Lock an open file until it is closed, or its process has ended; False where another one has it."""
+    """Lock an open file until it is closed or the process ends; False if another process holds the lock."""
     if fcntl is None:
         return True
     try:

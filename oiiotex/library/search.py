@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a library is looked for: names, measures, colors, sizes."""
+"""Search of a library by name, measures, color, size and labels."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ _LABEL = re.compile(r"(.+?)(?:>(\d*\.?\d+))?", re.ASCII)
 
 @dataclass(frozen=True)
 class AssetSearch:
-    """What is looked for; '' and () ask for nothing.
+    """Search criteria; '' and () match everything.
 
-    `size`: WIDTHxHEIGHT, px, or with an m behind it, meters; behind > or <: larger or smaller along both sides, or
-    equal; `label`: NAME, with * and ?, or #RRGGBB, of labels; NAME>SHARE: which together cover more than that share, 0
-    to 1.
+    `size`: WIDTHxHEIGHT in pixels, or in meters with a trailing m; with a leading > or <, at least or at most that
+    size along both sides. `label`: NAME (with * and ?) or #RRGGBB of labels; with >SHARE (0 to 1), labels that
+    together cover more than that share.
     """
 
-    name: str = ""  # With * and ?
+    name: str = ""  # Wildcards * and ?
     status: str = ""
     tag: str = ""
     measures: tuple[str, ...] = ()  # NAME>NUMBER or NAME<NUMBER: all must hold
     color: str = ""  # RRGGBB in sRGB
-    distance: float = 15.0  # From it to the mean color, Lab, at most
+    distance: float = 15.0  # Maximum CIE Lab distance from the color
     size: str = ""
     label: str = ""
 
     def assets(self, catalog: Catalog) -> list[tuple[Asset, dict[str, float]]]:
-        """What fits, with its measures; by color the nearest first, by label the most first, else by name."""
+        """Matching assets with their measures, sorted by color distance, by label share or by name."""
         limits = [Limit.read(text, "--measure") for text in self.measures]
         if not self.distance >= 0:
             raise ParameterError(f"--distance {self.distance:g}: expected a number >= 0")
@@ -68,11 +68,11 @@ class AssetSearch:
 
 
 def _require_known(limits: Sequence[Limit], measures: dict[str, dict[str, float]]) -> None:
-    """Refuse measures that no asset has; of a library without any all may come."""
+    """Raise ParameterError for measures that no asset has, unless the library has no measures at all."""
     known = {name for own in measures.values() for name in own}
     for limit in limits:
         if known and limit.measure not in known:
-            raise ParameterError(f"--measure {limit.measure}: the library has {', '.join(sorted(known))}")
+            raise ParameterError(f"--measure {limit.measure}: expected one of {', '.join(sorted(known))}")
 
 
 def _lab(option: str, text: str) -> tuple[float, ...]:
@@ -87,11 +87,11 @@ def _lab(option: str, text: str) -> tuple[float, ...]:
 
 
 def _share(text: str, distance: float) -> Callable[[Sequence[AssetLabel]], float]:
-    """How much of an asset has labels of a name or a color, 0 where it is not more than is asked for."""
+    """A function: the share of an asset covered by matching labels, 0 if not above the minimum share."""
     match = _LABEL.fullmatch(text)
     wanted, least = (match[1], float(match[2] or 0)) if match else ("", 0.0)
     if least >= 1 or ">" in wanted:
-        raise ParameterError(f"--label {text}: expected NAME or #RRGGBB, and >SHARE behind it, less than 1")
+        raise ParameterError(f"--label {text}: expected NAME or #RRGGBB, optionally followed by >SHARE (0 to 1)")
     lab = _lab("--label", wanted) if wanted.startswith("#") else ()
 
     def share_of(labels: Sequence[AssetLabel]) -> float:
@@ -110,7 +110,9 @@ def _size(text: str) -> Callable[[Asset], bool]:
         return lambda asset: True
     match = _SIZE.fullmatch(text)
     if not match:
-        raise ParameterError(f"--size {text}: expected WIDTHxHEIGHT, > or < before it, and m for meters behind it")
+        raise ParameterError(
+            f"--size {text}: expected WIDTHxHEIGHT, optionally with a leading > or < and a trailing m (meters)"
+        )
     wanted = float(match[2]), float(match[3])
     compare = {">": operator.ge, "<": operator.le, "": operator.eq}[match[1]]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A library looked after: shown, checked, tidied."""
+"""Maintenance of a library: show, check and clean up."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .runs import WORK
 
 
 def check(catalog: Catalog) -> Iterator[str]:
-    """What is wrong with a library: every file is hashed, every document validated.
+    """Yield the errors of a library: wrong hashes, invalid documents.
 
-    Folders that the catalog does not name are no fault: a run was killed, or a newer asset took their place.
+    Folders that are not in the catalog are not errors: a run was killed, or a newer asset has replaced them.
     """
     yield from catalog.faults()
     materialx = materials.has_materialx()
@@ -35,7 +35,7 @@ def check(catalog: Catalog) -> Iterator[str]:
             yield str(error)
             continue
         if (sidecar["name"], sidecar["key"], sidecar["status"]) != asset[:3]:
-            yield f"{folder / SIDECAR}: says something else than the catalog"
+            yield f"{folder / SIDECAR} does not match the catalog"
         document = folder / f"{asset.name}.mtlx"
         if materialx and document.is_file():
             yield from dict.fromkeys(materials.materialx_faults(document))
@@ -45,10 +45,9 @@ def check(catalog: Catalog) -> Iterator[str]:
 
 
 def orphans(catalog: Catalog) -> list[Path]:
-    """Folders of assets that another folder has replaced.
+    """Folders of assets that a newer folder has replaced.
 
-    What was made of one that now fails is none, nor what the catalog knows nothing of: it has lost a row, or a run
-    was killed, and `ingest` records it.
+    The folder of a material that now fails is kept. So is a folder that is missing in the catalog: `ingest` records it.
     """
     assets, library = catalog.assets(), catalog.library
     named = {asset.folder for asset in assets.values() if asset.folder}
@@ -62,26 +61,26 @@ def orphans(catalog: Catalog) -> list[Path]:
 
 
 def collect_garbage(catalog: Catalog) -> tuple[int, int]:
-    """Remove what newer assets have replaced: (folders, bytes)."""
+    """Remove the folders of replaced assets; returns the numbers of folders and bytes."""
     with catalog.run() as run:
         if len(list((catalog.library / WORK).glob("run-*"))) > 1:
-            raise Error(f"{catalog.library}: a run is at work: gc when it has ended")
+            raise Error(f"{catalog.library}: another run is active; run gc after it has ended")
         folders, freed = orphans(catalog), 0
         for number, folder in enumerate(folders):
             freed += sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
             aside = catalog.library / WORK / run / str(number)
-            folder.rename(aside)  # gone in one go, and swept if this is killed
+            folder.rename(aside)  # atomic; if this run is killed, a later one removes it
             shutil.rmtree(aside, ignore_errors=True)
-            with contextlib.suppress(OSError):  # another version is there
+            with contextlib.suppress(OSError):  # another version exists
                 folder.parent.rmdir()
     return len(folders), freed
 
 
 def shown(catalog: Catalog, name: str) -> dict[str, Any]:
-    """All that is known of an asset."""
+    """All data of an asset."""
     asset = catalog.asset(name)
     if asset is None:
-        raise Error(f"{catalog.library}: no asset '{name}': oiiotex-library list {catalog.library} lists them")
+        raise Error(f"{catalog.library}: no asset '{name}'; see oiiotex-library list {catalog.library}")
     facts: dict[str, Any] = {
         "name": asset.name, "status": asset.status, "reasons": list(asset.reasons), "photos": asset.root,
     }  # fmt: skip

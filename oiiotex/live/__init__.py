@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page: a photo tuned, zoomed into and painted with in a browser, every pixel reproducible by a line."""
+"""The browser page of --texlive: tune, paint and zoom a photo. A command reproduces every pixel."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a page works on, as a small file: parameters, variants, places, paintings' names. Saved by itself."""
+"""The page's document, a small file that is saved automatically: parameters, variants, positions, painting step."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ..errors import Error, ImageError, ParameterError
 VERSION = 1
 MOST_VARIANTS = 64
 LEAST_PAINTED, MOST_PAINTED = 64, 4096  # px, of a painting's side
-_MOST_THUMBNAIL = 60_000  # letters
+_MOST_THUMBNAIL = 60_000  # characters
 
-KEPT = "Until the computer is restarted, the next --texlive of this document finds it in"
+KEPT = "Until the next restart of the computer, --texlive with this document recovers it from"
 
 Values = dict[str, Any]
 
 
-# JSON's numbers hold fewer digits
+# as text, because JSON's numbers have fewer digits
 _IntegerText = Annotated[str, Allowed(most=80, pattern=r"[+-]?\d+", words="of an integer")]
 _Side = Annotated[int, Allowed(16, 16384)]
 _Painted = Annotated[int, Allowed(LEAST_PAINTED, MOST_PAINTED)]
@@ -43,7 +43,7 @@ class _TileRoom(TypedDict):
     patch: Annotated[int, Allowed(among=range(5, 23, 2))] | None
     width: _Side | None
     height: _Side | None
-    mask: Annotated[int, Allowed(1, 1 << 20)] | Literal["", "dominant", "brush"]  # the number of a label
+    mask: Annotated[int, Allowed(1, 1 << 20)] | Literal["", "dominant", "brush"]  # the id of a label
     inpaint: Literal["", "brush"]
 
 
@@ -96,9 +96,9 @@ _ROOMS: dict[str, Any] = {
 
 
 def default_state(display: str, view: str, side: int) -> Values:
-    """A new document's.
+    """The state of a new document.
 
-    `side`: px; of a photo, or of a graph's root: a zoom begins in its middle.
+    `side`: size in pixels of the photo's square or of the graph's root; a zoom starts at its center.
     """
     tile: Values = dict.fromkeys(types_of(_TileRoom))
     tile |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "inpaint": ""}
@@ -109,11 +109,11 @@ def default_state(display: str, view: str, side: int) -> Values:
         "variants": {"list": []},
         "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "lock": 0, "keys": [], "frames": 96},
         "paint": {"width": 1024, "height": 1024, "layer": "coarse", "label": 1, "finer": 0, "brush": 64.0, "seed": 0},
-        "history": {"step": -1},  # of the painting, that is shown; -1: the last
+        "history": {"step": -1},  # the step of the painting that is shown; -1: the last
     }
 
 
-PLACE_BITS = 96  # of fraction in a place of the zoom: pixels of the root in 1/2^96
+PLACE_BITS = 96  # fraction bits of a zoom position: units of 1/2^96 root pixel
 
 
 class Document:
@@ -133,11 +133,12 @@ class Document:
     def _read(self, path: Path) -> None:
         content = read_document(path)
         if not isinstance(content, dict) or "oiiotex.live" not in content:
-            raise Error(f"{self.path} is no document of --texlive: document=FILE says another one")
+            raise Error(f"{self.path} is not a document of --texlive; choose another one with document=FILE")
         if content["oiiotex.live"] != VERSION:
-            raise Error(f"{self.path} is of version {content['oiiotex.live']}, this is {VERSION}")
+            raise Error(f"{self.path} has version {content['oiiotex.live']}: expected version {VERSION}")
         if content.get("source") != self._source:
-            raise Error(f"{self.path} is of {content.get('source')}, not of {self._source}: document=FILE says another")
+            problem = f"{self.path} belongs to {content.get('source')}, not to {self._source}"
+            raise Error(f"{problem}; choose another document with document=FILE")
         for room, values in content.items():
             if room not in _ROOMS:
                 continue
@@ -147,12 +148,14 @@ class Document:
             self.state[room] |= checked
 
     def change(self, room: str, values: Mapping[str, Any]) -> Values:
-        """Take new values of a room; what has changed."""
+        """Set values of a room, and return those that have changed."""
         checked = self._checked(room, values)
         if room == "view" and not checked.keys().isdisjoint(("display", "view")):
             wanted = self.state[room] | checked
             if not self._is_view(wanted):
-                raise ParameterError(f"the color config has no view '{wanted['view']}' of '{wanted['display']}'")
+                raise ParameterError(
+                    f"the color config has no view '{wanted['view']}' for display '{wanted['display']}'"
+                )
         changed = {name: value for name, value in checked.items() if self.state[room][name] != value}
         if changed:
             self.state[room] |= changed
@@ -160,22 +163,22 @@ class Document:
         return changed
 
     def _checked(self, room: str, values: Mapping[str, Any]) -> Values:
-        """Values of a room, each of its type and in its range."""
+        """Values of a room, checked for type and range."""
         if room not in _ROOMS or not isinstance(values, Mapping):
-            raise ParameterError(f"there is no room '{room}'")
+            raise ParameterError(f"unknown room '{room}': expected one of {', '.join(_ROOMS)}")
         known = types_of(_ROOMS[room])
         for name in values:
             if name not in known:
-                raise ParameterError(f"{room}: there is no '{name[:60]}'")
+                raise ParameterError(f"{room}: unknown parameter '{name[:60]}'")
         return {name: read_as(known[name], one, f"{room}.{name}", ParameterError) for name, one in values.items()}
 
     def _is_view(self, view: Mapping[str, Any]) -> bool:
         return view["view"] in self._views.get(view["display"], ())
 
     def unsaved(self) -> Callable[..., None] | None:
-        """What writes the state as it is now, whole or not at all, on any thread; None where it was written.
+        """A function that writes the current state atomically, on any thread; None if there are no unsaved changes.
 
-        As long as it raises ImageError, because the disk is full or the folder read-only, there is something unsaved.
+        It raises ImageError if the disk is full or the folder read-only; the changes then stay unsaved.
         """
         if self._changes == self._saved:
             return None
@@ -193,7 +196,7 @@ class Document:
         return write
 
     def save(self) -> None:
-        """Write it, if something has changed; where that fails, to `left`, from which the next server reads it."""
+        """Write unsaved changes; if that fails, write them to `left`, from which the next server reads them."""
         if write := self.unsaved():
             try:
                 write()
@@ -204,5 +207,5 @@ class Document:
                 raise ImageError(f"{error}. {KEPT} {self._left}") from error
 
     def beside(self, what: str) -> Path:
-        """A file that goes with it."""
+        """The path of a file that belongs to the document."""
         return self.path.with_name(f"{self.path.name.removesuffix('.json').removesuffix('.texlive')}.{what}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who may talk to the page's server: who knows the token, from a page of its own."""
+"""Access control of the page's server: requests need the token and must come from its own page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import ParameterError
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
-LEAST_TOKEN = 16  # letters, of one that a user chooses
+LEAST_TOKEN = 16  # characters, for a user's own token
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self';"
     " base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -32,31 +32,31 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 
 def token_for(host: str, given: str) -> str:
-    """The token of the URL."""
+    """The token in the URL: the given one, or a new random one."""
     if given:
         if len(given) < LEAST_TOKEN or not given.isascii() or not given.isalnum():
             raise ParameterError(f"token: expected at least {LEAST_TOKEN} letters and digits")
         return given
     if host not in LOOPBACK:
         raise ParameterError(
-            f"host={host}: others could reach the page and all that it can do as you: say token=, at least"
-            f" {LEAST_TOKEN} letters and digits, and mind that nothing is encrypted (ssh -L is)"
+            f"host={host} requires token=, with at least {LEAST_TOKEN} letters and digits: the page is open to other"
+            " machines, and the connection is not encrypted (ssh -L is)"
         )
     return secrets.token_urlsafe(24)
 
 
 class Guard:
-    """Lets in only what bears the token in its path, names this host, and comes from a page of this server.
+    """Admits only requests with the token in the path, a known host name, and this server as origin.
 
-    A page elsewhere cannot know the token; should it, its browser says whose page it is (Origin), and a name that it
-    has made to mean this machine is not ours (Host). Nothing is uploaded but through the page's own connection.
+    A page of another site does not know the token. If it did, its browser would reveal it by the Origin header, and DNS
+    rebinding by the Host header. Uploads are possible only through the page's WebSocket.
     """
 
     def __init__(self, app: App, token: str, hosts: tuple[str, ...]):
         self._app, self._token, self._hosts = app, token.encode(), hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """As ASGI has it."""
+        """The ASGI entry point."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
@@ -80,7 +80,7 @@ class Guard:
         await self._app({**scope, "path": f"/{rest}", "raw_path": f"/{rest}".encode()}, receive, answered)
 
     def _refused(self, scope: Scope) -> int:
-        """The status of a refusal; 0 where there is none."""
+        """The HTTP status of a refusal; 0 if the request is admitted."""
         headers = dict(scope["headers"])
         host = headers.get(b"host", b"").decode("latin-1")
         if _name(host) not in self._hosts:
@@ -97,7 +97,7 @@ class Guard:
 
 
 def _name(host: str) -> str:
-    """A Host header without its port: through an ssh tunnel that may be another."""
+    """A Host header without its port, which can differ through an ssh tunnel."""
     if host.startswith("["):
         return host[1:].partition("]")[0]
     return host.rpartition(":")[0] or host

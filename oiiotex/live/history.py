@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A painting's history on disk: steps are added and never taken away. Each is a painting, and its plan beside it."""
+"""A painting's history on disk. Steps are added, never removed. Each step is a painting with its plan."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _MOST_OFFERED = 500
 
 
 class Steps:
-    """The steps of a painting: files NNNNNN.png and .npz, and NNNNNN.fine.png where the fine layer has something.
+    """The steps of a painting: NNNNNN.png, NNNNNN.npz, and NNNNNN.fine.png if the fine layer is not empty.
 
-    A step is made in `spare` and moved to `folder` by `save`: a full disk loses none. What a process that was killed
-    left in `spare` belongs to the history, after the steps of `folder`.
+    A step is made in `spare` and moved to `folder` by `save`, so a full disk loses no step. Steps that a killed process
+    left in `spare` follow those of `folder`.
     """
 
     def __init__(self, folder: Path, spare: Path):
@@ -33,75 +33,75 @@ class Steps:
         left = sorted(_whole(spare))
         saved = self._taken(folder)
         self._unsaved.update(left)
-        if left and saved and left[0] <= max(saved):  # numbers that the folder has meanwhile
+        if left and saved and left[0] <= max(saved):  # the folder has used these numbers meanwhile
             for step in left:
                 self._rename(step, self.start())
 
-    # --- where it is ---
+    # --- paths ---
 
     def picture(self, step: int) -> Path:
-        """The painting after a step."""
+        """The painting of a step."""
         return self._at(step) / f"{step:06d}.png"
 
     def fine(self, step: int) -> Path:
-        """Its fine layer, if there is anything in it."""
+        """The fine layer of a step; the file is missing if the layer is empty."""
         return fine_of(self.picture(step))
 
     def plan(self, step: int) -> Path:
-        """With which patches it was made."""
+        """The plan of a step: the patches of its texture."""
         return self._at(step) / f"{step:06d}.npz"
 
     def layers(self, step: int) -> dict[str, Path]:
-        """Its layers by name, of which the fine one may not be there."""
+        """The files of a step's layers by name; the fine one can be missing."""
         return {COARSE: self.picture(step), FINE: self.fine(step)}
 
     def _at(self, step: int) -> Path:
         return self._spare if step in self._unsaved else self.folder
 
     def _files(self, step: int) -> tuple[Path, ...]:
-        """The plan last: it makes the step whole."""
+        """All files of a step; the plan is last and completes the step."""
         return self.picture(step), self.fine(step), self.plan(step)
 
-    # --- which there are ---
+    # --- step numbers ---
 
     @property
     def numbers(self) -> list[int]:
-        """All steps, in order."""
+        """All steps, ascending."""
         return sorted((_whole(self.folder) - self._unsaved) | (_whole(self._spare) & self._unsaved))
 
     @property
     def last(self) -> int:
-        """The last step; -1: none."""
+        """The last step; -1 if there is none."""
         return max(self.numbers, default=-1)
 
     def _taken(self, folder: Path) -> set[int]:
-        """Numbers that a file of the folder has, whosever it is."""
+        """Numbers that are in use by any file of the folder."""
         names = os.listdir(folder) if _is_folder(folder) else []
         return {int(match[1]) for match in map(_TAKEN.fullmatch, names) if match}
 
-    # --- more of them ---
+    # --- new steps ---
 
     def start(self) -> int:
-        """The number of a new step, whose files are to be made."""
+        """Reserve the number of a new step."""
         step = 1 + max(self._taken(self.folder) | self._unsaved, default=-1)
         if step >= _MOST_STEPS:
-            raise ImageError(f"{self.folder}: has {_MOST_STEPS} steps: document=FILE begins another painting")
+            raise ImageError(f"{self.folder} has {_MOST_STEPS} steps; start another painting with document=FILE")
         self._unsaved.add(step)
         return step
 
     def copy_plan(self, step: int, to: int) -> None:
-        """Give a step that was started the plan of another."""
+        """Copy the plan of a step to a new step."""
         with written(self.plan(to)) as file:
             file.write(self.plan(step).read_bytes())
 
     def forget(self, step: int) -> None:
-        """Take away the files of a step that was started and is not to be."""
+        """Discard a new step and its files."""
         for path in self._files(step) if step in self._unsaved else ():
             path.unlink(missing_ok=True)
         self._unsaved.discard(step)
 
     def join(self, looks: Sequence[int]) -> int:
-        """Make one step of the looks at a stroke: what the last shows, by the number of the first."""
+        """Merge the previews of a stroke into one step: the last preview, with the number of the first."""
         *others, last = looks
         for look in others:
             self.forget(look)
@@ -118,11 +118,11 @@ class Steps:
 
     @property
     def unsaved(self) -> bool:
-        """Whether there is a step that is in memory alone."""
+        """Whether a step is not saved to the folder yet."""
         return bool(self._unsaved & _whole(self._spare))
 
     def save(self) -> None:
-        """Move what is in memory alone to the folder."""
+        """Move unsaved steps to the folder."""
         if not self.unsaved:
             return
         for step in sorted(self._unsaved & _whole(self._spare)):
@@ -137,45 +137,42 @@ class Steps:
 
     def _make_folder(self) -> None:
         if os.path.lexists(self.folder) and not _is_folder(self.folder):
-            raise ImageError(f"{self.folder}: is no folder, and steps of the painting go there: give it another name")
+            raise ImageError(f"{self.folder} must be a folder, for the steps of the painting; rename the existing file")
         try:
             self.folder.mkdir(exist_ok=True)
         except OSError as error:
             raise ImageError(f"{self.folder.absolute()}: {error.strerror}") from error
 
-    # --- their plans ---
+    # --- plans ---
 
     def enlarged(self, step: int, times: int, budget: int) -> Path:
-        """A plan of the painting so many times larger, beside the step's, as `painting.regridded` makes it."""
+        """Write a plan for a painting `times` as large, next to the step's plan, by `painting.regridded`."""
         return self._written(self.plan(step).with_suffix(f".x{times}.npz"), regridded(self.plan(step), budget, times))
 
     def resized(self, step: int, size: tuple[int, int], budget: int) -> Path:
-        """A plan of another width and height with the step's patches where they are, to begin the next step with."""
+        """Write a plan of another size with the step's patches in place, as a start for the next step."""
         return self._written(self._spare / "resized.npz", regridded(self.plan(step), budget, size=size))
 
     def _written(self, path: Path, arrays: dict[str, np.ndarray]) -> Path:
         with written(path) as file:
-            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # to it a name could be allow_pickle
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # mypy: a key could be 'allow_pickle'
         return path
 
 
 def _is_folder(path: Path) -> bool:
-    """A link is no folder of ours: it may lead anywhere."""
+    """Whether a path is a folder and not a symbolic link, which could lead anywhere."""
     return path.is_dir() and not path.is_symlink()
 
 
 def _whole(folder: Path) -> set[int]:
-    """Steps of which a folder has picture and plan."""
+    """Steps with both a painting and a plan in a folder."""
     names = set(os.listdir(folder)) if _is_folder(folder) else set()
     steps = {int(match[1]) for match in map(_TAKEN.fullmatch, names) if match}
     return {step for step in steps if {f"{step:06d}.png", f"{step:06d}.npz"} <= names}
 
 
 def paintings_in(folders: Iterable[Path]) -> dict[str, Path]:
-    """Files of folders that may be paintings, the first _MOST_OFFERED by name; links are none.
-
-    X.fine.png is the fine layer of X.png, and no painting of its own.
-    """
+    """Image files of folders, the first _MOST_OFFERED by name, without symbolic links and fine layers (X.fine.png)."""
     entries = (entry for folder in dict.fromkeys(folders) if folder.is_dir() for entry in folder.iterdir())
     offered = sorted(
         entry
@@ -187,5 +184,5 @@ def paintings_in(folders: Iterable[Path]) -> dict[str, Path]:
 
 
 def fine_of(path: Path) -> Path:
-    """Where the fine layer of a painting is, if it has one."""
+    """The path of a painting's fine layer."""
     return path.with_name(f"{path.stem}.fine{path.suffix}")

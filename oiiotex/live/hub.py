@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All pages of one document: what one of them changes the others see, pictures go to those who look at them."""
+"""All pages of one document. A change in one page is sent to the others; images go to the pages that show them."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ from ..deferred import np, oiio
 from ..errors import Error, ParameterError
 from .document import Document
 
-SAVE_EVERY = 0.5  # s, at most, that are lost
-RETRY_EVERY = 2.0  # s, where it could not be saved
+SAVE_EVERY = 0.5  # s; at most this much work is lost
+RETRY_EVERY = 2.0  # s, after saving has failed
 MOST_PAGES = 16
-MOST_TASKS = 64  # that pages have asked for and are not done
+MOST_TASKS = 64  # unfinished requests of all pages
 _PATIENCE = 10.0  # s between two restarts of the resident process
 MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error)
-_LOOKING = {"label": "Looking for the photo's labels", "dominant": "Looking for the dominant texture"}
-_WAITING = 1024  # messages that wait for a page: who is slower is let go
+_LOOKING = {"label": "Finding labels", "dominant": "Finding the dominant texture"}
+_WAITING = 1024  # queued messages; a slower page is disconnected
 
 log = logging.getLogger("oiiotex")
 
 
 @dataclass(frozen=True)
 class PageSource:
-    """What the page is of."""
+    """The subject of the page: a photo or a graph."""
 
-    image: Image | None  # The photo; None of a graph
-    graph: str  # The graph's file; '' of a photo
-    words: tuple[str, ...]  # The line up to the photo
-    stem: str  # Of files' names
-    space: str | None  # Its color space, as the config calls it; None where it says none
-    side: int  # px; of the square that a zoom takes of it
+    image: Image | None  # The photo; None for a graph
+    graph: str  # The graph's file; '' for a photo
+    words: tuple[str, ...]  # The command line up to the photo
+    stem: str  # Stem of output file names
+    space: str | None  # Its color space, as named in the config; None if untagged
+    side: int  # px; side of the square that zooms start from
 
 
 class Page:
@@ -56,7 +56,7 @@ class Page:
         self._waiting: asyncio.Queue[str | bytes | None] = asyncio.Queue(_WAITING)
 
     def tell(self, message: str | bytes) -> None:
-        """Send something in its turn; a page that does not keep up is let go, and will connect again."""
+        """Queue a message. A page that is too slow is disconnected, and will reconnect."""
         try:
             self._waiting.put_nowait(message)
         except asyncio.QueueFull:
@@ -65,7 +65,7 @@ class Page:
             self._waiting.put_nowait(None)
 
     async def send_all(self) -> None:
-        """Send what waits until the page is let go."""
+        """Send queued messages until the page is disconnected."""
         while (message := await self._waiting.get()) is not None:
             await (self.wire.send_text(message) if isinstance(message, str) else self.wire.send_bytes(message))
         await self.wire.close(1013)
@@ -74,8 +74,8 @@ class Page:
 class Hub:
     """The document's pages, its rooms, and the resident process that works for them.
 
-    `unsaved`: why something is not saved; '': all is; `keepers`: rooms that have work of their own to save: `save_work`
-    and, at the end, `close`.
+    `unsaved`: why something is not saved, '' if everything is. `keepers`: rooms with work to save: their `save_work` is
+    called regularly, and `close` at the end.
     """
 
     def __init__(self, source: PageSource, document: Document, session: Session, spare: Path):
@@ -87,7 +87,7 @@ class Hub:
         self._photo: int | None = None
         self._making, self._saving = asyncio.Lock(), asyncio.Lock()
         self._made: dict[str, dict[str, Any]] = {}
-        self._pinned: dict[int, bool] = {}  # images that are being saved; whether they are to be forgotten then
+        self._pinned: dict[int, bool] = {}  # images being saved; whether to drop them afterwards
         self._restarted = -_PATIENCE
         self.rooms: dict[str, Any] = {}
         self.loop: asyncio.AbstractEventLoop | None = None
@@ -96,7 +96,7 @@ class Hub:
     # --- the resident process ---
 
     async def client(self) -> Client:
-        """The resident process; started anew where it has ended, and what rooms had there is forgotten."""
+        """The resident process. If it has ended, it is restarted, and rooms drop their references to its images."""
         async with self._connecting:
             if self._client is None or self._client.ended:
                 self._client = await asyncio.to_thread(connect, ResidentSettings.of(self.session))
@@ -107,14 +107,14 @@ class Hub:
             return self._client
 
     def tries_again(self) -> bool:
-        """Whether a resident process that has ended is worth another start: not one after the other."""
+        """Whether to restart a resident process that has ended: not twice in quick succession."""
         now = time.monotonic()
         again = now - self._restarted > _PATIENCE
         self._restarted = now if again else self._restarted
         return again
 
     async def photo(self) -> int:
-        """The photo's number there."""
+        """The photo's number in the resident process."""
         client, image = await self.client(), self.source.image
         assert image is not None
         async with self._connecting:
@@ -123,7 +123,7 @@ class Hub:
             return self._photo
 
     async def made(self, op: str) -> dict[str, Any]:
-        """The photo with the parts that an op adds to it, as the resident process says it: 'number' and 'parts'."""
+        """The photo with the parts that an op adds: 'number' and 'parts', from the resident process."""
         photo, client = await self.photo(), await self.client()
         async with self._making:
             if op not in self._made:
@@ -134,14 +134,14 @@ class Hub:
             return self._made[op]
 
     async def save(self, made: dict[str, Any], name: str) -> None:
-        """Write an image that the resident process has made, beside the document, in bands and behind all else.
+        """Write an image of the resident process to the document's folder, in bands, at the lowest priority.
 
         Parameters
         ----------
         made : dict
-            As the resident process says it: 'number' and 'parts'.
+            'number' and 'parts', from the resident process.
         name : str
-            Of the file; where there is one already it gets a number.
+            File name; a number is added if the file exists.
         """
         client, facts = await self.client(), made["parts"][0]
 
@@ -162,14 +162,14 @@ class Hub:
         self.tell({"do": "note", "text": f"Saved as {path.name}"})
 
     def release(self, client: Client, number: int) -> None:
-        """Have an image forgotten, once it is saved where it is being saved."""
+        """Drop an image of the resident process; if it is being saved, afterwards."""
         if number in self._pinned:
             self._pinned[number] = True
         else:
             client.drop(number)
 
     def advancing(self, text: str = "") -> Callable[[int, int], None]:
-        """Tells all pages how far a job is, and what it does where that is to be read."""
+        """A callback that sends the progress of a job, with an optional text, to all pages."""
         loop = asyncio.get_running_loop()
 
         def advanced(done: int, total: int) -> None:
@@ -181,24 +181,24 @@ class Hub:
     # --- pages ---
 
     def begin(self, work: Coroutine[Any, Any, None], page: Page | None = None) -> None:
-        """Have a coroutine done; its error is said on the page that has asked for it, or on all."""
+        """Run a coroutine. An error is sent to the page that asked for it, or to all pages."""
         assert self.loop is not None
-        task = self.loop.create_task(self._said(work, page))
+        task = self.loop.create_task(self._run(work, page))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _said(self, work: Coroutine[Any, Any, None], page: Page | None) -> None:
+    async def _run(self, work: Coroutine[Any, Any, None], page: Page | None) -> None:
         try:
             await work
         except Exception as error:
             self._tell_failure(error, page)
 
     def _tell_failure(self, error: Exception, page: Page | None) -> None:
-        """Send an error's fields, and the line that says it, to a page or to all."""
+        """Send an error's fields and its message to a page, or to all."""
         if page is not None and isinstance(error, MALFORMED):
             error = Error("the page's message is malformed")
         elif not isinstance(error, Error):
-            error = Error(f"internal, {type(error).__name__}: {error}")
+            error = Error(f"internal error: {type(error).__name__}: {error}")
             log.error("oiiotex ERROR: %s", error)
         message = error.facts() | {"do": "error", "text": f"oiiotex ERROR: {error}"}
         if page is None:
@@ -214,7 +214,7 @@ class Hub:
                 page.tell(text)
 
     def show(self, facts: dict[str, Any], pixels: np.ndarray, to: Page | None = None) -> None:
-        """Send a picture, (height, width, 1, 3 or 4) uint8, to all pages or to one."""
+        """Send an image, (height, width, 1, 3 or 4) uint8, to all pages or to one."""
         facts = facts | {"width": pixels.shape[1], "height": pixels.shape[0], "channels": pixels.shape[2]}
         head = json.dumps(facts).encode()
         head += b" " * (-len(head) % 4)
@@ -223,7 +223,7 @@ class Hub:
             page.tell(frame)
 
     async def attend(self, wire: WebSocket) -> None:
-        """A page, from its first to its last message."""
+        """Serve a page from its first to its last message."""
         await wire.accept()
         if len(self.pages) >= MOST_PAGES:
             await wire.close(1013)
@@ -241,7 +241,7 @@ class Hub:
                 if message["type"] == "websocket.disconnect":
                     break
                 self._take(page, message)
-        except (WebSocketDisconnect, RuntimeError):  # it has gone while something was sent
+        except (WebSocketDisconnect, RuntimeError):  # the page has disconnected
             pass
         finally:
             self.pages.discard(page)
@@ -265,13 +265,13 @@ class Hub:
 
     def _answer(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
         if len(self._tasks) > MOST_TASKS:
-            raise Error("too much is asked for at a time: wait for some of it")
+            raise Error("too many requests at once: wait until some have finished")
         if asked["do"] != "set":
             self.begin(self.rooms[asked["room"]].take(page, asked, data), page)
             return
         room = asked["room"]
         if room == "history":
-            raise ParameterError("history: is set by the Paint room alone")
+            raise ParameterError("history is read-only: only the Paint room sets it")
         changed = self.document.change(room, asked["values"])
         if changed:
             self.tell({"do": "set", "room": room, "values": changed}, but=page)
@@ -291,38 +291,38 @@ class Hub:
     # --- colors ---
 
     def shown(self, space: str | None = "") -> Shown:
-        """How pixels look with the document's display and view."""
+        """The display transform of the document's display and view."""
         view = self.document.state["view"]
         space = self.source.space if space == "" else space
         return shown_by(self.session.resources.color, space, view["display"], view["view"], view["exposure"])
 
     def picture(self, pixels: np.ndarray, shown: Shown) -> np.ndarray:
-        """(height, width, channels) float32 of the photo's channels -> (height, width, 3) uint8 for the page."""
+        """Convert (height, width, channels) float32 to (height, width, 3) uint8 for the page."""
         color = [0, 1, 2] if self.source.image is None else list(channels_of(self.source.image.first.spec).color)
         chosen = pixels[..., color] if pixels.shape[2] > max(color) else pixels
         if chosen.shape[2] < 3:
             chosen = np.repeat(chosen[..., :1], 3, axis=2)
         return shown(chosen[..., :3])
 
-    # --- to the end ---
+    # --- saving ---
 
     async def autosave(self) -> None:
-        """Save whatever has changed, for ever."""
+        """Save changes regularly until canceled."""
         while True:
             await asyncio.sleep(RETRY_EVERY if self.unsaved else SAVE_EVERY)
             await self.save_all()
 
     async def save_all(self) -> None:
-        """Save the document and what rooms have made; pages are told when that fails, and when it succeeds again."""
+        """Save the document and the rooms' work. Pages are told when saving fails and when it succeeds again."""
         failed = []
         for save in (self._save_document, *(room.save_work for room in self.keepers)):
             try:
                 await save()
             except Error as error:
                 failed.append(str(error))
-            except Exception as error:  # a fault of ours ends no autosave
-                failed.append(f"internal, {type(error).__name__}: {error}")
-        text = f"Not saved: {failed[0]}. Your work is kept in memory, and saving is tried again." if failed else ""
+            except Exception as error:  # autosave must survive a bug
+                failed.append(f"internal error: {type(error).__name__}: {error}")
+        text = f"Not saved: {failed[0]}. Your work is kept in memory until saving succeeds." if failed else ""
         if text != self.unsaved:
             self.unsaved = text
             self.tell({"do": "unsaved", "text": text})
@@ -332,7 +332,7 @@ class Hub:
             await asyncio.to_thread(write)
 
     def close(self) -> None:
-        """Save, and let the resident process go."""
+        """Save, and disconnect from the resident process."""
         for save in (self.document.save, *(room.close for room in self.keepers)):
             try:
                 save()
@@ -344,11 +344,11 @@ class Hub:
 
 
 def _free(path: Path) -> Path:
-    """The path, or one with a number where there is something."""
+    """The path, or one with a number added if the path exists."""
     names = itertools.chain([path], (path.with_name(f"{path.stem}_{n}{path.suffix}") for n in itertools.count(2)))
     return next(name for name in names if not name.exists())
 
 
 def labels_of(made: dict[str, Any]) -> list[str]:
-    """The label maps of what --texlabel has made, the coarsest last."""
+    """Part names of the label maps in a result of --texlabel, the coarsest last."""
     return [part["name"] for part in made["parts"] if part["name"].startswith("label.")]

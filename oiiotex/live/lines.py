@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines that make what the page shows, at full size."""
+"""Commands that reproduce at full size what the page shows."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _SUFFIXES = {"uint8": ".png", "uint16": ".png", "half": ".exr", "float": ".exr"}
 
 
 def text_of(value: Any) -> str:
-    """A modifier's value as a command line has it: floats by as few digits as mean the same number."""
+    """A modifier's value as text; floats have the fewest digits that mean the same number."""
     if isinstance(value, bool):
         return str(int(value))
     if isinstance(value, float):
@@ -20,21 +20,21 @@ def text_of(value: Any) -> str:
 
 
 def word_of(flag: str, values: Mapping[str, Any]) -> str:
-    """An op with its modifiers, None left out."""
+    """An op with its modifiers, except those that are None."""
     said = [f"{name}={_quoted(text_of(value))}" for name, value in values.items() if value is not None]
     return ":".join([flag, *said])
 
 
 def _quoted(text: str) -> str:
-    """A modifier's value, in quotes where it holds what separates modifiers."""
+    """A modifier's value, quoted if it contains a separator."""
     return f'"{text}"' if ":" in text or "'" in text else text
 
 
 def line(words: Sequence[str]) -> str:
-    """Words as a shell reads them."""
+    """Words quoted for a shell."""
     return shlex.join(["oiiotex", *words])
 
 
 def output_name(stem: str, what: str, pixel_type: str) -> str:
-    """A file that holds pixels of a type as they are."""
+    """A file name whose format stores a pixel type without loss."""
     return f"{stem}_{what}{_SUFFIXES.get(pixel_type, '.tif')}"

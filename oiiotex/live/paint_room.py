@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Room Paint: a painting of labels, coarse and fine, becomes texture (LSA16 section 6.2, figures 13 to 15).
+"""Room Paint: a painting of coarse and fine labels becomes texture (LSA16 section 6.2, figures 13 to 15).
 
-An edit makes its neighborhood anew. Where the fine layer has nothing, the coarse one stays; what it has lies inside
-the label that it is part of. Every change is a step that is added to the history (`history`), from which nothing is
-taken away.
+An edit resynthesizes its neighborhood. The fine layer refines the coarse one, inside the coarse label. Every change
+adds a step to the history (`history`), which never removes one.
 """
 
 from __future__ import annotations
@@ -28,11 +27,11 @@ from .palette import COARSE, FINE, LAYERS, LabelPalette, Layers, extended, palet
 from .sewing import LiveSewing
 
 _MOST_TIMES = 64
-_OWN = {"width", "height", "seed"}  # values of the document that are the painting's
+_OWN = {"width", "height", "seed"}  # document values that belong to the painting
 
 
 class PaintRoom:
-    """What pages see of a painting."""
+    """The Paint room of all pages."""
 
     def __init__(self, hub: Hub):
         self._hub = hub
@@ -41,18 +40,18 @@ class PaintRoom:
         self._sewing = LiveSewing(hub, self._steps, hub.document.beside("palette.json"))
         self._palette: LabelPalette | None = None
         self._step, self._seed, self._change = -1, 0, ""
-        self._going: tuple[Page, list[int]] | None = None  # whose stroke goes on, and looks at it so far
-        self._wanted: set[str] = set()  # of _OWN, what a page has set and the painting has not yet
+        self._going: tuple[Page, list[int]] | None = None  # page of an unfinished stroke, and its previews
+        self._wanted: set[str] = set()  # values of _OWN that are set but not yet applied
         self._layers: Layers | None = None
-        self._made: dict[str, Any] | None = None  # the texture, as the resident process says it
-        self._pixels: np.ndarray | None = None  # as they are sent: of the photo's channels, float32
+        self._made: dict[str, Any] | None = None  # the texture: 'number' and 'parts'
+        self._pixels: np.ndarray | None = None  # (height, width, channels) float32 of the texture
         self._turn = asyncio.Lock()
 
     async def greet(self, page: Page) -> None:
-        """A page opens the room when it is looked at."""
+        """Nothing to send: a page asks when its user opens the room."""
 
     async def changed(self, room: str, names: set[str]) -> None:
-        """Another size or seed is a step; another view looks otherwise."""
+        """A change of size or seed adds a step; a change of view updates the display."""
         if room == "view" and self._pixels is not None:
             self._show_texture()
             self._show_palette()
@@ -63,7 +62,7 @@ class PaintRoom:
                     await self._reshape()
 
     async def take(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
-        """What a page asks for: strokes, one after the other."""
+        """Handle a request of a page; requests that change the painting run one at a time."""
         do = asked["do"]
         if self._hub.source.image is None:
             raise ValueError(do)
@@ -92,33 +91,33 @@ class PaintRoom:
                 raise ValueError(do)
         if refused:
             raise ImageError(refused)
-        if work is not None:  # others paint on meanwhile
+        if work is not None:  # outside the lock: painting continues meanwhile
             await work
 
     def leave(self, page: Page) -> None:
-        """A stroke that it has begun ends here, as the looks at it."""
+        """End the unfinished stroke of a page; its previews stay as steps."""
         if self._going is not None and self._going[0] is page:
             self._going = None
 
     async def save_work(self) -> None:
-        """Move steps that are in memory to the disk."""
+        """Move unsaved steps to the disk."""
         if self._steps.unsaved and self._going is None:
             async with self._turn:
                 if self._going is None:
                     await asyncio.to_thread(self._steps.save)
 
     def close(self) -> None:
-        """The same, at the end."""
+        """Save at the end; the error says where unsaved steps are."""
         try:
             self._steps.save()
         except ImageError as error:
             raise ImageError(f"{error}. {KEPT} {self._hub.spare}") from error
 
     def forget(self) -> None:
-        """The resident process is another one."""
+        """Drop references to images of a resident process that has ended."""
         self._made = None
 
-    # --- what can be painted with ---
+    # --- the palette ---
 
     async def _opened_palette(self) -> LabelPalette:
         if self._palette is None:
@@ -133,7 +132,7 @@ class PaintRoom:
     # --- the painting ---
 
     async def _open(self, page: Page) -> str:
-        """Show a page all there is; begin, or go on with, the painting. Why another step than the last is shown."""
+        """Send everything to a page, after loading or creating the painting. Returns why a step was skipped, or ''."""
         await self._opened_palette()
         self._show_palette(page)
         if self._layers is not None:
@@ -153,14 +152,14 @@ class PaintRoom:
         self._hub.tell({"do": "step", "room": "paint"} | facts)
 
     def _tell_own(self) -> None:
-        """The document and the pages say the painting's own values, but those that a page has set meanwhile."""
+        """Copy the painting's size and seed to the document and the pages, except values set meanwhile."""
         own = {"width": self._whole.width, "height": self._whole.height, "seed": self._seed}
         changed = self._hub.document.change("paint", {n: v for n, v in own.items() if n not in self._wanted})
         if changed:
             self._hub.tell({"do": "set", "room": "paint", "values": changed})
 
     async def _new(self, label: int = 0) -> None:
-        """All of one label, by default the largest."""
+        """Start a painting filled with one label, by default the largest."""
         allowed = [entry["id"] for entry in (await self._opened_palette()).labels]
         if label and label not in allowed:
             raise ParameterError(f"label={label}: expected one of {', '.join(map(str, allowed))}")
@@ -171,7 +170,7 @@ class PaintRoom:
         await self._settle()
 
     async def _reshape(self) -> None:
-        """Take the size and the seed that pages have set. What is painted stays where it is."""
+        """Apply the size and the seed that pages have set. The painting keeps its position."""
         wanted, self._wanted = self._wanted, set()
         if self._layers is None or not wanted:
             return
@@ -194,16 +193,16 @@ class PaintRoom:
         await self._settle()
 
     def _paintings(self) -> dict[str, Path]:
-        """What can be brought from elsewhere: files beside the photo and beside the document."""
+        """Images in the folders of the photo and of the document, which can be opened."""
         source = self._hub.source.image
         assert source is not None
         return paintings_in((Path(source.source).parent, self._hub.document.path.parent))
 
     async def _bring(self, name: str) -> None:
-        """Go on with a painting from elsewhere, of its own size."""
+        """Open a painting from a file as the next step, at its size."""
         paths = self._paintings()
         if name not in paths:
-            raise ParameterError(f"{name[:200]}: no painting beside the photo or the document has this name")
+            raise ParameterError(f"{name[:200]}: expected an image in the folder of the photo or the document")
         palette, cache = await self._opened_palette(), self._hub.session.resources.cache
         layers = await asyncio.to_thread(palette.read_layers, {COARSE: paths[name], FINE: fine_of(paths[name])}, cache)
         self._wanted = set()
@@ -213,16 +212,16 @@ class PaintRoom:
         await self._settle()
 
     async def _stroke(self, asked: dict[str, Any], data: bytes, page: Page) -> None:
-        """Paint with a label where a page's mask is; looks at a stroke that goes on become one step."""
+        """Paint a label where the page's mask is set. Previews of one stroke become one step."""
         if self._layers is None or self._pixels is None or self._palette is None:
-            raise ImageError("there is no painting yet: open the room first")
+            raise ImageError("there is no painting yet: open the Paint room first")
         layer, label = asked["layer"], int(asked["value"])
         whole, box = self._whole, Window.sized(*(int(asked[name]) for name in ("left", "top", "width", "height")))
         if layer not in LAYERS or box.empty or len(data) != box.width * box.height or not 0 <= label < 256:
             raise ValueError("box")
         if not self._palette.allows(layer, np.array([label])):
             raise ValueError("label")
-        seen = box & whole  # another page may have cut the canvas meanwhile
+        seen = box & whole  # another page may have cropped the canvas meanwhile
         if not seen.empty:
             mask = np.frombuffer(data, np.uint8).reshape(box.height, box.width)[seen.inside(box)] > 0
             layers = {name: plane.copy() for name, plane in self._layers.items()}
@@ -231,7 +230,7 @@ class PaintRoom:
             try:
                 looks.append(await self._add(layers, "Stroke", self._steps.plan(self._step)))
             except Error:
-                self._show_layers()  # the page has painted what could not be made
+                self._show_layers()  # undo the stroke on the page
                 raise
             self._going = page, looks
         going = asked.get("going") is True
@@ -242,7 +241,7 @@ class PaintRoom:
         await self._settle(going)
 
     async def _add(self, layers: Layers, change: str, before: Path | None = None, seed: int | None = None) -> int:
-        """A step after all others; where some of these were undone, after the one that is shown, repeated."""
+        """Add a step at the end of the history. After undo, the step that is shown is first repeated there."""
         self._going = None
         if seed is None:
             seed = self._hub.document.state["paint"]["seed"] if self._layers is None else self._seed
@@ -261,16 +260,16 @@ class PaintRoom:
         return step
 
     async def _settle(self, going: bool = False) -> None:
-        """Say which step is shown now, and save it."""
+        """Save, and tell pages which step is shown."""
         self._hub.document.change("history", {"step": self._step})
         self._tell_own()
         if not going:
-            with contextlib.suppress(Error):  # the next autosave tries again, and says why
+            with contextlib.suppress(Error):  # the next autosave retries and reports the error
                 await asyncio.to_thread(self._steps.save)
         self._tell_step(going)
 
     async def _go(self, steps: Iterable[int]) -> str:
-        """Undo or redo: the first of these that can be shown. Why those before it cannot."""
+        """Undo or redo to the first of these steps that can be shown. Returns why others cannot, or ''."""
         refused = ""
         for step in steps:
             try:
@@ -279,13 +278,13 @@ class PaintRoom:
             except LinkError:
                 raise
             except Error as error:
-                refused = refused or f"step {step} is kept, but cannot be shown: {error}"
+                refused = refused or f"cannot show step {step} (it is kept): {error}"
         if self._layers is not None:
             await self._settle()
         return refused
 
     async def _show(self, step: int) -> None:
-        """That step's painting, made with that step's patches."""
+        """Show a step, with its painting, seed and patches."""
         assert self._palette is not None
         self._going, cache = None, self._hub.session.resources.cache
         layers = await asyncio.to_thread(self._palette.read_layers, self._steps.layers(step), cache)
@@ -300,7 +299,7 @@ class PaintRoom:
         return Window.sized(0, 0, *self._layers[COARSE].shape[::-1])
 
     async def _make(self, layers: Layers, step: int, seed: int, before: Path | None, new: bool = False) -> None:
-        """The texture of a step's painting, beginning with a plan; what has changed is shown."""
+        """Render the texture of a step, starting from a plan, and show what has changed."""
         made = await self._sewing.texture(step, seed, before, new)
         client = await self._hub.client()
         await self._look(client, made["number"], step, layers[FINE])
@@ -310,7 +309,7 @@ class PaintRoom:
         self._layers, self._step, self._seed = layers, step, seed
 
     async def _look(self, client: Any, image: int, step: int, fine: np.ndarray) -> None:
-        """Read what has changed of the texture, and show it; all of it where nothing is shown yet."""
+        """Read and show the changed window of the texture, or all of it the first time."""
         window = None
         if self._layers is not None and self._steps.plan(self._step).exists():
             layers = self._layers[FINE], fine
@@ -329,7 +328,7 @@ class PaintRoom:
         self._show_texture(window)
 
     def _write(self, step: int, layers: Layers, change: str, seed: int) -> None:
-        """A step's layers, of the fine one only what is painted."""
+        """Write a step's layers, without the fine one if it is empty."""
         assert self._palette is not None
         for layer, path in self._steps.layers(step).items():
             if layer == COARSE or layers[layer].any():
@@ -337,7 +336,7 @@ class PaintRoom:
             else:
                 path.unlink(missing_ok=True)
 
-    # --- what is shown ---
+    # --- display ---
 
     def _show_layers(self, page: Page | None = None, box: Window | None = None) -> None:
         assert self._layers is not None
@@ -355,9 +354,9 @@ class PaintRoom:
         self._hub.show(facts, picture, page)
 
     async def _saving(self, times: int) -> Coroutine[Any, Any, None]:
-        """What writes the texture; so many times larger it is sewn around the patches that the page shows."""
+        """A coroutine that saves the texture, `times` as large, around the patches that the page shows."""
         if self._layers is None or self._made is None:
-            raise ImageError("there is no painting yet: open the room first")
+            raise ImageError("there is no painting yet: open the Paint room first")
         if not 1 <= times <= _MOST_TIMES:
             raise ParameterError(f"times={times}: expected an integer from 1 to {_MOST_TIMES}")
         if times == 1:
@@ -373,10 +372,10 @@ class PaintRoom:
         return output_name(source.stem, "painted", str(source.image.first.spec.format))
 
     def line(self) -> str:
-        """The command that makes this texture: with its plan, so that nothing is decided anew."""
+        """The command that renders this texture, from its plan, which fixes all patches."""
         source = self._hub.source
         if self._step < 0 or source.image is None:
-            raise ParameterError("there is no painting yet")
+            raise ParameterError("there is no painting yet: open the Paint room first")
         values: dict[str, Any] = {"table": self._sewing.table, "before": self._steps.plan(self._step)}
         values |= {"seed": self._seed} if self._seed else {}
         if self._steps.fine(self._step).exists():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can be painted with: labels of a photo and, inside each, those of its next finer map (LSA16 figures 13, 14)."""
+"""The palette: labels of a photo and, inside each, labels of the next finer map (LSA16 figures 13, 14)."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from .hub import Hub, labels_of
 _SWATCH = 48  # px
 _LEAST_LABELS, _MOST_LABELS, _MOST_WITHIN = 4, 24, 6
 
-_SOFT = 0.2  # as --texpaint's
+_SOFT = 0.2  # default of --texpaint
 _LEGEND, _FACTS = "oiiotex:legend", "oiiotex:step"
-_MOST_FACTS = 1000  # letters
+_MOST_FACTS = 1000  # characters
 COARSE, FINE = LAYERS = "coarse", "fine"
 
-Layers = dict[str, "np.ndarray"]  # by name: (height, width) uint8, numbers of a palette's labels
+Layers = dict[str, "np.ndarray"]  # (height, width) uint8 label numbers, by layer name
 
 
 class LabelPalette:
-    """Numbers of labels in a painting's two layers, 8 bits each: the page's, and those of indexed PNGs.
+    """8-bit label numbers of a painting's two layers, as used on the page and in indexed PNGs.
 
-    Coarse ones are the labels' ids. Of the finer map, which may have thousands, those are numbered that have a swatch;
-    0 is none: there the coarse label stays as it is.
+    Coarse numbers are label ids. The finer map can have thousands of labels: only those with a swatch get a number. In
+    the fine layer, 0 means none: the coarse label is used.
 
     `picture` (height, width, channels) float32.
     """
@@ -53,24 +53,24 @@ class LabelPalette:
             self._parents[entry["number"]] = entry["parent"]
 
     def allows(self, layer: str, numbers: np.ndarray) -> bool:
-        """Whether all are labels of that layer."""
+        """Whether all numbers are labels of that layer."""
         allowed = self._entries[layer].keys() | ({0} if layer == FINE else set())
         return allowed.issuperset(np.flatnonzero(np.bincount(numbers.ravel())).tolist())
 
     def paint(self, layers: Layers, layer: str, place: tuple[slice, slice], mask: np.ndarray, number: int) -> None:
-        """Paint with a label where a mask of a place is, inside the coarse label that a finer one is part of."""
+        """Paint a label where the mask is set; a finer label only inside its coarse label."""
         if layer == FINE and number:
             mask = mask & (layers[COARSE][place] == self._parents[number])
         layers[layer][place][mask] = number
         self.keep_inside(layers, place)
 
     def keep_inside(self, layers: Layers, place: tuple[slice, slice]) -> None:
-        """Take away what lies in a place of the fine layer on another label than the one that it is part of."""
+        """Remove finer labels that lie outside their coarse label."""
         fine = layers[FINE][place]
         fine[self._parents[fine] != layers[COARSE][place]] = 0
 
     def read_layers(self, files: Mapping[str, Path], cache: PieceCache) -> Layers:
-        """A painting's layers, from files of which the fine one may not be there."""
+        """Read a painting's layers; the file of the fine layer can be missing."""
         layers: Layers = {}
         for layer, path in files.items():
             if layer == FINE and (path.is_symlink() or not path.exists()):
@@ -79,16 +79,16 @@ class LabelPalette:
             image = read(path, cache)
             size = image.first.spec.width, image.first.spec.height
             if not all(LEAST_PAINTED <= n <= MOST_PAINTED for n in size):
-                allowed = f"a painting has {LEAST_PAINTED} to {MOST_PAINTED} px a side"
-                raise ImageError(f"{path} is of {size[0]}x{size[1]}: {allowed}")
+                expected = f"expected {LEAST_PAINTED} to {MOST_PAINTED} px per side"
+                raise ImageError(f"{path} has {size[0]}x{size[1]} px: {expected}")
             layers[layer] = self.read(layer, image)
         if layers[COARSE].shape != layers[FINE].shape:
-            raise ImageError(f"{files[FINE]} is of another size than {files[COARSE]}")
+            raise ImageError(f"{files[FINE]} must have the same size as {files[COARSE]}")
         self.keep_inside(layers, (slice(None), slice(None)))
         return layers
 
     def read(self, layer: str, image: Image) -> np.ndarray:
-        """Numbers of a painting: ids of labels, or their colors; those of soft brushes are taken for the nearest."""
+        """Label numbers of a painting of ids or colors. Blended colors of soft brushes become the nearest label."""
         part = image.first
         self._require_same_labels(layer, image)
         channels = channels_of(part.spec)
@@ -101,11 +101,11 @@ class LabelPalette:
         if stray.any():
             strays = Strays()
             strays.add(codes, stray, np.arange(codes.shape[1]), np.arange(codes.shape[0]))
-            raise ImageError(f"{image.source} has {meaning.strays(strays, 'px')}: paint with those of the palette")
+            raise ImageError(f"{image.source} has {meaning.strays(strays, 'px')}; use those of the palette")
         return meaning.keys[place, 0].astype(np.uint8)
 
     def _meaning(self, layer: str, colors: bool) -> Meaning:
-        """Of a layer's colors, or ids."""
+        """The mapping from a layer's colors or ids to label numbers."""
         entries = self._entries[layer].items()
         numbers = {code_of(e["color"]) if colors else e["id"]: number for number, e in entries}
         numbers |= {0: 0} if layer == FINE else {}
@@ -114,7 +114,7 @@ class LabelPalette:
         return Meaning(np.array(codes, np.int64), keys, np.ones(len(codes), bool), colors, _SOFT)
 
     def _require_same_labels(self, layer: str, image: Image) -> None:
-        """By the legend of `write`, where there is one."""
+        """Raise ImageError if the file's legend, as written by `write`, differs from the palette."""
         text = image.first.spec.get_string_attribute(_LEGEND)
         if not text:
             return
@@ -125,10 +125,10 @@ class LabelPalette:
         for entry in self._entries[layer].values():
             name = named.get(entry["color"], entry["name"])
             if name != entry["name"]:
-                raise ImageError(f"{image.source} is painted with {name}, this palette has {entry['name']} instead")
+                raise ImageError(f"{image.source} is painted with {name}: expected {entry['name']}, as in this palette")
 
     def write(self, layer: str, path: Path, numbers: np.ndarray, facts: Mapping[str, Any]) -> None:
-        """Write a layer as an indexed PNG with its legend: colors are those of the table, so that --texpaint reads it.
+        """Write a layer as an indexed PNG with its legend, in the table's colors, so that --texpaint can read it.
 
         `numbers` (height, width) uint8.
         """
@@ -139,7 +139,7 @@ class LabelPalette:
 
 
 def extended(layers: Layers, width: int, height: int) -> Layers:
-    """Layers of another size: cut off or extended on the right and at the bottom, by the label that most of it has."""
+    """Layers cropped or extended on the right and at the bottom; the extension has the most frequent label."""
     old = layers[COARSE].shape
     rows, columns = (slice(0, min(pair)) for pair in zip(old, (height, width), strict=True))
     ground = {COARSE: int(np.bincount(layers[COARSE].ravel()).argmax()), FINE: 0}
@@ -150,7 +150,7 @@ def extended(layers: Layers, width: int, height: int) -> Layers:
 
 
 def step_facts(path: Path, cache: PieceCache) -> dict[str, Any]:
-    """What `LabelPalette.write` was told of a step: its seed, and what has changed in it."""
+    """The seed and the change of a step, as written by `LabelPalette.write`."""
     text = read(path, cache).first.spec.get_string_attribute(_FACTS) or "{}"
     facts = None
     if len(text) <= _MOST_FACTS:
@@ -158,28 +158,28 @@ def step_facts(path: Path, cache: PieceCache) -> dict[str, Any]:
             facts = json.loads(text)
     seed, change = (facts.get("seed", 0), facts.get("change", "")) if isinstance(facts, dict) else (None, None)
     if type(seed) is not int or not 0 <= seed < 1 << 32 or not isinstance(change, str):
-        raise ImageError(f"{path}: its {_FACTS} is broken: expected seed, an integer from 0 to 4294967295, and change")
+        raise ImageError(f"{path}: invalid {_FACTS}: expected seed, an integer from 0 to 4294967295, and change")
     return {"seed": seed, "change": change}
 
 
 def require_replaceable(table: Path) -> None:
-    """Refuse to write a palette's table over what is none."""
+    """Raise ImageError if a file exists that is not a palette's table, and would be overwritten."""
     if not os.path.lexists(table):
         return
     with contextlib.suppress(ImageError):
         document = read_document(table)
         if not table.is_symlink() and isinstance(document, dict) and "labels" in document:
             return
-    raise ImageError(f"{table}: is no palette's table, and would be replaced by one: give it another name")
+    raise ImageError(f"{table} is not a palette's table and would be overwritten; rename it")
 
 
 async def palette_of(hub: Hub, table: Path) -> tuple[LabelPalette, Path]:
-    """Of the hub's photo, by --texlabel and --texpalette, and where its table is: in memory if `table` is unwritable.
+    """The photo's palette, by --texlabel and --texpalette, and the path of its table: `table` if it is writable.
 
     Raises
     ------
     ImageError
-        By `require_replaceable`.
+        A file exists that is not a palette's table.
     """
     require_replaceable(table)
     made_table = hub.spare / "palette.json"
@@ -191,7 +191,7 @@ async def palette_of(hub: Hub, table: Path) -> tuple[LabelPalette, Path]:
         "children": _MOST_WITHIN,
         "json": os.path.abspath(made_table),
     }
-    advance = hub.advancing("Making swatches of the labels")
+    advance = hub.advancing("Rendering swatches")
     request = client.make("palette", [made["number"]], values, priority=BRUSH, read="", keep=False, on_progress=advance)
     _, (picture,) = await asyncio.wrap_future(request)
     palette = LabelPalette(read_document(made_table), as_float(picture))
@@ -202,7 +202,7 @@ async def palette_of(hub: Hub, table: Path) -> tuple[LabelPalette, Path]:
 
 
 async def _level(client: Client, made: dict[str, Any]) -> int:
-    """The coarsest level that has some labels to paint with."""
+    """The coarsest level with at least _LEAST_LABELS labels, else the one with the most."""
     counts = {}
     for name in reversed(labels_of(made)):
         _, (ids,) = await asyncio.wrap_future(client.read(made["number"], part=name, priority=BRUSH))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page's server: Starlette and uvicorn, on this machine alone unless the user says otherwise."""
+"""The page's server: Starlette and uvicorn, reachable from this machine only, by default."""
 
 from __future__ import annotations
 
@@ -38,31 +38,32 @@ def serve(
     image: Image | None, session: Session, words: tuple[str, ...], *, host: str, port: int, token: str, open_page: bool,
     graph: Path | None, document: Path | None,
 ) -> None:  # fmt: skip
-    """Serve the page of a photo, or of a graph, until the process is told to end.
+    """Serve the page of a photo or of an exemplar graph until the process is interrupted.
 
     Parameters
     ----------
     image : Image or None
-        The photo; None where `graph` says what is zoomed into.
+        The photo; None with `graph`.
     session : Session
-        Of the line.
+        Session of the command line.
     words : tuple of str
-        The line up to here.
+        The command line before --texlive.
     host : str
-        The machine's address that is listened at; beyond loopback `token` must be said.
+        Address to listen on. Other addresses than loopback require `token`.
     port : int
-        0: any that is free.
+        0: any free port.
     token : str
-        Of the URL; '': a new one.
+        Secret in the URL; '': a new random one.
     open_page : bool
-        Open it in the user's browser.
+        Open the page in the default browser.
     graph, document : Path or None
-        An exemplar graph; where parameters and history are kept, beside the current folder's files when left out.
+        An exemplar graph; the document that keeps parameters and history, by default NAME.texlive.json in the
+        current folder.
 
     Raises
     ------
     Error
-        Something is not installed, the port is taken, or the document is another photo's or open in another server.
+        A package is not installed, the port is in use, or the document belongs to another photo or is already open.
     """
     try:
         import starlette  # noqa: F401
@@ -80,18 +81,18 @@ def serve(
         ws_max_size=MOST_UPLOAD, limit_concurrency=_MOST_CONNECTIONS, timeout_graceful_shutdown=2, lifespan="on",
     )  # fmt: skip
     url = f"http://{f'[{host}]' if ':' in host else host}:{listening.getsockname()[1]}/{token}/"
-    print(f"{url}  (Ctrl-C ends it)", flush=True)
+    print(f"{url}  (press Ctrl-C to stop)", flush=True)
     if open_page:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
     hang_up = getattr(signal, "SIGHUP", None)
-    if hang_up is not None and signal.getsignal(hang_up) != signal.SIG_IGN:  # ignored: as nohup has it
+    if hang_up is not None and signal.getsignal(hang_up) != signal.SIG_IGN:  # ignored under nohup
         uvicorn.server.HANDLED_SIGNALS = tuple({*uvicorn.server.HANDLED_SIGNALS, hang_up})
     with listening:
         uvicorn.Server(config).run(sockets=[listening])
 
 
 def _in_one_line(record: logging.LogRecord) -> bool:
-    """What strangers' bytes lead to fills no terminal."""
+    """Shorten log records: malformed requests must not flood the terminal."""
     error = record.exc_info and record.exc_info[1]
     text = record.getMessage() + (f": {type(error).__name__}: {error}" if error else "")
     record.msg, record.args, record.exc_info = one_line(text)[:300], (), None
@@ -101,7 +102,7 @@ def _in_one_line(record: logging.LogRecord) -> bool:
 def _hub(
     image: Image | None, session: Session, words: tuple[str, ...], graph: Path | None, document: Path | None
 ) -> Hub:
-    """The document's hub with its rooms."""
+    """The hub of the document, with its rooms."""
     from .hub import Hub, PageSource
     from .paint_room import PaintRoom
     from .tile_room import TileRoom
@@ -129,7 +130,7 @@ def _hub(
 
 
 def _application(hub: Hub) -> Starlette:
-    """The page's files, and its connection."""
+    """The ASGI application: the page's files and its WebSocket."""
     from starlette.applications import Starlette
     from starlette.responses import Response
     from starlette.routing import Route, WebSocketRoute
@@ -157,7 +158,7 @@ def _application(hub: Hub) -> Starlette:
 
 
 def _names(host: str) -> tuple[str, ...]:
-    """By which names a browser may ask for the page."""
+    """Host names under which a browser can request the page."""
     return LOOPBACK if host in LOOPBACK else (*LOOPBACK, host, socket.gethostname())
 
 
@@ -166,4 +167,4 @@ def _listening(host: str, port: int) -> socket.socket:
     try:
         return socket.create_server((host, port), family=family)
     except OSError as error:
-        raise Error(f"port={port} of {host} cannot be listened at: {error.strerror}") from error
+        raise Error(f"cannot listen on port {port} of {host}: {error.strerror}; choose another port=") from error

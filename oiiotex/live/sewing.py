@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the resident process makes of a painting's steps: their texture, and larger ones that are saved as files."""
+"""Texture of a painting's steps, rendered by the resident process, and larger versions that are saved as files."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from .history import Steps
 from .hub import Hub
 from .palette import COARSE, FINE
 
-_PATCHES = 16, 64  # px, the least and the largest
+_PATCHES = 16, 64  # px, smallest and largest
 
 
 class LiveSewing:
-    """--texpaint of steps."""
+    """Runs --texpaint on steps of a painting."""
 
     def __init__(self, hub: Hub, steps: Steps, table: Path):
         self._hub, self._steps, self.table = hub, steps, table
 
     async def texture(self, step: int, seed: int, before: Path | None, new: bool) -> dict[str, Any]:
-        """The texture of a step, as the resident process says it: 'number' and 'parts'.
+        """The texture of a step: 'number' and 'parts', from the resident process.
 
         Parameters
         ----------
         step : int
         seed : int
         before : Path or None
-            A plan to begin with; None: all of it is decided.
+            A plan to start from; None: all patches are chosen.
         new : bool
-            Its plan is written.
+            Whether to write its plan.
         """
         hub, client = self._hub, await self._hub.client()
         values = self._values(seed) | ({"patch": self._patch()} if before is None else {"before": before})
@@ -42,7 +42,7 @@ class LiveSewing:
         labeled, paintings = await self._images(client, step)
         hub.tell({"do": "busy", "room": "paint", "done": 0, "total": 1})
         try:
-            advance = hub.advancing("Sewing the painting") if before is None else None
+            advance = hub.advancing("Synthesizing the texture") if before is None else None
             facts, _ = await asyncio.wrap_future(_asked(client, labeled, paintings, values, BRUSH, advance))
         finally:
             for painting in paintings.values():
@@ -54,18 +54,18 @@ class LiveSewing:
     async def saving(
         self, step: int, seed: int, before: Path, size: tuple[int, int], name: str
     ) -> Coroutine[Any, Any, None]:
-        """What saves a step's texture of another size, in the background.
+        """A coroutine that saves a step's texture at another size, in the background.
 
         Parameters
         ----------
         step : int
         seed : int
         before : Path
-            A plan of that size to begin with.
+            A plan of that size to start from.
         size : (int, int)
-            Width and height, px.
+            Width and height in pixels.
         name : str
-            Of the file.
+            File name.
         """
         client = await self._hub.client()
         labeled, paintings = await self._images(client, step)
@@ -86,7 +86,7 @@ class LiveSewing:
         return save()
 
     async def _images(self, client: Client, step: int) -> tuple[int, dict[str, int]]:
-        """Numbers of the labeled photo and of the step's layers in the resident process."""
+        """Numbers in the resident process of the labeled photo and of the step's layers."""
         labeled, cache = (await self._hub.made("label"))["number"], self._hub.session.resources.cache
         there = {layer: path for layer, path in self._steps.layers(step).items() if path.exists()}
         return labeled, {layer: await asyncio.to_thread(client.put, read(path, cache)) for layer, path in there.items()}
@@ -95,7 +95,7 @@ class LiveSewing:
         return {"table": self.table} | ({"seed": seed} if seed else {})
 
     def _patch(self) -> int:
-        """A side of which the photo holds some dozens."""
+        """A patch size of which the photo contains dozens."""
         image = self._hub.source.image
         assert image is not None
         shorter = min(image.first.spec.width, image.first.spec.height)
@@ -106,7 +106,7 @@ def _asked(
     client: Client, labeled: int, paintings: dict[str, int], values: dict[str, Any], priority: int,
     advance: Callable[[int, int], None] | None,
 ) -> Request:  # fmt: skip
-    """A painting's texture, of layers that the resident process has; it has a folder of its own."""
+    """Request the texture of layers in the resident process. Paths are absolute: it has another working folder."""
     fine = {FINE: paintings[FINE]} if FINE in paintings else None
     images = [labeled, paintings[COARSE]]
     absolute = {name: os.path.abspath(value) if isinstance(value, Path) else value for name, value in values.items()}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Room Tile: the photo's tile, coarse first; a new move cancels what the last one began."""
+"""Room Tile: the photo's tile, with coarse previews first. A change cancels the previous synthesis."""
 
 from __future__ import annotations
 
@@ -14,31 +14,32 @@ from ..errors import Error, ImageError
 from .hub import Hub, Page, labels_of
 from .lines import line, output_name, word_of
 
-MOST_SHOWN = 2048  # px, of a side of what is sent to a page
+MOST_SHOWN = 2048  # px; longest side of an image sent to a page
 THUMBNAIL = 128  # px
 MOST_THUMBNAILS = 12
 _FLAG = "--texstationarize"
 _BRUSHES = {"mask": "mask.png", "inpaint": "inpaint.png"}
+_TITLES = {"mask": "Source", "inpaint": "Replace"}  # on the page
 
 
 class TileRoom:
-    """What pages see of the tile."""
+    """The Tile room of all pages."""
 
     def __init__(self, hub: Hub):
         self._hub = hub
         self._turn = 0
         self._request: Request | None = None
-        self._tile: tuple[np.ndarray, dict[str, Any]] | None = None  # the last look, and what is said of it
+        self._tile: tuple[np.ndarray, dict[str, Any]] | None = None  # the last preview, and its facts
         self._measures: dict[str, Any] | None = None
-        self._image: dict[str, Any] | None = None  # the whole tile, as the resident process says it
+        self._image: dict[str, Any] | None = None  # the finished tile: 'number' and 'parts'
         self._thumbnails: list[Request] = []
-        self._numbers: dict[str, int] = {}  # of images that the resident process has
+        self._numbers: dict[str, int] = {}  # of brush images in the resident process
         self._photo: np.ndarray | None = None
 
     # --- pages ---
 
     async def greet(self, page: Page) -> None:
-        """Show a new page what there is."""
+        """Send the current state to a new page."""
         if self._hub.source.image is None:
             return
         self._show_photo(page)
@@ -52,7 +53,7 @@ class TileRoom:
             await self._begin()
 
     async def changed(self, room: str, names: set[str]) -> None:
-        """Make the tile anew, or show it in other colors."""
+        """Resynthesize the tile, or update its display transform."""
         if self._hub.source.image is None:
             return
         if room == "view":
@@ -63,7 +64,7 @@ class TileRoom:
             await self._begin()
 
     async def take(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
-        """What a page asks for."""
+        """Handle a request of a page."""
         do = asked["do"]
         if do == "line":
             self._hub.tell({"do": "line", "room": "tile", "text": self.line()})
@@ -71,7 +72,7 @@ class TileRoom:
             self._take_brush(asked["name"], data, page)
         elif do == "save":
             if self._image is None:
-                raise Error("the tile is not done yet: save it then")
+                raise Error("the tile is not finished yet: wait before saving")
             await self._hub.save(self._image, self._name())
         elif do == "seeds":
             await self._seeds(int(asked["first"]), int(asked["count"]))
@@ -81,10 +82,10 @@ class TileRoom:
             raise ValueError(do)
 
     def leave(self, page: Page) -> None:
-        """Nothing hangs on one page."""
+        """Nothing to do: no state belongs to a single page."""
 
     def forget(self) -> None:
-        """The resident process is another one."""
+        """Drop references to images of a resident process that has ended."""
         self._numbers.clear()
         self._image = None
 
@@ -146,7 +147,7 @@ class TileRoom:
             self._hub.tell({"do": "busy", "room": "tile", "done": done, "total": total})
 
     def _values(self) -> dict[str, Any]:
-        """Modifiers that differ from what is meant when they are left out, but for images."""
+        """Modifiers with other values than the default, except images."""
         tile = self._hub.document.state["tile"]
         values = {name: tile[name] for name in ("flatten", "sigma", "amount", "contrast", "preset", "patch")}
         if tile["amount"] is not None:
@@ -161,7 +162,7 @@ class TileRoom:
         return {name: value for name, value in values.items() if value is not None}
 
     async def _exemplar(self) -> tuple[int, dict[str, int | str]]:
-        """The number of the photo with what it needs, and of images beside it."""
+        """Numbers of the photo, with any parts the tile requires, and of optional images."""
         tile, optional = self._hub.document.state["tile"], dict[str, int | str]()
         number = await self._hub.photo()
         if tile["mask"] == "dominant":
@@ -179,14 +180,14 @@ class TileRoom:
         if name not in self._numbers:
             path = self._hub.document.beside(_BRUSHES[name])
             if not path.exists():
-                raise Error(f"nothing is painted into the {name} yet: choose the brush and paint on the photo")
+                raise Error(f"{_TITLES[name]}: nothing is painted yet; choose the brush and paint on the photo")
             client = await self._hub.client()
             image = read(path, self._hub.session.resources.cache)
             self._numbers[name] = await asyncio.to_thread(client.put, image)
         return self._numbers[name]
 
     def line(self) -> str:
-        """The command that makes this tile at full size."""
+        """The command that renders this tile at full size."""
         source, tile = self._hub.source, self._hub.document.state["tile"]
         assert source.image is not None
         words, images = list(source.words), {}
@@ -237,7 +238,7 @@ class TileRoom:
             request.stop()
         self._thumbnails = []
 
-    # --- the photo, and what lies over it ---
+    # --- the photo and its overlays ---
 
     def _show_photo(self, page: Page | None = None) -> None:
         source = self._hub.source.image
@@ -255,12 +256,12 @@ class TileRoom:
             self._hub.show({"room": "tile", "kind": "brush", "name": name}, marked, page)
 
     def _take_brush(self, name: str, data: bytes, page: Page) -> None:
-        """Save what was painted, at the photo's size."""
+        """Save a painted mask at the photo's size."""
         source, path = self._hub.source.image, self._hub.document.beside(_BRUSHES[name])
         assert source is not None and self._photo is not None
         height, width = self._photo.shape[:2]
         if len(data) != width * height:
-            raise ImageError("the brush's picture is not of the photo's size")
+            raise ImageError(f"{len(data)} bytes of mask: expected {width}x{height} px, as the photo; reload the page")
         small = np.frombuffer(data, np.uint8).reshape(height, width)
         spec = source.first.spec
         rows, columns = np.arange(spec.height) * height // spec.height, np.arange(spec.width) * width // spec.width
@@ -274,7 +275,7 @@ class TileRoom:
             self._hub.begin(self._begin())
 
     async def _overlay(self, name: str) -> None:
-        """Show the dominant mask, or the labels, over the photo."""
+        """Show the dominant texture or the labels as an overlay of the photo."""
         made, client = await self._hub.made(name), await self._hub.client()
         number = made["number"]
         part = name if name == "dominant" else labels_of(made)[-1]
@@ -291,7 +292,7 @@ class TileRoom:
 
 
 def _reduced(pixels: np.ndarray, most: int = MOST_SHOWN) -> np.ndarray:
-    """(height, width, channels) float32, no side longer than `most`."""
+    """(height, width, channels) float32, reduced so that no side exceeds `most`."""
     scale = min(1.0, most / max(pixels.shape[:2]))
     height, width = (max(1, round(n * scale)) for n in pixels.shape[:2])
     return resized(pixels, width, height)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Room Zoom: tiles of a texture without end, what is in sight first; a place has as many digits as it needs."""
+"""Room Zoom: tiles of an unbounded texture, visible ones first. Positions are exact integers of any length."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from .hub import Hub, Page
 from .lines import line, output_name, text_of, word_of
 
 SIDE = 256  # px of a tile
-_MOST_WANTED = 256  # tiles of a page
-_AT_ONCE = 6  # that the resident process is asked for
+_MOST_WANTED = 256  # tiles per page
+_AT_ONCE = 6  # concurrent requests to the resident process
 _KEPT = 1024  # tiles
-_FRAME = 1280, 720  # px, of a path's frames
+_FRAME = 1280, 720  # px, size of a path's frames
 
 TilePlace = tuple[int, int, int]  # level, column, row
 
 
 class ZoomRoom:
-    """What pages see of a plane."""
+    """The Zoom room of all pages."""
 
     def __init__(self, hub: Hub):
         self._hub = hub
         self._wanted: dict[Page, list[TilePlace]] = {}
         self._asked: dict[TilePlace, Request | None] = {}
         self._tiles: OrderedDict[TilePlace, np.ndarray] = OrderedDict()
-        self._turn = 0  # of seed and lock: tiles of another are not these
+        self._turn = 0  # changes with seed and lock, which invalidate tiles
 
     async def greet(self, page: Page) -> None:
-        """A page asks for what it sees."""
+        """Nothing to send: a page requests the tiles it shows."""
 
     async def changed(self, room: str, names: set[str]) -> None:
-        """Forget tiles of another plane; say so where they look otherwise."""
+        """Discard tiles after a change of the plane, and tell pages when tiles look different."""
         if room == "zoom" and names & {"seed", "lock"}:
             self._turn += 1
             self._tiles.clear()
@@ -51,7 +51,7 @@ class ZoomRoom:
             self._hub.tell({"do": "stale", "room": "zoom"})
 
     async def take(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
-        """What a page asks for."""
+        """Handle a request of a page."""
         do = asked["do"]
         if do == "tiles":
             level, places = int(asked["level"]), asked["tiles"]
@@ -69,12 +69,12 @@ class ZoomRoom:
             raise ValueError(do)
 
     def leave(self, page: Page) -> None:
-        """What it alone saw is not wanted any more."""
+        """Cancel requests for tiles that only this page showed."""
         self._wanted.pop(page, None)
         self._drop({tile for tile in self._asked if not self._is_wanted(tile)})
 
     def forget(self) -> None:
-        """The resident process is another one, which is asked for whole tiles as the last one was."""
+        """Nothing to do after a restart of the resident process: tiles are requested whole."""
 
     # --- tiles ---
 
@@ -88,7 +88,7 @@ class ZoomRoom:
                 request.stop()
 
     def _ask(self) -> None:
-        """Send what there is; ask for what comes first, a few at a time: the rest may go out of sight."""
+        """Send finished tiles and request the next few; the others may leave the view before."""
         for page, wanted in self._wanted.items():
             for tile in [tile for tile in wanted if tile in self._tiles]:
                 wanted.remove(tile)
@@ -110,7 +110,7 @@ class ZoomRoom:
             if tile not in self._asked or turn != self._turn:
                 return
             op, values = self._use(tile[0], tile[1] * SIDE, tile[2] * SIDE, SIDE, SIDE)
-            if self._hub.source.graph:  # the resident process has a folder of its own
+            if self._hub.source.graph:  # the resident process has a different working folder
                 values["graph"] = os.path.abspath(self._hub.source.graph)
             request = client.make(op, images, values, priority=TILES, read="", keep=False)
             self._asked[tile] = request
@@ -137,31 +137,31 @@ class ZoomRoom:
         picture = self._hub.picture(as_float(self._tiles[tile]), self._hub.shown())
         self._hub.show({"room": "zoom", "level": level, "x": str(x), "y": str(y)}, picture, page)
 
-    # --- lines ---
+    # --- commands ---
 
     def _use(self, level: int, left: int, top: int, width: int, height: int) -> tuple[str, dict[str, Any]]:
-        """The op, and its modifiers, that make a window of a level."""
+        """The op and the modifiers that render a window of a level."""
         zoom = self._hub.document.state["zoom"]
         same = {"seed": zoom["seed"] or None, "lock": zoom["lock"] or None}
         if self._hub.source.graph:
             window = f"{width}x{height}{left:+d}{top:+d}"
-            return "synth", _said({"graph": self._hub.source.graph, "level": level, "window": window} | same)
+            return "synth", _given({"graph": self._hub.source.graph, "level": level, "window": window} | same)
         at = [Fraction(2 * n + size, 2) / 2**level for n, size in ((left, width), (top, height))]
-        return "zoom", _said({"level": level, "at": self._numbers(at), "size": f"{width}x{height}"} | same)
+        return "zoom", _given({"level": level, "at": self._numbers(at), "size": f"{width}x{height}"} | same)
 
     def _numbers(self, at: list[Fraction]) -> str:
-        """A place in pixels of the root, exactly."""
+        """A position in root pixels, exactly."""
         exact = [place * self._hub.source.side for place in at]
         if any(Fraction(float(n)) != n for n in exact):
-            raise ParameterError("here a photo's plane ends: deeper places have more digits than at= holds; graph= has")
+            raise ParameterError("too deep for a photo: at= cannot hold this position exactly; zoom out or use graph=")
         return ",".join(text_of(float(n)) for n in exact)
 
     def _middle(self, key: dict[str, Any]) -> list[Fraction]:
-        """A place in pixels of level 0."""
+        """A position in pixels of level 0."""
         return [Fraction(int(key[name]), 1 << PLACE_BITS) for name in ("x", "y")]
 
     def line(self, width: int, height: int) -> str:
-        """The command that makes what is seen, on the level that is nearest."""
+        """The command that renders the current view, at the nearest level."""
         zoom = self._hub.document.state["zoom"]
         level = round(zoom["zoom"])
         left, top = (int(n * 2**level) - size // 2 for n, size in zip(self._middle(zoom), (width, height), strict=True))
@@ -169,14 +169,14 @@ class ZoomRoom:
         return self._line(word_of(f"--tex{op}", values), self._output("zoom"))
 
     def path(self) -> str:
-        """The command that renders the path: from the first key frame's depth to the last one's place."""
+        """The command that renders the path, from the zoom of the first keyframe to the last keyframe."""
         zoom = self._hub.document.state["zoom"]
         keys = zoom["keys"]
         if len(keys) < 2:
-            raise ParameterError("a path has two key frames or more: fly, press K, fly on, press K")
+            raise ParameterError("a path requires at least two keyframes: press K at each position")
         first, last, frames = keys[0], keys[-1], zoom["frames"]
         if first["zoom"] == last["zoom"]:
-            raise ParameterError("the path's first and last key frames are as deep: a zoom changes depth")
+            raise ParameterError("the first and last keyframes have the same zoom: expected different ones")
         side = self._hub.source.side
         aim = [Fraction(round(n * 2**40 * side), 2**40 * side) for n in self._middle(last)]
         values = {
@@ -196,5 +196,5 @@ class ZoomRoom:
         return output_name(self._hub.source.stem, what, "float" if image is None else str(image.first.spec.format))
 
 
-def _said(values: dict[str, Any]) -> dict[str, Any]:
+def _given(values: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}

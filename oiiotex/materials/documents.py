@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A material for other programs: a MaterialX document, a stage of USD, Blender's catalog of assets."""
+"""Documents of a material for other programs: MaterialX, USD, and Blender's list of asset catalogs."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("oiiotex")
 
-HEX = "_hextiled"  # behind the name of a material that is laid out so
+HEX = "_hextiled"  # suffix of the hex-tiled material's name
 BLENDER = "blender_assets.cats.txt"
-_SPACES = {  # what MaterialX calls the spaces that most tiles are in
+_SPACES = {  # MaterialX names of common color spaces
     "srgb_rec709_scene": "srgb_texture", "lin_rec709_scene": "lin_rec709", "ACEScg": "acescg",
     "lin_ap1_scene": "acescg",
 }  # fmt: skip
-_INPUTS = {  # of standard_surface, and their types
+_INPUTS = {  # inputs of standard_surface, with their types
     "color": ("base_color", "color3"), "roughness": ("specular_roughness", "float"), "metal": ("metalness", "float"),
     "normal": ("normal", "vector3"), "opacity": ("opacity", "color3"), "emission": ("emission_color", "color3"),
     "specular": ("specular_color", "color3"),
 }  # fmt: skip
-_PREVIEW = {  # of UsdPreviewSurface, and the type and channel that they are read as
+_PREVIEW = {  # inputs of UsdPreviewSurface, with type and channels
     "color": ("diffuseColor", "Color3f", "rgb"), "roughness": ("roughness", "Float", "r"),
     "metal": ("metallic", "Float", "r"), "normal": ("normal", "Normal3f", "rgb"), "opacity": ("opacity", "Float", "r"),
     "ao": ("occlusion", "Float", "r"), "emission": ("emissiveColor", "Color3f", "rgb"),
@@ -39,19 +39,19 @@ _NAMESPACE = uuid.UUID("6f1d8a52-0f0b-4c55-9d0a-0a7d3f0e5b11")  # of Blender's c
 
 @dataclass(frozen=True)
 class Described:
-    """What documents say of an asset.
+    """The description of an asset for its documents.
 
     Attributes
     ----------
     name : str
     maps : mapping of role to str
-        Files, below the asset's folder.
+        Files, relative to the asset's folder.
     space : str
-        Of its colors.
+        Color space of its color maps.
     hand : str
-        Of its normals: 'opengl', 'directx' or ''.
+        Convention of its normals: 'opengl', 'directx' or ''.
     lattice : bool
-        The texture has one, so that hex-tiling is not offered.
+        Whether the texture has a lattice, which hex-tiling would break.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Described:
 
     @property
     def identifier(self) -> str:
-        """The name as documents allow it."""
+        """The name with only letters, digits and underscores."""
         name = "".join(c if c.isascii() and c.isalnum() else "_" for c in self.name)
         return name if name[:1].isalpha() else f"m_{name}"
 
@@ -71,12 +71,12 @@ class Described:
 
 
 def write_materialx(described: Described, folder: Path) -> None:
-    """NAME.mtlx: the tile by `image`, and where it has no lattice the same by `hextiledimage`, as a second material.
+    """Write NAME.mtlx: a material with `image` nodes and, without a lattice, a second one with `hextiledimage`.
 
     Raises
     ------
     Error
-        MaterialX is not installed, or finds the document wrong.
+        MaterialX is not installed, or rejects the document.
     """
     mx = _materialx()
     document = mx.createDocument()
@@ -93,12 +93,12 @@ def write_materialx(described: Described, folder: Path) -> None:
 
 
 def materialx_faults(path: Path) -> list[str]:
-    """What MaterialX' own validator finds wrong in a file, and files that it names and that are not there."""
+    """Errors in a file: those of MaterialX's validator, and missing files."""
     mx = _materialx()
     document = mx.createDocument()
     try:
         mx.readFromXmlFile(document, str(path))
-    except Exception as error:  # of its own kinds
+    except Exception as error:  # MaterialX exceptions
         return [f"{path}: {error}"]
     document.setDataLibrary(_libraries())
     valid, text = document.validate()
@@ -106,12 +106,12 @@ def materialx_faults(path: Path) -> list[str]:
     for element in document.traverseTree():
         if element.isA(mx.Input) and element.getType() == "filename" and element.getValueString():
             file = path.parent / element.getValueString()
-            faults += [] if file.is_file() else [f"{path}: {file} is not there"]
+            faults += [] if file.is_file() else [f"{path}: {file} is missing"]
     return faults
 
 
 def has_materialx() -> bool:
-    """Whether it is installed."""
+    """Whether MaterialX is installed."""
     try:
         _materialx()
     except Error:
@@ -123,7 +123,7 @@ def _materialx() -> Any:
     try:
         import MaterialX
     except ImportError as error:
-        raise Error("MaterialX is not installed: pip install oiiotex[library], or materialx = false") from error
+        raise Error("MaterialX is not installed: pip install oiiotex[library], or set materialx = false") from error
     return MaterialX
 
 
@@ -131,7 +131,7 @@ _loaded: list[Any] = []
 
 
 def _libraries() -> Any:
-    """The standard nodes; loaded once."""
+    """The standard node libraries, loaded once."""
     if not _loaded:
         mx = _materialx()
         library = mx.createDocument()
@@ -167,12 +167,12 @@ def _material(document: MaterialX.Document, described: Described, name: str, hex
 
 
 def _texture(graph: Any, role: str, file: str, kind: str, described: Described, hex_tiled: bool) -> Any:
-    """What reads a map. Hex-tiling is of colors alone, so of a gray map the first channel is taken."""
+    """The node that reads a map. Hex-tiling supports only color3, so gray maps use its first channel."""
     if not hex_tiled:
         node = graph.addNode("image", f"{role}_image", kind)
     else:
         node = graph.addNode("hextiledimage", f"{role}_image", "color3")
-        node.setInputValue("scale", 0.0)  # stones have the size that they have
+        node.setInputValue("scale", 0.0)  # no random scale
         if role not in COLORS:
             node.setInputValue("falloffcontrast", 0.0)
     source = node.addInput("file", "filename")
@@ -187,7 +187,7 @@ def _texture(graph: Any, role: str, file: str, kind: str, described: Described, 
 
 
 def _normals(graph: Any, file: str, hand: str, hex_tiled: bool) -> Any:
-    """What reads a map of normals; MaterialX' are OpenGL's."""
+    """The node that reads a normal map; MaterialX uses the OpenGL convention."""
     if hex_tiled:
         node = graph.addNode("hextilednormalmap", "normal_image", "vector3")
         source = node.addInput("file", "filename")
@@ -222,9 +222,9 @@ def _of(graph: Any, category: str, name: str, kind: str, inputs: Mapping[str, An
 
 
 def write_usd(described: Described, folder: Path) -> None:
-    """NAME.usda: UsdPreviewSurface, and in the other variant of 'shading' the MaterialX document by UsdMtlx.
+    """Write NAME.usda: the variant set 'shading' has UsdPreviewSurface, and the MaterialX document through UsdMtlx.
 
-    usd-core from PyPI lacks the plug-in that reads MaterialX: the variant is for programs that have it.
+    The MaterialX variant requires the plugin UsdMtlx, which usd-core from PyPI lacks.
 
     Raises
     ------
@@ -234,7 +234,7 @@ def write_usd(described: Described, folder: Path) -> None:
     try:
         from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
     except ImportError as error:
-        raise Error("usd-core is not installed: pip install usd-core, or usd = false") from error
+        raise Error("usd-core is not installed: pip install usd-core, or set usd = false") from error
     path = folder / f"{described.name}.usda"
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
@@ -246,7 +246,7 @@ def write_usd(described: Described, folder: Path) -> None:
     for name in ("materialx", "preview"):
         variants.AddVariant(name)
     variants.SetVariantSelection("preview")
-    if (folder / f"{described.name}.mtlx").is_file():  # not selected: USD would warn that it cannot read it
+    if (folder / f"{described.name}.mtlx").is_file():  # not selected, because USD without UsdMtlx warns
         source = Sdf.Reference(f"./{described.name}.mtlx", f"/MaterialX/Materials/{described.identifier}")
         Sdf.CreatePrimInLayer(stage.GetRootLayer(), f"{root}{{shading=materialx}}").referenceList.Prepend(source)
     with variants.GetVariantEditContext():
@@ -283,9 +283,9 @@ def write_usd(described: Described, folder: Path) -> None:
 
 
 def usd_faults(path: Path) -> list[str]:
-    """What USD's own validators find wrong in a stage and its variants; nothing where usd-core has none or is missing.
+    """Errors that USD's validators find in a stage and its variants; empty if there are no validators.
 
-    The variant of MaterialX is looked at where USD has the plug-in that reads it.
+    The MaterialX variant is checked only if USD has the plugin UsdMtlx.
     """
     try:
         from pxr import Sdf, Usd, UsdValidation
@@ -294,22 +294,22 @@ def usd_faults(path: Path) -> list[str]:
     context = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators())
     try:
         stage = Usd.Stage.Open(str(path))
-    except Exception as error:  # of its own kind
+    except Exception as error:  # USD exceptions
         return [f"{path}: {error}"]
-    stage.SetEditTarget(stage.GetSessionLayer())  # the file stays as it is
+    stage.SetEditTarget(stage.GetSessionLayer())  # do not change the file
     variants = stage.GetDefaultPrim().GetVariantSet("shading") if stage.HasDefaultPrim() else None
     if not variants:
-        return [f"{path}: has no material with variants of shading"]
-    texts = []
+        return [f"{path} has no material with the variant set shading"]
+    messages = []
     for name in ("preview", *(["materialx"] if Sdf.FileFormat.FindByExtension("mtlx") else [])):
         variants.SetVariantSelection(name)
-        texts += [f"{path}: {error.GetMessage()}" for error in context.Validate(stage)]
-    return texts
+        messages += [f"{path}: {error.GetMessage()}" for error in context.Validate(stage)]
+    return messages
 
 
 def _range(role: str, hand: str, inverted: bool) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
-    """What texels are multiplied by, and what is added."""
-    if role == "normal":  # UsdPreviewSurface wants -1..1, y up
+    """Scale and bias of texel values; (None, ()) for none."""
+    if role == "normal":  # UsdPreviewSurface expects -1..1, y up
         y = -1 if hand == "directx" else 1
         return (2, 2 * y, 2, 1), (-1, -y, -1, 0)
     if inverted:
@@ -321,14 +321,14 @@ def _range(role: str, hand: str, inverted: bool) -> tuple[tuple[float, ...] | No
 
 
 def blender_catalog(paths: Iterable[str], there: str = "") -> str:
-    """Blender's list of catalogs: a line for each path, with an id that is the same in every run.
+    """The content of Blender's list of catalogs: a line per path, with a stable id.
 
     Parameters
     ----------
     paths : iterable of str
-        Such as 'Materials/ground'.
+        Paths such as 'Materials/ground'.
     there : str
-        The list as it was: catalogs that are not ours stay, and so do names that somebody gave ours.
+        Previous content. Other catalogs and changed names are kept.
     """
     made = {catalog_id(path): f"{path}:{path.replace('/', '-')}" for path in sorted(set(paths))}
     others = {}
@@ -341,5 +341,5 @@ def blender_catalog(paths: Iterable[str], there: str = "") -> str:
 
 
 def catalog_id(path: str) -> str:
-    """The id of a catalog."""
+    """The stable id of a catalog path."""
     return str(uuid.uuid5(_NAMESPACE, path))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a label map says of a material, for who looks for it: how much of it is of which color."""
+"""Shares and mean colors of a material's labels, for search."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from .preview import lab_of, linear_of
 
 
 def label_colors(labels: Image, color: Image, resources: Resources) -> list[tuple[str, float, list[float]]]:
-    """The labels of an image, the largest first; none where it has no label maps.
+    """The labels of an image, the largest first; empty if it has no label maps.
 
     Parameters
     ----------
     labels : Image
-        With parts label.N; where its first part is the photo (`--texlabel:keep=1`), colors are that one's.
+        Image with parts label.N. If its first part is the photo (`--texlabel:keep=1`), colors come from the photo.
     color : Image
-        Whose colors they are else; of another size it says nothing, and there are none.
+        Otherwise, the image that colors come from; if its size differs from the maps, the result is empty.
 
     Returns
     -------
     list of (str, float, list of float)
-        Of the coarsest level: name, share of the pixels, 0 to 1, mean color in CIE Lab D65.
+        Labels of the coarsest level: name, share of the pixels (0 to 1), mean color in CIE Lab D65.
     """
     maps = label_maps(labels)
     if not maps:

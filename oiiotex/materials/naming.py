@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a file's name says of the map in it: the conventions of Poly Haven, ambientCG, Megascans and Substance.
+"""Reads roles of maps from file names, by the conventions of Poly Haven, ambientCG, Megascans and Substance.
 
-`aerial_rocks_02_nor_gl_2k.exr`, `Rock053_2K-JPG_NormalGL.jpg`, `tlzxbbr_2K_Albedo.jpg`, `Wall_Base_Color.png`: a name
-of the material, then what the map is, with size and format before or behind. What is not said so is not guessed.
+`aerial_rocks_02_nor_gl_2k.exr`, `Rock053_2K-JPG_NormalGL.jpg`, `tlzxbbr_2K_Albedo.jpg`, `Wall_Base_Color.png`: the name
+of the material, then the role, with size and format before or after it. Other names are not guessed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-COLORS = ("color", "specular", "emission")  # roles that are colors; all others are data
+COLORS = ("color", "specular", "emission")  # color roles; all others are data
 PACKED = "arm"  # ambient occlusion, roughness and metalness as red, green and blue
 PACKED_ROLES = ("ao", "roughness", "metal")
 ROLES: dict[str, tuple[str, ...]] = {
@@ -36,16 +36,16 @@ _MARK = re.compile(r"\d{1,2}k|\d+x\d+|(8|16|32)bit|jpe?g|png|exr|tiff?", re.IGNO
 
 
 class Name(NamedTuple):
-    """A file's name, read.
+    """A parsed file name.
 
     Attributes
     ----------
     material : str
-        What is left of the stem; '' where the name is a role alone.
+        Rest of the stem; '' if the name is only a role.
     role : str
-        One of `ROLES`; '' where the name says none.
+        One of `ROLES`; '' if the name has none.
     hand : str
-        'opengl', 'directx' or '', of a map of normals.
+        Convention of a normal map: 'opengl', 'directx' or ''.
     marks : tuple of str
         Words of size and format, in lower case.
     """
@@ -57,14 +57,14 @@ class Name(NamedTuple):
 
 
 def read_name(stem: str, further: Mapping[str, Sequence[str]] | None = None) -> Name:
-    """Read the stem of a file's name.
+    """Parse the stem of a file name.
 
     Parameters
     ----------
     stem : str
-        Without folder and extension.
+        File name without folder and extension.
     further : mapping of role to words, optional
-        What else says a role, in lower case.
+        Additional words for roles, in lower case.
     """
     found = list(_WORDS.finditer(stem))
     words = [match[0].lower() for match in found]
@@ -72,7 +72,7 @@ def read_name(stem: str, further: Mapping[str, Sequence[str]] | None = None) -> 
     hand = _drop_last(words, HANDS)
     phrases = {role: (*own, *(further or {}).get(role, ())) for role, own in ROLES.items()}
     role = _drop_last(words, phrases)
-    if hand and role != "normal":  # then it was no word about normals
+    if hand and role != "normal":  # the word did not denote a normal convention
         words = [match[0].lower() for match in found]
         marks, hand, role = _drop_marks(words), "", ""
     if role:
@@ -82,7 +82,7 @@ def read_name(stem: str, further: Mapping[str, Sequence[str]] | None = None) -> 
 
 
 def _drop_marks(words: list[str]) -> list[str]:
-    """Take words of size and format off the end."""
+    """Remove words of size and format from the end, and return them."""
     marks = []
     while words and _MARK.fullmatch(words[-1]):
         marks.append(words.pop())
@@ -90,7 +90,7 @@ def _drop_marks(words: list[str]) -> list[str]:
 
 
 def _drop_last(words: list[str], phrases: Mapping[str, Sequence[str]]) -> str:
-    """Take the longest phrase off the end, and say whose it is; '' where there is none."""
+    """Remove the longest known phrase from the end, and return its key; '' if there is none."""
     for length in (2, 1):
         last = " ".join(words[-length:])
         for name, own in phrases.items():

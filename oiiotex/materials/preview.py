@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a material: as it is, repeated, lit on a sphere or a plane, and beside its rival, hex-tiling.
+"""Preview images of a material: flat, repeated, lit on a sphere or a plane, and compared with hex-tiling.
 
-Light is one lobe of GGX (Walter, Marschner, Li, Torrance, Microfacet Models for Refraction, EGSR 2007) over Lambert.
+Shading is one GGX lobe (Walter, Marschner, Li, Torrance, Microfacet Models for Refraction, EGSR 2007) over Lambert.
 """
 
 from __future__ import annotations
@@ -18,26 +18,29 @@ from ..deferred import np, oiio
 from ..errors import Error
 from ..session.resources import Resources
 
-CARD = 160  # px: height of a card, which the report shows
-_MOST = 512  # px of a map that is looked at
+CARD = 160  # px; height of a card in the report
+_MOST = 512  # px; longest side of a map in previews
 _THUMBNAIL, _REPEATED, _LIT, _RIVALS = 256, 512, 320, 256  # px
-_ACROSS = 4  # tiles beside each other where two ways to repeat them are compared
+_ACROSS = 4  # tiles per side in the comparison with hex-tiling
 _PAPER = 0.93
-_LIGHTS = (((-0.55, 0.65, 0.55), 3.6), ((0.8, 0.15, 0.35), 0.8))  # towards it, and how bright; x right, y up, z near
-_SKY, _GROUND = 0.7, 0.25  # of what comes from all around
-_QUALITY = 85  # of JPEG
+_LIGHTS = (
+    ((-0.55, 0.65, 0.55), 3.6),
+    ((0.8, 0.15, 0.35), 0.8),
+)  # direction (x right, y up, z near), intensity
+_SKY, _GROUND = 0.7, 0.25  # ambient light from above and below
+_QUALITY = 85  # JPEG quality
 
 
 @dataclass(frozen=True)
 class Looks:
-    """Maps of a tile as they are drawn, all of one size; what is the same everywhere may be one texel.
+    """Maps of a tile for drawing, all of the same size; constant maps can be a single texel.
 
     Attributes
     ----------
     color : (h, w, 3) float32
         Linear Rec. 709.
     normal : (h, w, 3) float32
-        Of length 1, y up.
+        Unit normals, y up.
     roughness, metal, ao : (h, w, 1) float32
     """
 
@@ -49,7 +52,7 @@ class Looks:
 
     @classmethod
     def of(cls, maps: Mapping[str, Image], resources: Resources, hand: str) -> Looks:
-        """Of delivered maps; what there is none of is plain. `hand`: of their normals, 'opengl' or 'directx'."""
+        """From delivered maps; missing maps get constant values. `hand`: convention of the normals."""
         part = maps["color"].first
         color = _reduced(linear_of(part, resources))
         size = color.shape[:2]
@@ -72,14 +75,14 @@ class Looks:
         return lab_of(self.color.reshape(-1, 3).mean(axis=0))
 
     def pictures(self, shape: str, lattice: bool) -> dict[str, np.ndarray]:
-        """All pictures of an asset by file name, sRGB (h, w, 3).
+        """All preview images of an asset by file name, sRGB (h, w, 3).
 
         Parameters
         ----------
         shape : str
-            'sphere' or 'plane': what is lit.
+            Shape of the lit preview: 'sphere' or 'plane'.
         lattice : bool
-            The tile has one, which hex-tiling would break.
+            Whether the tile has a lattice; hex-tiling, which would break it, is then omitted.
         """
         lit = self.sphere(_LIT) if shape == "sphere" else self.plane(_LIT)
         twice = repeated(self.color, 2, _REPEATED)
@@ -91,24 +94,24 @@ class Looks:
         card = [lit, twice]
         if not lattice:
             rivals = [repeated(self.color, _ACROSS, _RIVALS), hex_tiled(self.color, _ACROSS, _RIVALS)]
-            made["image_and_hextiled.jpg"] = _srgb(_beside(rivals, _RIVALS))
+            made["image_and_hextiled.jpg"] = _srgb(_side_by_side(rivals, _RIVALS))
             card += rivals
-        made["card.jpg"] = _srgb(_beside(card, CARD))
+        made["card.jpg"] = _srgb(_side_by_side(card, CARD))
         return made
 
     def sphere(self, side: int) -> np.ndarray:
-        """On a sphere, seen from afar: linear, (side, side, 3)."""
-        fine = 2 * side  # twice as fine, then halved
+        """The material on a sphere, orthographic: linear, (side, side, 3)."""
+        fine = 2 * side  # 2x supersampling
         at = (np.arange(fine, dtype=np.float32) + 0.5) / fine * 2.1 - 1.05
         x, y = np.meshgrid(at, -at)
         inside = x * x + y * y < 1
         x, y = x[inside], y[inside]
         z = np.sqrt(np.maximum(1 - x * x - y * y, 1e-6))
         bulge = np.stack([x, y, z], axis=-1)
-        round_axis = np.stack([z, np.zeros_like(x), -x], axis=-1)  # the way on which longitude grows
+        round_axis = np.stack([z, np.zeros_like(x), -x], axis=-1)  # direction of increasing longitude
         round_axis /= np.maximum(np.linalg.norm(round_axis, axis=-1, keepdims=True), 1e-6)
         upwards = np.cross(bulge, round_axis)
-        # one tile is as wide as a quarter of the equator is long
+        # four tiles around the equator
         u, v = np.arctan2(x, z) * (2 / np.pi), np.arccos(np.clip(y, -1, 1)) * (2 / np.pi)
         bumps = _bilinear(self.normal, u, v)
         normal = bumps[..., :1] * round_axis + bumps[..., 1:2] * upwards + bumps[..., 2:] * bulge
@@ -117,7 +120,7 @@ class Looks:
         return picture.reshape(side, 2, side, 2, 3).mean((1, 3))
 
     def plane(self, side: int) -> np.ndarray:
-        """On a plane to the horizon, lit from behind the viewer's left: linear, (side, side, 3)."""
+        """The material on a plane in perspective, lit from the viewer's left: linear, (side, side, 3)."""
         height, width = self.color.shape[:2]
         v, u = np.meshgrid(
             (np.arange(height, dtype=np.float32) + 0.5) / height, (np.arange(width, dtype=np.float32) + 0.5) / width,
@@ -129,7 +132,7 @@ class Looks:
         return picture
 
     def _lit(self, u: np.ndarray, v: np.ndarray, normal: np.ndarray, eye: tuple[float, float, float]) -> np.ndarray:
-        """What the eye sees of places of the tile whose normals stand so."""
+        """Radiance towards the eye of points of the tile with given normals."""
         normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
         view = np.array(eye, np.float32) / np.linalg.norm(eye)
         base, rough, metal, ao = (_bilinear(m, u, v) for m in (self.color, self.roughness, self.metal, self.ao))
@@ -137,7 +140,7 @@ class Looks:
         reflected = 0.04 * (1 - metal) + base * metal  # at normal incidence
         n_v = np.maximum((normal @ view)[..., None], 1e-3)
         from_all = _GROUND + (_SKY - _GROUND) * (0.5 + 0.5 * normal[..., 1:2])
-        gloss = 0.04 * (1 - metal) * (1 - rough) + base * metal  # what is rough has no sky in it
+        gloss = 0.04 * (1 - metal) * (1 - rough) + base * metal  # rough surfaces reflect no sky
         seen = from_all * ao * (base * (1 - metal) + gloss)
         for towards, strength in _LIGHTS:
             light = np.array(towards, np.float32) / np.linalg.norm(towards)
@@ -152,13 +155,13 @@ class Looks:
 
 
 def hex_tiled(texels: np.ndarray, across: int, side: int) -> np.ndarray:
-    """A tile laid out by hex-tiling, as MaterialX' `hextiledimage` does with rotation 1 and scale 0.
+    """Hex-tile a texture, as MaterialX's `hextiledimage` does with rotation 1 and scale 0.
 
-    The plane is a grid of triangles; at each corner lies a hexagon that shows the tile turned and moved at random, and
-    a place blends the three around it by the seventh powers of its barycentric coordinates (M. S. Mikkelsen, Practical
+    The plane is a triangle grid. Each vertex is the center of a hexagon with the tile in random rotation and offset.
+    A point blends its three hexagons by the seventh powers of its barycentric coordinates (M. S. Mikkelsen, Practical
     Real-Time Hex-Tiling, JCGT 11(2), 2022).
 
-    `texels` (h, w, c) float; `across`, `side`: tiles along a side of the picture, and its px; returns (side, side, c)
+    `texels` (h, w, c) float; `across`: tiles per side of the image; `side`: size in pixels. Returns (side, side, c)
     float32.
     """
     fine = _fitted(texels, (max(8, side // across),) * 2)
@@ -186,13 +189,13 @@ def hex_tiled(texels: np.ndarray, across: int, side: int) -> np.ndarray:
 
 
 def values(image: Image) -> np.ndarray:
-    """The color channels of an image's first part as floats, whole numbers in 0 to 1: (h, w, c)."""
+    """The color channels of an image's first part as floats, (h, w, c); integers are scaled to 0..1."""
     pixels = image.first.pixels()[..., list(channels_of(image.first.spec).color)]
     return as_float(pixels)
 
 
 def vectors(normals: Image) -> np.ndarray:
-    """A map of normals as vectors: decoded from 0..1 where none is negative."""
+    """A normal map as vectors; decoded from 0..1 if no value is negative."""
     decoded = values(normals)
     return decoded if decoded.min() < 0 else 2 * decoded - 1
 
@@ -203,7 +206,7 @@ def linear_of(part: Part, resources: Resources) -> np.ndarray:
 
 
 def lab_of(linear: np.ndarray) -> np.ndarray:
-    """Linear Rec. 709 as CIE Lab D65: (..., 3)."""
+    """Convert linear Rec. 709 to CIE Lab D65, (..., 3)."""
     xyz = linear @ np.array([[0.4124564, 0.2126729, 0.0193339],
                              [0.3575761, 0.7151522, 0.1191920],
                              [0.1804375, 0.0721750, 0.9503041]]) / [0.95047, 1.0, 1.08883]  # fmt: skip
@@ -212,12 +215,12 @@ def lab_of(linear: np.ndarray) -> np.ndarray:
 
 
 def lab_of_srgb(code: Sequence[float]) -> np.ndarray:
-    """A color of sRGB, 0 to 1, as CIE Lab D65."""
+    """Convert an sRGB color, 0 to 1, to CIE Lab D65."""
     return lab_of(_linear(np.asarray(code, np.float64)))
 
 
 def save(picture: np.ndarray, path: Path) -> None:
-    """Write an sRGB picture (h, w, 3), 0 to 1, as a JPEG."""
+    """Write an sRGB image, (h, w, 3), 0 to 1, as a JPEG."""
     spec = oiio.ImageSpec(picture.shape[1], picture.shape[0], 3, oiio.UINT8)
     spec.attribute("Compression", f"jpeg:{_QUALITY}")
     spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
@@ -228,7 +231,7 @@ def save(picture: np.ndarray, path: Path) -> None:
 
 
 def _hashes(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two numbers from 0 to 1 for every pair of whole ones."""
+    """Two hashes in 0..1 for every pair of integers."""
     a, b = ids[..., 0].astype(np.int64).astype(np.uint32), ids[..., 1].astype(np.int64).astype(np.uint32)
     mixed = a * np.uint32(0x9E3779B1) ^ b * np.uint32(0x85EBCA77)
     for shift, factor in ((15, 0x2C1B3C6D), (12, 0x297A2D39)):
@@ -238,13 +241,13 @@ def _hashes(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bilinear(texels: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Texels of a tile at places whose whole numbers are its corners."""
+    """Bilinear lookup with repeat; u and v are in tiles."""
     height, width = texels.shape[:2]
     if height == width == 1:
         return texels.reshape(*(1,) * u.ndim, -1)
     x, y = u * width - 0.5, v * height - 0.5
     left, top = np.floor(x), np.floor(y)
-    right, down = (x - left)[..., None], (y - top)[..., None]  # in the type of the places, before they are indices
+    right, down = (x - left)[..., None], (y - top)[..., None]  # fractions, computed before the conversion to indices
     left, top = left.astype(np.intp), top.astype(np.intp)
     columns, rows = (left % width, (left + 1) % width), (top % height, (top + 1) % height)
     above = texels[rows[0], columns[0]] * (1 - right) + texels[rows[0], columns[1]] * right
@@ -253,7 +256,7 @@ def _bilinear(texels: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _smith(cosine: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """How much of a direction the facets leave free (Walter et al. eq. 34)."""
+    """Smith masking function (Walter et al. eq. 34)."""
     return 2 * cosine / np.maximum(cosine + np.sqrt(alpha**2 + (1 - alpha**2) * cosine**2), 1e-6)
 
 
@@ -264,7 +267,7 @@ def _reduced(texels: np.ndarray, most: int = _MOST) -> np.ndarray:
 
 
 def _fitted(texels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Texels as means over so many cells: (height, width, c) float32."""
+    """Resample texels to a size by area averages: (height, width, c) float32."""
     if texels.shape[:2] == size:
         return texels.astype(np.float32)
     for axis, count in enumerate(size):
@@ -273,8 +276,8 @@ def _fitted(texels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return texels.astype(np.float32)
 
 
-def _beside(panels: list[np.ndarray], height: int, gap: int = 6) -> np.ndarray:
-    """Panels of one height in a row."""
+def _side_by_side(panels: list[np.ndarray], height: int, gap: int = 6) -> np.ndarray:
+    """Place panels of equal height side by side."""
     paper = np.full((height, gap, 3), _linear(np.float32(_PAPER)))
     row = [piece for panel in panels for piece in (repeated(panel, 1, height), paper)]
     return np.concatenate(row[:-1], axis=1)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The analysis stage: for every stack texel K = 2 spatially dispersed candidates and their transfer functions.
+"""The analysis stage: K = 2 spatially dispersed candidates for every stack texel, and their transfer functions.
 
-HRRG08 sections 4.4, 5 and 6. Everything is decided on integers, so that every device finds the same candidates.
+HRRG08 sections 4.4, 5 and 6. All decisions are made on integers, so every device finds the same candidates.
 
-Departures: one basis serves all levels (from level 4 of 7 on it holds at most .03 less of the variance than one each);
-neighbors are searched as PatchMatch does instead of exactly (tests/test_candidates.py states how near they come);
-a transfer function is found for levels of one exemplar, too, where HRRG08 takes the identity: self-loops lose their
-contrast without it; and where a zoom turns, candidates are found by shape, whatever their mean color is. The last two
-are left out where `Levels.literal` says so.
+Departures: one basis for all levels (from level 4 of 7 it explains at most .03 less of the variance than a basis per
+level). Neighbors are searched by PatchMatch instead of exactly (tests/test_candidates.py states the accuracy).
+Transfer functions are also computed for levels of one exemplar, where HRRG08 takes the identity: self-loops lose their
+contrast otherwise. Where a zoom turns, candidates are found by shape, whatever their mean color is. `Levels.literal`
+turns off the last two.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from .superexemplar import Levels
 DIMS = 16  # of cl/projected.h
 MOST_PROJECTED = 5790
 NONE = 0xFFFFFFFF  # no texel is excluded
-DISC = 0.06  # radius that keeps two candidates apart, in exemplar sides (the sheet's; HRRG08 gives none)
-_BITS = 12  # of the fraction of the basis
+DISC = 0.06  # minimum distance of two candidates in exemplar sides (not given in HRRG08)
+_BITS = 12  # fractional bits of the basis
 _JUMPS = (8, 4, 2, 1)
 _ROUNDS = 5
-_SAMPLES = 2000  # neighborhoods of a level that the basis is found from
-_VERSION = "oiiotex candidates 4"  # to be counted up where the same stacks lead to another analysis
+_SAMPLES = 2000  # neighborhoods of a level from which the basis is computed
+_VERSION = "oiiotex candidates 4"  # increment if the same stacks lead to another analysis
 
 
 @dataclass(frozen=True)
 class Stacks:
-    """What is analyzed."""
+    """The input of the analysis."""
 
     levels: Levels
     planes: np.ndarray  # (levels, side, side, 4) int16: color of every texel on the integer grid
     usable: np.ndarray  # (levels, side, side) bool: texels that may be candidates of themselves
     targets: np.ndarray  # (levels, side, side) bool: texels that may be candidates of others
-    periodic: tuple[bool, ...]  # of every level, whether its exemplar is a torus; else it is mirrored
+    periodic: tuple[bool, ...]  # for every level, whether its exemplar is a torus; otherwise it is mirrored
 
     @property
     def side_bits(self) -> int:
@@ -52,7 +52,7 @@ class Stacks:
 
 @dataclass(frozen=True)
 class Analysis:
-    """What synthesis looks up."""
+    """The tables for synthesis."""
 
     stacks: Stacks
     basis: np.ndarray  # (75, 16) int16: principal components of 5 x 5 neighborhoods, times 4096
@@ -63,7 +63,7 @@ class Analysis:
     offsets: np.ndarray = field(
         repr=False
     )  # (levels, side^2, 2, 4) int16: the transfer functions c + b (HRRG08 eq. 4): b, and 0
-    variance: float = 0.0  # share of the neighborhoods' variance that the basis holds
+    variance: float = 0.0  # share of the neighborhoods' variance that the basis explains
 
 
 def neighborhoods(plane: np.ndarray, spacing: int, periodic: bool) -> np.ndarray:
@@ -76,7 +76,7 @@ def neighborhoods(plane: np.ndarray, spacing: int, periodic: bool) -> np.ndarray
 
 
 def _around(plane: np.ndarray, spacing: int, periodic: bool, rows: np.ndarray) -> np.ndarray:
-    """Those rows of `neighborhoods`."""
+    """Some rows of `neighborhoods`."""
     at = _places_around(len(plane), spacing, periodic)
     y, x = np.divmod(rows, len(plane))
     steps = [n * spacing for n in range(5)]
@@ -84,12 +84,12 @@ def _around(plane: np.ndarray, spacing: int, periodic: bool, rows: np.ndarray) -
 
 
 def _places_around(side: int, spacing: int, periodic: bool) -> np.ndarray:
-    """Which line of a plane is looked at where, from two spacings before its border to two behind the other."""
+    """Indices of the lines of a plane, from two spacings before its border to two after the opposite one."""
     return np.pad(np.arange(side), 2 * spacing, mode="wrap" if periodic else "symmetric")
 
 
 def basis_of(stacks: Stacks, dims: int) -> tuple[np.ndarray, float]:
-    """The first `dims` principal components, times 4096, the rest 0: (75, 16) int16; and the variance they hold."""
+    """The first `dims` principal components, times 4096, the rest 0: (75, 16) int16. And the variance they explain."""
     random = np.random.default_rng(0)
     sampled = []
     for number, plane in enumerate(stacks.planes):
@@ -99,23 +99,23 @@ def basis_of(stacks: Stacks, dims: int) -> tuple[np.ndarray, float]:
     variances, vectors = np.linalg.eigh(np.cov(np.concatenate(sampled).T))
     basis = np.zeros((75, DIMS), np.int16)
     chosen = vectors[:, ::-1][:, :dims]
-    chosen = chosen * np.where(chosen[np.abs(chosen).argmax(0), np.arange(dims)] < 0, -1.0, 1.0)  # a sign of its own
+    chosen = chosen * np.where(chosen[np.abs(chosen).argmax(0), np.arange(dims)] < 0, -1.0, 1.0)  # unique signs
     basis[:, :dims] = np.rint(chosen * (1 << _BITS))
     return basis, float(variances[::-1][:dims].sum() / max(variances.sum(), 1e-12))
 
 
 def texels_at_once(device: Device) -> int:
-    """RUN of cl/projected.h: how many texels or pixels of a row a work item does; a power of two, at most 16."""
+    """RUN of cl/projected.h: number of texels or pixels of a row per work item, a power of two, at most 16."""
     return 16 if device.lanes > 1 else 1
 
 
 def project(around: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """Neighborhoods (n, 75) of whole numbers -> (n, 16) int16, exactly as cl/multiscale.cl does it."""
+    """Neighborhoods (n, 75) of integers -> (n, 16) int16, exactly as in cl/multiscale.cl."""
     return _scaled(around @ basis.astype(np.float64))
 
 
 def _scaled(sums: np.ndarray) -> np.ndarray:
-    """Sums of products, whole numbers in floats, to projected coordinates."""
+    """Sums of products, integers in floats, as projected coordinates."""
     rounded = np.floor((sums + (1 << (_BITS - 1))) / (1 << _BITS))
     return np.clip(rounded, -MOST_PROJECTED, MOST_PROJECTED).astype(np.int16)
 
@@ -124,12 +124,13 @@ def analyze(
     device: Device, stacks: Stacks, dims: int, correct: bool, budget: int, advance: Callable[[int, int], None],
     cache: Path | None,
 ) -> Analysis:  # fmt: skip
-    """Candidates and transfer functions of all levels, `dims` at most 16; not `correct`: these are the identity.
+    """Candidates and transfer functions of all levels, `dims` at most 16. Not `correct`: transfer functions are 0.
 
-    `advance` is told (done, total); `cache` keeps it from one run to the next. Raises DeviceError where it is too much.
+    `advance` is called with (done, total); `cache`: file kept between runs. Raises DeviceError for too many texels.
     """
-    if 2 * stacks.usable.size > 1 << 32:  # cl/multiscale.cl names a candidate by twice its texel's number
-        raise DeviceError(f"{stacks.usable.size} texels in all levels are beyond 2^31: take fewer or smaller exemplars")
+    if 2 * stacks.usable.size > 1 << 32:  # cl/multiscale.cl identifies a candidate by twice its texel's index
+        problem = f"{stacks.usable.size} texels in all levels are beyond 2^31"
+        raise DeviceError(problem, hint="use fewer or smaller exemplars")
     facts = (getattr(stacks, of.name) for of in fields(stacks))
     name = hash_of(_VERSION, *facts, dims, correct, DISC, _ROUNDS, _JUMPS)
     steps = 2 * len(stacks.planes) + 1
@@ -144,7 +145,7 @@ def analyze(
     basis, links, records, offsets, variance = cached_arrays(
         cache, name, lambda: _analyzed(device, stacks, dims, correct, budget, step)
     )
-    for number in range(told + 1, steps + 1):  # all of them, where it was kept from an earlier run
+    for number in range(told + 1, steps + 1):  # all of them if it was cached
         step(number)
     return Analysis(stacks, basis, links, records, offsets, float(variance[0]))
 
@@ -152,7 +153,7 @@ def analyze(
 def _analyzed(
     device: Device, stacks: Stacks, dims: int, correct: bool, budget: int, step: Callable[[int], None]
 ) -> Arrays:
-    """What follows from the stacks, of an `Analysis`: basis, links, records, offsets, variance."""
+    """The arrays of an `Analysis`, from the stacks: basis, links, records, offsets, variance."""
     basis, variance = basis_of(stacks, dims)
     count, side = stacks.planes.shape[:2]
     projections = np.empty((count, side * side, DIMS), np.int16)
@@ -177,11 +178,11 @@ def _analyzed(
 def _transfers(
     links: np.ndarray, projections: np.ndarray, means: np.ndarray, basis: np.ndarray, correct: bool, alike: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(offsets, records) of an `Analysis`; `alike` (levels, levels) bool says which need no transfer function."""
+    """(offsets, records) of an `Analysis`. `alike` (levels, levels) bool: pairs that need no transfer function."""
     count, texels = links.shape[:2]
     offsets = np.zeros((count, texels, 2, 4), np.int16)
     records = np.empty((count, texels, 2, DIMS), np.int16)
-    whole = basis.astype(np.int64).reshape(25, 3, DIMS).sum(0)  # the projection of one color everywhere
+    whole = basis.astype(np.int64).reshape(25, 3, DIMS).sum(0)  # the projection of a uniform color
     flat, flat_means = projections.reshape(-1, DIMS), means.reshape(-1, 3)
     for number in range(count):
         chosen = links[number].astype(np.int64)
@@ -204,8 +205,8 @@ def _searched(
 ) -> np.ndarray:  # fmt: skip
     """The candidates of every texel: (levels, side^2, 2) uint32.
 
-    Where a zoom turns, neighborhoods are compared by `shapes`, less their means: the transfer function takes up the
-    difference of these, and a flat place of any color may come to detail of any other.
+    Where a zoom turns, neighborhoods are compared by `shapes`, minus their means: the transfer function takes up the
+    difference of the means, and a flat place of any color may lead to detail of any other.
     """
     count, texels = projections.shape[:2]
     links = np.empty((count, texels, 2), np.uint32)
@@ -236,9 +237,9 @@ def _level(device: Device, buffers: Buffers, stacks: Stacks, number: int) -> np.
 
 
 def search(device: Device, buffers: Buffers, stacks: Stacks, number: int, excluded: np.ndarray) -> np.ndarray:
-    """The best texel found for each of a level, outside the discs around `excluded`: (side^2,) uint32.
+    """The best texel found for each texel of a level, outside the discs around `excluded`: (side^2,) uint32.
 
-    Where a disc leaves nothing, it is what was excluded; `NONE` excludes nothing.
+    If a disc leaves nothing, it is the excluded one. `NONE` excludes nothing.
     """
     at_once, side = texels_at_once(device), stacks.side_bits
     run, shape = device.program("candidates", RUN=at_once), ((1 << side) // at_once, 1 << side)

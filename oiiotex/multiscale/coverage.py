@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an analyzed exemplar graph will not show well, before a pixel is made: HRRG08 section 8.
+"""Parts of an analyzed exemplar graph that will not appear, predicted before synthesis: HRRG08 section 8.
 
-Exemplars that others are preferred to everywhere never appear; regions that nothing finer is alike come out with
-colors moved far, or with somebody else's structure.
+Exemplars that never match best do not appear. Regions without a finer match appear with large changes of color, or
+with the structure of something else.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from ..deferred import np
 from .candidate_sets import Analysis, neighborhoods
 from .graph import Graph
 
-FAR = 15.0  # Lab units between the means of two neighborhoods that are not alike
-RARE = 0.01  # an exemplar that is a candidate of fewer of the texels that it may replace does not show
-MUCH = 0.1  # of an exemplar without anything alike: shows
+FAR = 15.0  # Lab units between the means of two neighborhoods without similarity
+RARE = 0.01  # an exemplar that is a candidate of a smaller share of the texels that it may replace does not appear
+MUCH = 0.1  # share of an exemplar without a match that is visible
 
 
 class Share(NamedTuple):
-    """How often an exemplar is taken: of the texels that it may replace, how many it is a candidate of, 0 to 1."""
+    """Share of the texels that an exemplar may replace of which it is a candidate, 0 to 1."""
 
     exemplar: int
     share: float
 
 
 class Unmatched(NamedTuple):
-    """What of an exemplar's last level finds nothing alike to go on with.
+    """The part of an exemplar's last level without a match.
 
-    `share` is 0 to 1; (x, y) the middle of the texel that is farthest off, in px of the exemplar; `away` by how much,
-    Lab units.
+    `share`: 0 to 1. (x, y): middle of the worst texel, in px of the exemplar. `away`: its color difference, Lab
+    units.
     """
 
     exemplar: int
@@ -42,7 +42,7 @@ class Unmatched(NamedTuple):
 
 
 def shares(graph: Graph, analysis: Analysis) -> tuple[Share, ...]:
-    """Of every exemplar that may replace another."""
+    """The shares of every exemplar that may replace another."""
     levels = analysis.stacks.levels
     of = np.array([exemplar for exemplar, _ in levels.stacks])
     entries = []
@@ -55,7 +55,7 @@ def shares(graph: Graph, analysis: Analysis) -> tuple[Share, ...]:
 
 
 def unmatched(analysis: Analysis) -> tuple[Unmatched, ...]:
-    """Of every exemplar that is left for others: texels whose first candidate's mean is more than `FAR` away."""
+    """For every exemplar that leads to others: texels whose first candidate's mean is more than `FAR` away."""
     stacks = analysis.stacks
     texels, side = stacks.planes[0].shape[0] ** 2, stacks.planes.shape[1]
     gaps = []
@@ -77,7 +77,7 @@ def unmatched(analysis: Analysis) -> tuple[Unmatched, ...]:
 
 
 def _means(analysis: Analysis, number: int) -> np.ndarray:
-    """(side^2, 3): of the neighborhoods of a level."""
+    """(side^2, 3): means of the neighborhoods of a level."""
     stacks = analysis.stacks
     seen = neighborhoods(stacks.planes[number], stacks.levels.spacing(number), stacks.periodic[number])
     return seen.reshape(-1, 25, 3).mean(1)

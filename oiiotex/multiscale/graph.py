@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exemplar graph as a document: exemplars, the root, and how their scales relate (HRRG08 section 3.1).
+"""The exemplar graph as a document: exemplars, the root, and the ratios of their scales (HRRG08 section 3.1).
 
-A graph is a small JSON file (YAML where PyYAML is installed):
+A graph is a small JSON file (YAML if PyYAML is installed):
 
     {"exemplars": [{"id": "land", "file": "land.png"}, {"id": "river", "file": "river.png"}],
      "root": "land",
      "edges": [{"from": "land", "to": "river", "r": 2}],
      "jitter": [0, 0.6, 0.6], "seed": 7}
 
-`r` is log2 of how many times smaller a pixel of `to` is; `scale` says the ratio itself, and `to` is resampled to the
-nearest power of two. Both together say to which, and `"resample": true` allows more than sqrt(2). `wrap` of an exemplar
-says what is at its borders, `periodic` or `mirror`; what it looks like when left out. `nodes` may stand for
-`exemplars`, and `title`, `note` and where a photo was taken from are passed over.
+`r` is log2 of the ratio of the pixel sizes of `from` and `to`. `scale` is the ratio itself, and `to` is resampled to
+the nearest power of two. With both, it is resampled to `r`, and `"resample": true` allows more than sqrt(2). `wrap` of
+an exemplar sets its borders, `periodic` or `mirror`. Default: from the image. `nodes` is an alias of `exemplars`.
+`title`, `note` and the source of a photo are ignored.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from ..errors import ImageError
 from ..io.documents import read_document
 from ..io.schema import Allowed, Fraction, Seed, read_as
 
-LOOP_R = 1  # of an exemplar to itself where nobody says it
-_ALIKE = 0.02  # of an octave: ratios this close to a power of two are one
+LOOP_R = 1  # from an exemplar to itself, if not given
+_ALIKE = 0.02  # octaves: ratios this close to a power of two count as one
 
 
 class Edge(NamedTuple):
@@ -39,12 +39,12 @@ class Edge(NamedTuple):
     r: int
 
 
-_NonEmpty = Annotated[str, Allowed(pattern="(?s).+", words="of one letter or more")]
+_NonEmpty = Annotated[str, Allowed(pattern="(?s).+", words="of one character or more")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class _ExemplarEntry:
-    """An exemplar as a document says it."""
+    """An exemplar in a document."""
 
     file: _NonEmpty
     id: _NonEmpty | None = None
@@ -59,7 +59,7 @@ class _ExemplarEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class _EdgeEntry:
-    """An edge, the same."""
+    """An edge in a document."""
 
     source: str = field(metadata={"key": "from"})
     destination: str = field(metadata={"key": "to"})
@@ -71,7 +71,7 @@ class _EdgeEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class _GraphDocument:
-    """All of it."""
+    """The whole document."""
 
     exemplars: tuple[_ExemplarEntry, ...] | None = None
     nodes: tuple[_ExemplarEntry, ...] | None = None
@@ -91,9 +91,9 @@ class Graph:
     names: tuple[str, ...]
     files: tuple[Path, ...]
     root: int
-    edges: tuple[Edge, ...]  # but for r = 0 from an exemplar to itself, which HRRG08 implies
-    factors: tuple[float, ...]  # by which each is to be resampled, so that all ratios are powers of two
-    wraps: tuple[str | None, ...]  # of each, at its borders: periodic or mirror; None: as it looks
+    edges: tuple[Edge, ...]  # without r = 0 from an exemplar to itself, which HRRG08 implies
+    factors: tuple[float, ...]  # resampling factor of each, so that all ratios are powers of two
+    wraps: tuple[str | None, ...]  # borders of each: periodic or mirror; None: detected
     jitter: tuple[float, ...] | None = None  # rho by level; the last holds for all finer ones
     seed: int | None = None
 
@@ -104,7 +104,7 @@ class Graph:
 
     @classmethod
     def loop(cls, name: str, r: int) -> Graph:
-        """One exemplar with an edge to itself: a zoom that never ends (HRRG08 figure 3)."""
+        """One exemplar with an edge to itself: an endless zoom (HRRG08 figure 3)."""
         return cls((name,), (Path(name),), 0, (Edge(0, 0, r),), (1.0,), (None,))
 
     def leads_on(self, exemplar: int) -> bool:
@@ -117,16 +117,16 @@ class Graph:
         return exemplar in _reached(onward, onward.get(exemplar, ()))
 
     def depth(self) -> int:
-        """The most octaves that lie between the root and an exemplar.
+        """The maximum number of octaves between the root and an exemplar.
 
-        Of several ways the longest counts; within exemplars that lead back to each other, where ways have no end, the
-        first (to ask for the longest that passes none twice takes a time factorial in their number).
+        The longest path counts. Within exemplars that lead back to each other, where paths are infinite, the first one
+        counts (the longest path without repetition takes a time factorial in their number).
         """
         onward = _onward(self.edges)
         reached = {n: _reached(onward, [n]) for n in range(len(self.names))}
         octaves = dict.fromkeys(reached, -1) | {self.root: 0}
         placed: set[int] = set()
-        # an exemplar reaches all that comes behind it, so who reaches more comes first
+        # ancestors reach more exemplars, so they come first
         for n in sorted(reached, key=lambda n: -len(reached[n])):
             if n in placed:
                 continue
@@ -141,68 +141,66 @@ class Graph:
         return max(octaves.values())
 
     def octaves(self) -> tuple[int, ...]:
-        """How many octaves each exemplar is below the root, by the first way that leads there."""
+        """The number of octaves of each exemplar below the root, along the first path to it."""
         by_exemplar = _first_ways(self.edges, self.root, 0)
         return tuple(by_exemplar[n] for n in range(len(self.names)))
 
     def require_levels(self, finest: int, where: str) -> None:
-        """Refuse edges over more octaves than stacks of 2^finest px overlap: r > r_max = L - 3 (HRRG08 section 3.1)."""
+        """Refuse edges over more octaves than stacks of 2^finest px support: r > r_max = L - 3 (HRRG08 section 3.1)."""
         for edge in self.edges:
             if edge.r > finest - 3:
-                raise ImageError(
-                    f"{where}: edge {self._named(edge)}: r={edge.r} is more than r_max = L - 3 = {finest - 3}"
-                    f" of exemplars that are {1 << finest} px wide"
-                )
+                problem = f"r={edge.r} is more than r_max = L - 3 = {finest - 3} of exemplars of {1 << finest} px"
+                raise ImageError(f"{where}: edge {self._named(edge)}: {problem}", hint="increase side, or reduce r")
 
     def _named(self, edge: Edge) -> str:
         return f"{self.names[edge.source]} -> {self.names[edge.destination]}"
 
 
 def read_graph(path: str | Path) -> Graph:
-    """The graph that a file holds; exemplars' files are looked up beside it.
+    """Read a graph from a file. Exemplar files are relative to it.
 
     Raises
     ------
     ImageError
-        It cannot be read, or something in it is wrong; the text says what.
+        It cannot be read, or its contents are wrong. The message gives the details.
     """
     path = Path(path)
     return parse_graph(read_document(path), path)
 
 
 def parse_graph(document: Any, path: Path) -> Graph:
-    """The graph that a document says; raises as `read_graph` does."""
+    """The graph in a document. Raises the errors of `read_graph`."""
     where = str(path)
     top: _GraphDocument = read_as(_GraphDocument, document, where)
     if top.exemplars is not None and top.nodes is not None:
-        raise ImageError(f"{where}: exemplars and nodes are the same: expected one of them")
+        raise ImageError(f"{where}: exemplars conflicts with nodes: expected only one of them")
     nodes = top.exemplars or top.nodes
     if not nodes:
-        raise ImageError(f"{where}: there is no exemplar")
+        raise ImageError(f"{where}: no exemplars: expected at least one")
     names = tuple(node.file if node.id is None else node.id for node in nodes)
     for n, name in enumerate(names):
         if name in names[:n]:
-            raise ImageError(f"{where}: there are two exemplars '{name}'")
+            raise ImageError(f"{where}: duplicate exemplar '{name}'")
     drawn = [_drawn(edge, names, where) for edge in top.edges]
     root = _root(top.root, names, [(edge.source, edge.destination) for edge in drawn], where)
     edges, factors = _placed(drawn, root, names, top.resample, where)
     jitter = (top.jitter,) if isinstance(top.jitter, float) else top.jitter
     if jitter == ():
-        raise ImageError(f"{where}: jitter has no levels")
+        raise ImageError(f"{where}: jitter is empty: expected at least one level")
     files, wraps = tuple(path.parent / node.file for node in nodes), tuple(node.wrap for node in nodes)
     return Graph(names, files, root, edges, factors, wraps, jitter, top.seed)
 
 
 class _DrawnEdge(NamedTuple):
-    """An edge as a document says it."""
+    """An edge as written in a document."""
 
     source: int
     destination: int
-    ratio: float  # log2 of how many times smaller the pixels of the destination's file are
-    r: int | None  # what that is to become
+    ratio: float  # log2 of the ratio of pixel sizes
+    r: int | None  # target of that ratio after resampling
 
     def named(self, names: tuple[str, ...]) -> str:
-        """For messages."""
+        """Text for messages."""
         return f"edge {names[self.source]} -> {names[self.destination]}"
 
 
@@ -210,26 +208,26 @@ def _drawn(edge: _EdgeEntry, names: tuple[str, ...], where: str) -> _DrawnEdge:
     said = f"{where}: edge {edge.source} -> {edge.destination}"
     for end in (edge.source, edge.destination):
         if end not in names:
-            raise ImageError(f"{said}: there is no exemplar '{end}'; there is {', '.join(names)}")
+            raise ImageError(f"{said}: unknown exemplar '{end}': expected one of {', '.join(names)}")
     source, destination = names.index(edge.source), names.index(edge.destination)
     if edge.scale is not None:
         return _DrawnEdge(source, destination, math.log2(edge.scale), edge.r)
     if edge.r is None:
-        raise ImageError(f"{said}: expected r or scale, which says how their pixels relate")
+        raise ImageError(f"{said}: expected r or scale, the ratio of their pixel sizes")
     return _DrawnEdge(source, destination, float(edge.r), None)
 
 
 def _root(wanted: Any, names: tuple[str, ...], edges: list[tuple[int, int]], where: str) -> int:
     if wanted is not None:
         if wanted not in names:
-            raise ImageError(f"{where}: root '{wanted}' is no exemplar; there is {', '.join(names)}")
+            raise ImageError(f"{where}: unknown root '{wanted}': expected one of {', '.join(names)}")
         root = names.index(wanted)
     else:
         ends = {destination for source, destination in edges if source != destination}
         free = [n for n in range(len(names)) if n not in ends]
         if len(free) != 1:
             could = " or ".join(names[n] for n in free) or "every exemplar is the end of an edge"
-            raise ImageError(f"{where}: there is no root: say root, {could}")
+            raise ImageError(f"{where}: the root is ambiguous ({could}): set root")
         root = free[0]
     reached = _reached(_onward(edges), [root])
     for n, name in enumerate(names):
@@ -239,7 +237,7 @@ def _root(wanted: Any, names: tuple[str, ...], edges: list[tuple[int, int]], whe
 
 
 def _onward(edges: Iterable[tuple[int, ...]]) -> dict[int, set[int]]:
-    """Where edges lead to, by where they start."""
+    """Destinations of edges by their sources."""
     onward: dict[int, set[int]] = {}
     for edge in edges:
         onward.setdefault(edge[0], set()).add(edge[1])
@@ -247,7 +245,7 @@ def _onward(edges: Iterable[tuple[int, ...]]) -> dict[int, set[int]]:
 
 
 def _reached(onward: dict[int, set[int]], first: Iterable[int]) -> set[int]:
-    """What edges lead to from there, with where they start."""
+    """Everything that edges reach from there, including the start."""
     reached = set(first)
     open_ends = list(reached)
     while open_ends:
@@ -258,7 +256,7 @@ def _reached(onward: dict[int, set[int]], first: Iterable[int]) -> set[int]:
 
 
 def _first_ways(edges: Iterable[Edge], start: int, octave: int) -> dict[int, int]:
-    """The octave of each exemplar that edges lead to, by the way of fewest edges; `start` lies at `octave`."""
+    """The octave of each exemplar reached, along the path of fewest edges. `start` is at `octave`."""
     onward: dict[int, list[Edge]] = {}
     for edge in edges:
         onward.setdefault(edge.source, []).append(edge)
@@ -275,10 +273,10 @@ def _first_ways(edges: Iterable[Edge], start: int, octave: int) -> dict[int, int
 def _placed(
     drawn: list[_DrawnEdge], root: int, names: tuple[str, ...], resample: bool, where: str
 ) -> tuple[tuple[Edge, ...], tuple[float, ...]]:
-    """Whole r for all edges, and how exemplars are resampled for it.
+    """Integer r for all edges, and the resampling factors of exemplars that this requires.
 
-    The first edge to an exemplar places it: the ratio is rounded to whole octaves counted from the root, so that
-    roundings do not add up. Every other edge then says a ratio that must be a power of two.
+    The first edge to an exemplar places it: the ratio is rounded to whole octaves from the root, so that
+    rounding errors do not accumulate. The ratio of every other edge must then be a power of two.
     """
     octaves = {root: 0}  # of the resampled exemplar, finer than the root
     away = {root: 0.0}  # log2 of the resampling factor
@@ -293,8 +291,9 @@ def _placed(
                 away[to] = octaves[to] - exact
                 if abs(away[to]) > 0.5 + _ALIKE and not resample:
                     raise ImageError(
-                        f"{where}: {edge.named(names)}: for r={edge.r} exemplar '{names[to]}' would be resampled"
-                        f' {2 ** away[to]:.4g} times, more than sqrt(2): say "resample": true, or a nearer r'
+                        f"{where}: {edge.named(names)}: r={edge.r} would resample exemplar '{names[to]}'"
+                        f" {2 ** away[to]:.4g} times: expected at most sqrt(2)",
+                        hint='set "resample": true, or use a nearer r',
                     )
                 waiting.append(to)
     edges = []
@@ -303,13 +302,13 @@ def _placed(
         r = round(exact)
         if abs(exact - r) > _ALIKE:
             raise ImageError(
-                f"{where}: {edge.named(names)}: scale={2**edge.ratio:.4g} is no power of two"
-                " and closes a loop or a second way, so that no resampling makes it one"
+                f"{where}: {edge.named(names)}: scale={2**edge.ratio:.4g} closes a loop or a second path, where"
+                " resampling cannot adapt it: expected a power of two"
             )
         if edge.r not in (None, r):
-            raise ImageError(f"{where}: {edge.named(names)}: r={edge.r}, but by the other edges it is {r}")
+            raise ImageError(f"{where}: {edge.named(names)}: r={edge.r} conflicts with r={r} from the other edges")
         if r < 0:
-            raise ImageError(f"{where}: {edge.named(names)} leads to larger pixels")
+            raise ImageError(f"{where}: {edge.named(names)} leads to larger pixels: expected smaller or equal ones")
         placed = Edge(edge.source, edge.destination, r)
         if placed != Edge(edge.source, edge.source, 0) and placed not in edges:
             edges.append(placed)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plane without end, ready to be looked at: a graph's exemplars read and analyzed, and windows of it as pixels.
+"""An unbounded plane of texture: a graph's exemplars, read and analyzed, and windows of it as pixels.
 
-What --texsynth and --texzoom share. Pixels are made as texels and offsets (`States`), and shown as copies of exemplars'
-pixels with their offset on them (`Plane.pixels`).
+Shared by --texsynth and --texzoom. Pixels are synthesized as texels and offsets (`States`), and rendered as copies of
+exemplars' pixels with their offset added (`Plane.pixels`).
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from .targets import stacks_of
 
 log = logging.getLogger("oiiotex")
 
-_CELL = 1 << 19  # pixels made at once: large beside their halo, small beside the memory
-_SLAB = 1 << 17  # pixels shown at once: what is computed on the way fits the caches
-_STATE_BYTES = 12  # of a pixel that is kept as texel and offset
-_LAYOUT = 2  # of what is kept of a cell; to be counted up where it changes
-_FARTHEST = 1 << 30  # px; a file's windows lie nearer
+_CELL = 1 << 19  # pixels synthesized at a time: large compared with their halo, small compared with the memory
+_SLAB = 1 << 17  # pixels rendered at a time: temporaries fit the caches
+_STATE_BYTES = 12  # per pixel kept as texel and offset
+_LAYOUT = 2  # of kept cells; increment if it changes
+_FARTHEST = 1 << 30  # px; maximum coordinate in a file
 
 
 @dataclass(frozen=True)
@@ -50,24 +50,24 @@ class Plane:
     graph: Graph
     images: tuple[Image, ...]  # one for each exemplar
     exemplars: tuple[Exemplar, ...]
-    lens: Lens  # how the root is seen
+    lens: Lens  # of the root
     analysis: Analysis
-    finest: int  # L: on that level a pixel is as large as one of the root
+    finest: int  # L: the level with pixels of the root's size
     _planes: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
 
     @property
     def root(self) -> Image:
-        """The image that says space, channels, type and size."""
+        """The image that defines color space, channels, type and size."""
         return self.images[self.graph.root]
 
     def settings(
         self, *, seed: int | None, lock: bool | int, around: tuple[int, int] | None = None, around_level: int = 0,
         in_step: InStep | None = None,
     ) -> PlaneSettings:  # fmt: skip
-        """How it is made; the graph's own seed and jitter where they are not said.
+        """The settings, with the graph's seed and jitter as defaults.
 
-        `lock` is the last level without jitter (HRRG08 figure 7; 1 or True: L), `around` the size (width, height) after
-        which the plane repeats in px of `around_level`, `in_step` the lattice of the one exemplar in px of its square.
+        `lock`: last level without jitter (HRRG08 figure 7; 1 or True: L). `around`: period (width, height) of the plane
+        in px of `around_level`. `in_step`: lattice of the one exemplar in px of its square.
         """
         looping = any(self.graph.in_loop(n) for n in range(len(self.graph.names)))
         loops = looping and not self.analysis.stacks.levels.literal
@@ -86,16 +86,16 @@ class Plane:
         )
 
     def key(self, settings: PlaneSettings, level: int) -> str:
-        """What texels and offsets of a level follow from, as a word: another graph, seed or version has another."""
+        """A hash of everything that texels and offsets of a level depend on, including graph, seed and version."""
         values = (getattr(self.analysis, f.name) for f in fields(self.analysis))
         arrays = (value for value in values if isinstance(value, np.ndarray))
         stacks = self.analysis.stacks
         return hash_of(__version__, _LAYOUT, stacks.levels, settings, level, stacks.planes, *arrays)
 
     def pixels(self, state: PlaneState) -> np.ndarray:
-        """What pixels look like: (height, width, channels) of the root's pixel type.
+        """Render pixels: (height, width, channels) of the root's pixel type.
 
-        All channels of what they copy, with their offset added in Lab.
+        All channels of the copied pixels, with their offset added in Lab.
         """
         exemplar = self.exemplars[0].pixels
         out = np.empty((*state.texel.shape, exemplar.shape[2]), exemplar.dtype)
@@ -108,13 +108,13 @@ class Plane:
         return out
 
     def source(self, state: PlaneState) -> SourceMap:
-        """What pixels copy; exemplars' numbers are those of the stack's levels."""
+        """The copied pixels. Indices of exemplars are those of the stack's levels."""
         return SourceMap(state.texel, self.analysis.stacks.side_bits)
 
     def _copy(self, source: SourceMap, out: np.ndarray) -> None:
         number = source.number
         numbers = np.flatnonzero(np.bincount(number.ravel()))
-        if len(numbers) == 1:  # as always where one exemplar is seen at its own scale
+        if len(numbers) == 1:  # always the case for one exemplar at its own scale
             out[...] = source.gather(self._shown(int(numbers[0])))
             return
         for n in numbers:
@@ -130,7 +130,7 @@ class Plane:
             out[moved] = self.lens.replaced(rows, values, opaque)[0]
 
     def _shown(self, number: int) -> np.ndarray:
-        """(side, side, channels) of a stack level; transparent pixels show the nearest opaque one."""
+        """(side, side, channels) of a stack level. Transparent pixels show the nearest opaque one."""
         if number not in self._planes:
             of, level = self.analysis.stacks.levels.stacks[number]
             plane = shown_level(self.exemplars[of], level, self.finest)
@@ -140,7 +140,7 @@ class Plane:
 
 
 def graph_images(path: str | Path, resources: Resources) -> tuple[Graph, tuple[Image, ...]]:
-    """The graph of a document, and its exemplars' files, opened."""
+    """The graph in a document, and its exemplar files, opened."""
     graph = read_graph(path)
     return graph, tuple(read(file, resources.cache) for file in graph.files)
 
@@ -149,7 +149,7 @@ def opened(
     resources: Resources, progress: Progress, graph: Graph, images: Sequence[Image], name: str, *, side: int, dims: int,
     correct: bool, literal: bool, space: Space,
 ) -> Plane:  # fmt: skip
-    """Read and analyze the exemplars of a graph, which messages call `name`; the rest as of --texsynth."""
+    """Read and analyze the exemplars of a graph, called `name` in messages. Other arguments are those of --texsynth."""
     with resources.stats.time("read and color"):
         exemplars, lens = load_exemplars(images, graph, resources, space, side)
     finest = exemplars[0].side.bit_length() - 1
@@ -161,8 +161,8 @@ def opened(
 
 
 def analysis_folder() -> Path:
-    """Where what is found out about exemplars is kept from one run to the next."""
-    from ..opencl.cache_folders import cache_folder  # when it is needed: help asks for none
+    """Folder of the cached results of `analyze`."""
+    from ..opencl.cache_folders import cache_folder  # not needed for help
 
     return cache_folder() / "candidates"
 
@@ -179,31 +179,31 @@ def _analyzed(
 
 
 def _report(graph: Graph, exemplars: Sequence[Exemplar], analysis: Analysis) -> None:
-    """Say how often each exemplar is taken, and warn of what will not show well (HRRG08 section 8)."""
+    """Log how often each exemplar is used, and warn of those that will not appear (HRRG08 section 8)."""
     for n, share in shares(graph, analysis):
         name = graph.names[n]
-        log.info("exemplar '%s' is a candidate of %.1f %% of the texels that it may replace", name, 100 * share)
+        log.info("exemplar '%s' is a candidate for %.1f %% of the texels that it may replace", name, 100 * share)
         if share < RARE:
             log.warning(
-                "exemplar '%s' appears %s: others match better (%.2g %% of the texels that it may replace; HRRG08"
-                " section 8)", name, "nowhere" if share == 0 else "hardly anywhere", 100 * share,
+                "exemplar '%s' appears %s: others match better (it is a candidate for %.2g %% of the texels that it may"
+                " replace; HRRG08 section 8)", name, "nowhere" if share == 0 else "hardly anywhere", 100 * share,
             )  # fmt: skip
     for n, share, x, y, away in unmatched(analysis):
         if share >= MUCH:
             place, factor = exemplars[n].place, exemplars[n].factor
             log.warning(
-                "exemplar '%s': nothing finer is like %.0f %% of it (%.0f Lab units off at most, at %d,%d px):"
-                " its detail is another's there (HRRG08 section 8)",
+                "exemplar '%s': %.0f %% of it has no finer match (color difference up to %.0f Lab units, at %d,%d px);"
+                " detail of something else appears there (HRRG08 section 8)",
                 graph.names[n], 100 * share, away, (place.left + x) / factor, (place.top + y) / factor,
             )  # fmt: skip
 
 
 class States:
-    """Pixels of a level as texels and offsets, made in cells that are kept for a while.
+    """Pixels of a level as texels and offsets, synthesized in cells that are cached.
 
-    `window` can be read, `display` is displayed, in pixels of the level; as attributes, `place` and `display` are in an
-    image's own coordinates, which begin at 0 where the plane's do not fit 32 bits. With a `key` (`Plane.key`) cells are
-    also kept beside the file that is being written, for a run that goes on.
+    `window`: data window, and `display`: display window, in pixels of the level. As attributes, `place` and `display`
+    are in the image's coordinates, which begin at 0 if the plane's exceed 32 bits. With a `key` (`Plane.key`) cells are
+    also written to a checkpoint next to the output file, from which an interrupted run resumes.
     """
 
     def __init__(
@@ -230,19 +230,19 @@ class States:
         return PlaneState(packed[..., 0], packed[..., 1:].view(np.int16) if packed.shape[2] > 1 else None)
 
     def _kept(self, place: Window, following: Window | None) -> np.ndarray:
-        """(height, width, 1 or 3) uint32: a texel number, and where there are such the four halves of an offset."""
+        """(height, width, 1 or 3) uint32: a texel index, and the four halves of an offset if there are any."""
         keeper = self._resources.keeper
         if keeper is None or not self._key:
             return self._made(place, following)
         return keeper.piece(self._key, place.shifted(*self._shift), lambda: self._made(place, None))
 
     def _made(self, place: Window, following: Window | None) -> np.ndarray:
-        """The cell, while the device goes on with the one after it."""
+        """The cell, while the device already works on the following one."""
         begun = self._ahead.pop(place, None) or self._begun(place)
         if following is not None and not self._resources.cache.holds((self, following)):
             self._ahead[following] = self._begun(following)
         texel, offset = begun()
-        # a stream would hold the events of all its cells
+        # a stream would keep the events of all its cells
         self._resources.device.collect(self._resources.stats, wait=False)
         if offset is None:
             return texel[..., None]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ops of multiscale synthesis share: their exemplars, and how these are matched."""
+"""The base of multiscale synthesis ops: their exemplars, and the parameters of matching."""
 
 from __future__ import annotations
 
@@ -26,61 +26,78 @@ from .graph import Graph
 from .infinite_plane import Plane, analysis_folder, graph_images, opened
 from .synthesizer import MOST_LEVEL, PlaneSettings, Synthesizer
 
-FARTHEST = 1 << 60  # px; places on the plane
+FARTHEST = 1 << 60  # px; maximum coordinate on the plane
 
 
 @dataclass(frozen=True, kw_only=True)
 class Multiscale(InLab, Reported, AnyWindow):
-    """A texture without end, of one exemplar or of a graph of them."""
+    """An unbounded texture from one exemplar or a graph of them."""
 
-    exemplar: Image | None = image(help="the one exemplar; none is taken where graph says them")
-    graph: Path | None = param(None, help="an exemplar graph, JSON or YAML")
+    exemplar: Image | None = image(help="Exemplar. Omit it with graph.")
+    graph: Path | None = param(None, help="Exemplar graph, JSON or YAML.", example="graph.json")
     lock: bool | int = param(
         False,
         ge=0,
         le=MOST_LEVEL,
-        help="1: no jitter up to the root's own resolution, finer detail for it as it is; 2 and more: up to that level",
+        help="Last level without jitter: up to it the root is reproduced, and finer levels add detail."
+        " 1: the level of the root's resolution.",
+        advanced=True,
     )
-    correct: bool = param(True, help="bring exemplars that do not agree in color together (HRRG08 section 5)")
-    dims: int = param(16, ge=1, le=16, help="of projected neighborhoods; 6 are the paper's, 16 repeat less")
+    correct: bool = param(
+        True, help="Color correction between exemplars that differ (HRRG08 section 5).", advanced=True
+    )
+    dims: int = param(
+        16,
+        ge=1,
+        le=16,
+        help="Dimensions of projected neighborhoods. 6: as in the paper. 16: fewer repeats.",
+        advanced=True,
+    )
     side: int = param(
-        256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="of an exemplar's square, at most"
+        256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="Maximum side of an exemplar's square."
     )
     paper: bool = param(
         False,
-        help="HRRG08 by the letter: dims=6, and zooms without end turn anywhere, to anything, and lose their contrast",
+        help="Paper's settings (HRRG08): dims=6, and endless zooms turn at any level and lose their contrast.",
+        advanced=True,
     )
-    seed: int | None = param(None, ge=0, le=2**32 - 1, help="same seed, same pixels; the graph's, or 0, when left out")
+    seed: int | None = param(
+        None,
+        ge=0,
+        le=2**32 - 1,
+        unset="seed of the graph, else 0",
+        help="Random seed. The same seed gives the same pixels.",
+    )
 
     PAPER: ClassVar[dict[str, Any]] = {"dims": 6, "correct": True}
 
     @classmethod
     def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
-        """No image where a graph says which."""
+        """No image if a graph names the exemplars."""
         return () if values.get("graph") else cls.images()
 
     def single(self, name: str) -> Graph:
-        """The graph of the one exemplar."""
+        """The graph of a single exemplar."""
         raise NotImplementedError
 
     @property
     def source(self) -> str:
-        """What it is made from, for messages and as the result's name."""
+        """Name of the input, for messages and the result."""
         return str(self.graph) if self.graph else self.exemplar.source if self.exemplar else ""
 
     def opened(self, resources: Resources, progress: Progress) -> Plane:
-        """The plane, its exemplars read and analyzed."""
+        """The plane, with its exemplars read and analyzed."""
         if self.graph is not None:
             graph, images = graph_images(self.graph, resources)
         elif self.exemplar is not None:
             graph, images = self.single(self.exemplar.source), (self.exemplar,)
         else:
-            raise ParameterError("expected an image, or graph=FILE")
-        if self.lock:  # the root comes out as it is only where its neighborhoods go around, as its plane does
+            raise ParameterError("no exemplar", expected="an image, or graph=FILE")
+        if self.lock:  # the root is reproduced only if its neighborhoods wrap, as its plane does
             graph = replace(graph, wraps=tuple("periodic" if n == graph.root else w for n, w in enumerate(graph.wraps)))
         for given in images:
             for part in given.parts[1:]:
-                self.warn("part '%s' of %s is not carried along", part.name, given.source)
+                self.warn("part '%s' of %s is dropped", part.name, given.source)
         how: dict[str, Any] = {"side": self.side, "dims": self.dims, "correct": self.correct, "literal": self.paper}
         parts = tuple(image.first for image in images)
         read = tuple(map(_changed, graph.files)) if self.graph else tuple(map(id, parts))
@@ -91,7 +108,7 @@ class Multiscale(InLab, Reported, AnyWindow):
         )
 
     def maker(self, plane: Plane, settings: PlaneSettings, resources: Resources) -> Synthesizer:
-        """What makes windows of the plane."""
+        """The synthesizer of the plane's windows."""
         maker = resources.remembered(
             ("maker", id(plane.analysis), settings),
             lambda: _made(plane, settings, resources),
@@ -105,7 +122,7 @@ def _made(plane: Plane, settings: PlaneSettings, resources: Resources) -> Synthe
     maker = Synthesizer(resources.device, plane.analysis, settings, resources.budget)
     if settings.kept == 1.0:
         return maker
-    from .contrast import with_contrast  # not loaded where nothing is zoomed into without end
+    from .contrast import with_contrast  # only for endless zooms
 
     plain = replace(settings, seed=0, around=None)
     with resources.stats.time("contrast"):
@@ -113,10 +130,10 @@ def _made(plane: Plane, settings: PlaneSettings, resources: Resources) -> Synthe
 
 
 def _changed(path: Path) -> tuple[int, int] | None:
-    """When and to what size a file was last changed."""
+    """Modification time and size of a file."""
     try:
         status = os.stat(path)
-    except OSError:  # whoever reads it says so
+    except OSError:  # reported when the file is read
         return None
     return status.st_mtime_ns, status.st_size
 
@@ -124,8 +141,7 @@ def _changed(path: Path) -> tuple[int, int] | None:
 def with_report(
     quality: Quality, plane: Plane, results: dict[str, Any], source: Callable[[Window], SourceMap] | None = None
 ) -> dict[str, Any]:
-    """The op's results with the measures of its image beside the root; `source` gives the root's pixels that a window
-    shows, where all are copies of these."""
+    """The op's results with its image's measures. `source`: the root's pixels in a window, if all are copies."""
     main, root = results[quality.op.main().name], plane.exemplars[plane.graph.root]
     sizes = (root.side, root.side), main.window.size
     measured = replace(quality, sizes=sizes, copies=source is not None)
@@ -147,7 +163,7 @@ def with_report(
 
 
 def texture_spec(spec: oiio.ImageSpec, display: Window, place: Window, toroidal: bool = False) -> oiio.ImageSpec:
-    """The spec of a window of a texture, display and data window on its plane; toroidal: the display window tiles."""
+    """The spec of a window of a texture, display and data window on its plane. Toroidal: the display window tiles."""
     new = tile_spec(spec, "xy" if toroidal else "none", (display.width, display.height))
     new.full_x, new.full_y = display.left, display.top
     new.x, new.y, new.width, new.height = place.left, place.top, place.width, place.height

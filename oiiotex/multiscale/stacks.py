@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exemplars as the synthesis sees them: squares of 2^L pixels in Lab, and their Gaussian stacks (HRRG08 section 3.2).
+"""Exemplars for synthesis: squares of 2^L pixels in Lab, and their Gaussian stacks (HRRG08 section 3.2).
 
-Departure from HRRG08: the radius of the filter is not defined there; here level k of L has sigma = sqrt(h^2 - 1) / 2 px
-for its spacing h = 2^(L-k), so that the finest level is the exemplar itself.
+Departure from HRRG08, which does not define the radius of the filter: here level k of L has sigma = sqrt(h^2 - 1) / 2
+px for its spacing h = 2^(L-k), so that the finest level is the exemplar itself.
 
-An exemplar that tiles is a torus. Any other one is mirrored at its borders where a filter or a neighborhood reaches
-across them; HRRG08 and Lefebvre & Hoppe 2005 leave open how they are told apart (`tiles` is how it is done here).
+An exemplar that tiles is a torus. Others are mirrored where a filter or a neighborhood crosses their borders. HRRG08
+and Lefebvre & Hoppe 2005 do not specify how the two are distinguished (here: by `tiles`).
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from ..session.resources import Resources
 from .graph import Graph
 
 LEAST, MOST = 16, 1024  # px; sides of exemplars
-_CLOSED = 1.5  # times the mean jump between lines: a wrap that is no steeper does not show
-_RARE = 99.0  # per cent of the lines: nor does one that is not steeper than the steepest hundredth of them
+_CLOSED = 1.5  # maximum jump across the wrap that is invisible, relative to the mean between lines
+_RARE = 99.0  # percentile of the lines' jumps up to which a wrap is invisible as well
 _TEXEL_BYTES = 96  # of links, records, offsets and a stack's plane
-_REACH = 2400  # steps: what is further from the mean decides as if it were this far
+_REACH = 2400  # steps: differences from the mean are clamped to this in decisions
 
 
 @dataclass(frozen=True)
 class Exemplar:
-    """One exemplar, cut to a square whose side is a power of two."""
+    """One exemplar, cropped to a square whose side is a power of two."""
 
     name: str
     pixels: np.ndarray  # (side, side, channels), in the root's color space and pixel type
-    values: np.ndarray  # (side, side, 4) float32: Lab, or data scaled to 0 .. 100, as `Lens.values` gives them
+    values: np.ndarray  # (side, side, 4) float32: Lab, or data scaled to 0 .. 100, as from `Lens.values`
     opaque: np.ndarray | None  # (side, side) bool: where alpha is not 0; None: everywhere
     place: Window  # in the image's data window, from its corner, in pixels of the resampled image
-    factor: float  # how much the image was enlarged before
-    periodic: bool = True  # it is a torus; else it is mirrored at its borders
+    factor: float  # resampling factor of the image
+    periodic: bool = True  # a torus; otherwise it is mirrored at its borders
 
     @property
     def side(self) -> int:
@@ -54,9 +54,9 @@ class Exemplar:
 def load_exemplars(
     images: Sequence[Image], graph: Graph, resources: Resources, space: Space, most: int
 ) -> tuple[tuple[Exemplar, ...], Lens]:
-    """All exemplars, of one size, at most `most` px, and in the root's color space, and how the root is seen.
+    """All exemplars, of the same size, at most `most` px, in the root's color space, and the root's `Lens`.
 
-    They are cut around their centers rather than resampled: a pixel keeps its size, so that scale relations hold and
+    They are cropped around their centers, not resampled: pixels keep their size, so scale ratios hold and
     detail stays sharp.
     """
     factors, root = graph.factors, graph.root
@@ -65,10 +65,10 @@ def load_exemplars(
     )  # the side is common to all: HRRG08 section 3.1
     if shortest < LEAST:
         small = next(i for i, f in zip(images, factors, strict=True) if min(_scaled_size(i, f)) == shortest)
-        raise ImageError(f"{small.source} is {shortest} px wide or high: an exemplar has {LEAST} or more")
+        raise ImageError(f"is {shortest} px wide or high", subject=small.source, expected=f"at least {LEAST} px")
     side = 1 << (min(shortest, most).bit_length() - 1)
-    need = _TEXEL_BYTES * side * side * side.bit_length()  # of the root's levels; those of others come on top
-    resources.require(need, "the analyzed exemplars", "take a smaller side")
+    need = _TEXEL_BYTES * side * side * side.bit_length()  # of the root's levels; those of others are extra
+    resources.require(need, "the analyzed exemplars", "reduce side")
     lens = lens_of(images[root], resources, space)
     exemplars = []
     for image, factor, wrap in zip(images, factors, graph.wraps, strict=True):
@@ -83,17 +83,18 @@ def _scaled_size(image: Image, factor: float) -> tuple[int, int]:
 
 
 def _fitting(image: Image, root: Image, lens: Lens, resources: Resources, space: Space) -> Lens:
-    """How an exemplar beside the root is seen."""
+    """The `Lens` of an exemplar other than the root."""
     mine, wanted = image.first.spec.channelnames, root.first.spec.channelnames
     if mine != wanted:
         raise ImageError(
-            f"{image.source} has channels {','.join(mine)}, the root {root.source} has {','.join(wanted)}:"
-            " exemplars of one graph are alike"
+            f"has channels {','.join(mine)}",
+            subject=image.source,
+            expected=f"{','.join(wanted)}, the channels of the root {root.source}",
         )
     own = lens_of(image, resources, space)
     if (own.space is None) != (lens.space is None):
-        raise ImageError(f"{image.source} and the root {root.source}: one is color, the other is data")
-    if own.space is None:  # data of all exemplars mean the same
+        raise ImageError(f"{image.source} conflicts with the root {root.source}: one is color, the other is data")
+    if own.space is None:  # data of all exemplars have the same meaning
         return replace(own, low=lens.low, scale=lens.scale)
     return own
 
@@ -104,7 +105,7 @@ def _cut(image: Image, factor: float, side: int, wrap: str | None, own: Lens, ro
     place = Window.sized((width - side) // 2, (height - side) // 2, side, side)
     inside = place.inside(Window(0, 0, width, height))
     whole = part.pixels()
-    values, opaque = own.values(whole)  # of all: NaN or Inf beside the square are a fault of the photo as well
+    values, opaque = own.values(whole)  # of the whole image: NaN or Inf outside the square are errors as well
     if (width, height) == (part.spec.width, part.spec.height):
         pixels, values, opaque = whole[inside], values[inside], None if opaque is None else opaque[inside]
     else:
@@ -113,7 +114,7 @@ def _cut(image: Image, factor: float, side: int, wrap: str | None, own: Lens, ro
     if opaque is not None and opaque.all():
         opaque = None
     if opaque is not None and not opaque.any():
-        raise ImageError(f"{image.source}: the {side}x{side} px in its middle are transparent")
+        raise ImageError(f"is transparent in its middle {side}x{side} px", subject=image.source)
     pixels = np.ascontiguousarray(pixels)
     if own.space != root.space and own.space is not None:
         pixels = root.replaced(pixels, values.copy(), opaque)
@@ -126,22 +127,22 @@ def _cut(image: Image, factor: float, side: int, wrap: str | None, own: Lens, ro
 
 
 def sigma_of(level: int, finest: int) -> float:
-    """Blur of a stack level, px."""
+    """Sigma of a stack level's blur, px."""
     return 0.5 * float(np.sqrt(4.0 ** (finest - level) - 1.0))
 
 
 def tiles(values: np.ndarray) -> bool:
-    """Whether opposite borders of an image meet without a seam that shows: (side, side, channels) float, by channel 0.
+    """Whether opposite borders of an image meet without a visible seam: (side, side, channels) float, by channel 0.
 
-    The jump from the last line to the first is like those between other lines: at most half as high again as their
-    mean, or one of a hundred is as high (a border may lie in a joint between bricks).
+    The jump from the last line to the first must be like those between other lines: at most 1.5 times their
+    mean, or below their 99th percentile (a border may lie in a joint between bricks).
     """
     light = values[..., 0].astype(np.float64)
     return all(seam_ratio(light, axis) <= _CLOSED or wrap_percentile(light, axis) <= _RARE for axis in (0, 1))
 
 
 def blurred(planes: np.ndarray, sigma: float, opaque: np.ndarray | None = None, periodic: bool = True) -> np.ndarray:
-    """A Gaussian blur of a torus, or mirrored, as float64; transparent pixels take what lies around them."""
+    """A Gaussian blur of a torus, or mirrored, as float64. Transparent pixels are filled from their surroundings."""
     planes = planes.astype(np.float64)
     if sigma <= 0:
         return planes
@@ -155,9 +156,9 @@ def blurred(planes: np.ndarray, sigma: float, opaque: np.ndarray | None = None, 
 
 
 def _response(side: int, sigma: float) -> np.ndarray:
-    """What a Gaussian that goes around does to each frequency of one axis: (side,) float64.
+    """Frequency response of a periodic Gaussian along one axis: (side,) float64.
 
-    Sampled in space, not in frequency, so that no weight is below 0: next to HDR lights nothing gets negative.
+    Sampled in space, not in frequency, so that no weight is negative: next to HDR lights nothing becomes negative.
     """
     turns = int(np.ceil(6 * sigma / side)) + 1
     offset = np.arange(side)[None, :] + side * np.arange(-turns, turns + 1)[:, None]
@@ -172,16 +173,16 @@ def _filtered(planes: np.ndarray, sigma: float) -> np.ndarray:
 
 
 def _filtered_mirrored(planes: np.ndarray, sigma: float) -> np.ndarray:
-    """The same on the torus of twice the side that an image and its mirror images make."""
+    """The same on the torus of twice the side that consists of an image and its mirror images."""
     response = _response(2 * len(planes), sigma)[: len(planes)]
     along_rows = _along_mirrored(np.ascontiguousarray(planes.transpose(2, 0, 1)), response)
     return _along_mirrored(along_rows.transpose(0, 2, 1), response).transpose(2, 1, 0)
 
 
 def _along_mirrored(lines: np.ndarray, response: np.ndarray) -> np.ndarray:
-    """A cosine transform of the last axis, weighed and undone, by a Fourier transform of the same length.
+    """A cosine transform of the last axis, weighted and inverted, by a Fourier transform of the same length.
 
-    Makhoul 1980, doi:10.1109/TASSP.1980.1163351: even samples, then the odd ones backwards. Of its turned frequency k
+    Makhoul 1980, doi:10.1109/TASSP.1980.1163351: even samples, then the odd ones backwards. At its rotated frequency k,
     the real part is that of the cosine transform at k, the imaginary part minus that at n - k. (scipy.fft does the same
     and takes longer to import than all blurs of an exemplar.)
     """
@@ -198,7 +199,7 @@ def _along_mirrored(lines: np.ndarray, response: np.ndarray) -> np.ndarray:
 
 
 def seen_values(exemplar: Exemplar) -> np.ndarray:
-    """Its Lab values, (side, side, 3); what a transparent pixel holds means nothing, it takes what lies around it."""
+    """Lab values, (side, side, 3), with transparent pixels filled from their surroundings."""
     values = exemplar.values[..., :3]
     if exemplar.opaque is None:
         return values
@@ -207,9 +208,9 @@ def seen_values(exemplar: Exemplar) -> np.ndarray:
 
 
 def grid_stack(exemplar: Exemplar, middle: np.ndarray, levels: Sequence[int], finest: int) -> np.ndarray:
-    """Levels of an exemplar's Gaussian stack on the integer grid on which everything is decided.
+    """Levels of an exemplar's Gaussian stack on the integer grid of all decisions.
 
-    (levels, side, side, 4) int16: steps away from `middle`, Lab (3,), and 0. Level `finest`, L, is not blurred.
+    (levels, side, side, 4) int16: steps from `middle`, Lab (3,), and 0. Level `finest`, L, is not blurred.
     """
     values = seen_values(exemplar)
     out = np.zeros((len(levels), exemplar.side, exemplar.side, 4), np.int16)
@@ -221,7 +222,7 @@ def grid_stack(exemplar: Exemplar, middle: np.ndarray, levels: Sequence[int], fi
 
 
 def shown_level(exemplar: Exemplar, level: int, finest: int) -> np.ndarray:
-    """A level as it is seen, all channels in the exemplar's own type: (side, side, channels)."""
+    """A level for rendering, all channels in the exemplar's own type: (side, side, channels)."""
     if level == finest:
         return exemplar.pixels
     seen = blurred(as_float(exemplar.pixels), sigma_of(level, finest), exemplar.opaque, exemplar.periodic)
@@ -229,7 +230,7 @@ def shown_level(exemplar: Exemplar, level: int, finest: int) -> np.ndarray:
 
 
 def nearest_opaque(opaque: np.ndarray) -> SourceMap:
-    """For every pixel the nearest opaque one, itself where it is: (side, side)."""
+    """For every pixel the nearest opaque one, itself if it is opaque: (side, side)."""
     from scipy import ndimage
 
     return SourceMap.of(*ndimage.distance_transform_edt(~opaque, return_distances=False, return_indices=True))

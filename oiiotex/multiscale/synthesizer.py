@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any window of any level of a texture that an exemplar graph defines: HRRG08 sections 4 and 5.
+"""Any window of any level of the texture defined by an exemplar graph: HRRG08 sections 4 and 5.
 
-The plane of level t has no end; a pixel of level t is 2^t times smaller than one of level 0, which is as large as the
-root. Pixels hold (exemplar, level, u) as one texel number and an accumulated transfer function, never a color. What a
-window holds depends on nothing but its place: `plan` says which pixels of which level it needs.
+The plane of level t is unbounded. A pixel of level t is 2^t times smaller than one of level 0, which is as large as the
+root. Pixels contain (exemplar, level, u) as one texel index and an accumulated transfer function, never a color. A
+window depends only on its place: `plan` gives the pixels of each level that it needs.
 """
 
 from __future__ import annotations
@@ -28,37 +28,37 @@ from .superexemplar import FIRST_CORRECTED
 
 log = logging.getLogger("oiiotex")
 
-# rho on the levels that are jittered. With 1 all places of the exemplar are as likely: less is undone by the
-# correction, and the root shows as tiles; what is conspicuous in it comes back on a lattice
+# rho on the levels that are jittered. With 1 all places of the exemplar are equally likely: otherwise correction undoes
+# less of it, the root repeats as tiles, and its conspicuous features form a lattice
 FIRST_JITTER, JITTER = (1.0, 1.0, 1.0), 0.6
-PENALTY = 1.5  # kappa: by how much a second candidate must be better
-KEPT_IN_LOOPS = 0.84  # of the transfer function per level: it would drift out of all colors where a zoom never ends
+PENALTY = 1.5  # kappa: ratio by which a second candidate must be better
+KEPT_IN_LOOPS = 0.84  # share of the transfer function per level: keeps the colors of an endless zoom bounded
 PASSES = 2
-_LEAST_SIDE = 16  # px of the smallest window that is tried where the device runs out of memory: its halo is larger
-MOST_LEVEL = 60  # places on it fit 64 bits with room for the halo
+_LEAST_SIDE = 16  # px of the smallest window tried when the device runs out of memory: its halo is larger
+MOST_LEVEL = 60  # its coordinates fit 64 bits with room for the halo
 
-# Parities (x, y) of the pixels that the subpasses of a pass correct. Odd passes go another way round, so that the last
-# subpass of a pass and the first of the next are of different parities.
+# Parities (x, y) of the pixels that the subpasses of a pass correct. Odd passes use another order, so that the last
+# subpass of a pass and the first of the next have different parities.
 _EVEN_PASS = ((0, 0), (1, 1), (0, 1), (1, 0))
 _ODD_PASS = ((0, 1), (1, 0), (0, 0), (1, 1))
 
 
 def schedule(passes: int) -> tuple[tuple[int, int], ...]:
-    """The subpasses of correction in order, each by the parity (x, y) of its pixels."""
+    """The subpasses of correction in order, each as the parity (x, y) of its pixels."""
     return sum((_ODD_PASS if n % 2 else _EVEN_PASS for n in range(passes)), ())
 
 
 class LevelPlan(NamedTuple):
-    """What one level takes part with: `windows[0]` is upsampled, `windows[n + 1]` is right after subpass n."""
+    """Windows of one level: `windows[0]` is upsampled, `windows[n + 1]` is valid after subpass n."""
 
     level: int
     windows: tuple[Window, ...]
 
 
 def looked_at(window: Window, parity: tuple[int, int]) -> Window:
-    """What must be right before a subpass for `window` to be right after it.
+    """The window that must be valid before a subpass for `window` to be valid after it.
 
-    A pixel of the parity looks two pixels far, so on each side the outermost one of that parity decides.
+    A pixel of the parity reads two pixels far, so the outermost one of that parity decides on each side.
     """
     low = [at - (2 if at & 1 == odd else 1) for at, odd in zip(window[:2], parity, strict=True)]
     high = [at + (2 if (at - 1) & 1 == odd else 1) for at, odd in zip(window[2:], parity, strict=True)]
@@ -66,12 +66,12 @@ def looked_at(window: Window, parity: tuple[int, int]) -> Window:
 
 
 def parents(window: Window) -> Window:
-    """The pixels of the coarser level that upsampling a window looks at: each one's four nearest (section 5)."""
+    """The pixels of the coarser level that are read to upsample a window: the four nearest of each (section 5)."""
     return Window((window.left - 1) >> 1, (window.top - 1) >> 1, (window.right >> 1) + 1, (window.bottom >> 1) + 1)
 
 
 def plan(window: Window, level: int, passes: int) -> tuple[LevelPlan, ...]:
-    """The pixels of each level, from 0 on, that a window of `level` needs."""
+    """The pixels of each level, from 0, that a window of `level` needs."""
     plans = []
     for at in range(level, -1, -1):
         windows = [window]
@@ -83,25 +83,25 @@ def plan(window: Window, level: int, passes: int) -> tuple[LevelPlan, ...]:
 
 
 class LatticeSteps(NamedTuple):
-    """How texels are kept in step with the lattice of the one exemplar: whole numbers, the same on all devices.
+    """Data for keeping texels in phase with the lattice of the one exemplar: integers, the same on all devices.
 
-    Not in HRRG08. Jitter and candidates take pixels of a level to places that look alike on that level, and coarse
-    levels hold nothing of a lattice that is finer than they are.
+    Not in HRRG08. Jitter and candidates move pixels of a level to places that look the same on that level, and coarse
+    levels contain nothing of a lattice that is finer than they are.
     """
 
-    phases: tuple[int, ...]  # As `offset_prices.Prices.phases`, on level L
-    moves: tuple[int, ...]  # How far a texel moves for a whole cycle of phase u, x and y, and of v; 1/256 px
-    vectors: tuple[int, ...]  # Of the lattice, the same
+    phases: tuple[int, ...]  # as `offset_prices.Prices.phases`, on level L
+    moves: tuple[int, ...]  # motion of a texel for a whole cycle of phase u, x and y, and of v; 1/256 px
+    vectors: tuple[int, ...]  # of the lattice, likewise
 
     @classmethod
     def of(cls, kept: InStep) -> LatticeSteps:
-        """Half of all `structure` moves all the way, less a share of it."""
+        """`structure` from 0.5 moves texels all the way, below it proportionally."""
         vectors = kept.steps()
         moves = np.rint(min(1.0, 2 * kept.structure) * vectors).astype(int)
         return cls(*(tuple(a.ravel().tolist()) for a in (kept.phases(), moves, vectors)))
 
     def phases_at(self, spacing: int) -> np.ndarray:
-        """On a coarser level, whose pixels are that many wide and are looked at in their middles: (10,) uint32.
+        """Phases on a coarser level with pixels of that width, at pixel centers: (10,) uint32.
 
         Multiples of those on level L, so that all levels agree on any place, however far away.
         """
@@ -112,32 +112,32 @@ class LatticeSteps(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class PlaneSettings:
-    """How a plane is made."""
+    """Settings of a plane."""
 
     seed: int = 0
     jitter: tuple[float, ...] = (0.0,)  # rho by level, 0 to 1; the last holds for all finer levels
-    passes: int = PASSES  # Of correction, four subpasses each
-    penalty: float = PENALTY  # kappa, 1 to 2: second candidates' distances count so many times
-    kept: float = 1.0  # How much of its parents' transfer function a pixel inherits
-    around: tuple[int, int] | None = None  # Width and height, on `around_level`, after which the plane repeats
+    passes: int = PASSES  # of correction, four subpasses each
+    penalty: float = PENALTY  # kappa, 1 to 2: factor on second candidates' distances
+    kept: float = 1.0  # share of the parents' transfer function that a pixel inherits
+    around: tuple[int, int] | None = None  # period of the plane, width and height on `around_level`
     around_level: int = 0
-    steps: LatticeSteps | None = None  # Of the one exemplar, where the plane keeps its lattice
+    steps: LatticeSteps | None = None  # of the one exemplar, if the plane keeps its lattice
 
     def rho(self, level: int) -> int:
         """Jitter of a level in 1/256."""
         return round(256 * self.jitter[min(level, len(self.jitter) - 1)])
 
     def period(self, level: int) -> tuple[int, int]:
-        """After how many pixels a level repeats along x and y; 0: never."""
+        """Period of a level along x and y, px. 0: none."""
         if self.around is None:
             return 0, 0
         return self.around[0] >> (self.around_level - level), self.around[1] >> (self.around_level - level)
 
 
 def default_jitter(finest: int, endless: bool = False) -> tuple[float, ...]:
-    """rho by level: none on the two finest of the root and beyond.
+    """rho by level: none on the root's two finest levels and beyond.
 
-    A zoom that never ends is jittered on all further levels, or places that are alike stay alike for ever.
+    An endless zoom is jittered on all further levels. Otherwise similar places would stay similar.
     """
     if endless:
         return 0.0, JITTER
@@ -146,9 +146,9 @@ def default_jitter(finest: int, endless: bool = False) -> tuple[float, ...]:
 
 
 class PlaneState(NamedTuple):
-    """Pixels of a window: texel numbers (height, width) uint32, transfer functions (height, width, 4) int16.
+    """Pixels of a window: texel indices (height, width) uint32, transfer functions (height, width, 4) int16.
 
-    No transfer functions, None, is all of them the identity.
+    None as transfer functions: all are the identity.
     """
 
     texel: np.ndarray
@@ -157,7 +157,7 @@ class PlaneState(NamedTuple):
 
 @dataclass(frozen=True)
 class _Pending:
-    """A window that the device works on."""
+    """A window in progress on the device."""
 
     _inside: tuple[slice, slice]
     _texel: Download
@@ -165,7 +165,7 @@ class _Pending:
     _release: Callable[[], None]
 
     def state(self) -> PlaneState:
-        """Its pixels, as soon as they are there; to be asked for once."""
+        """Wait for its pixels. To be called once."""
         texel = self._texel.array()[self._inside]
         offset = None if self._offset is None else self._offset.array()[self._inside]
         self._release()
@@ -173,9 +173,9 @@ class _Pending:
 
 
 class Synthesizer:
-    """Makes windows; holds what they look up on the device. Any thread may ask; they take turns.
+    """Synthesizes windows, with the tables on the device. Threads may share it and take turns.
 
-    `budget`: bytes of memory that there are.
+    `budget`: memory in bytes.
     """
 
     def __init__(self, device: Device, analysis: Analysis, settings: PlaneSettings, budget: int):
@@ -198,16 +198,16 @@ class Synthesizer:
         middle = 1 << self._side - 1
         self._first: Any = SourceMap.of(middle, middle, self._side).packed  # of level 0
         self._moves = bool(analysis.offsets.any())
-        self._free: list[tuple[int, Buffers]] = []  # of finished windows, by the pixels that they hold
+        self._free: list[tuple[int, Buffers]] = []  # of finished windows, by number of pixels
         self._stepped: dict[int, tuple[bool, Any, Any]] = {}
         self._turn = threading.RLock()
 
     def keeping(self, kept: float) -> Synthesizer:
-        """The same, where levels keep another share of transfer functions."""
+        """A copy that keeps another share of transfer functions."""
         return self._with(replace(self._settings, kept=kept))
 
     def plainly(self) -> Synthesizer:
-        """The same of seed 0, on a plane that does not repeat."""
+        """A copy with seed 0, on a plane that does not repeat."""
         return self._with(replace(self._settings, seed=0, around=None))
 
     def _with(self, settings: PlaneSettings) -> Synthesizer:
@@ -220,9 +220,9 @@ class Synthesizer:
         return self.begin(level, window)()
 
     def begin(self, level: int, window: Window) -> Callable[[], PlaneState]:
-        """The same, without waiting for it: what is called for it waits, to be called once."""
+        """Start on a window without waiting. The returned function waits for it, and must be called once."""
         if not 0 <= level <= MOST_LEVEL:
-            raise ParameterError(f"level={level}: expected a whole number >= 0 and <= {MOST_LEVEL}")
+            raise ParameterError(parameter="level", value=level, expected=f"an integer from 0 to {MOST_LEVEL}")
         with self._turn:
             try:
                 begun = self._begun(plan(window, level, self._settings.passes), window)
@@ -238,11 +238,11 @@ class Synthesizer:
         return state
 
     def _in_pieces(self, level: int, window: Window, error: OutOfDeviceMemory) -> PlaneState:
-        """A window in squares until they fit: what it holds depends on nothing but its place."""
+        """A window in squares of decreasing size until they fit: its pixels depend only on their place."""
         side = max(window.width, window.height)
         if side <= _LEAST_SIDE:
             raise error
-        log.warning("%s; going on in smaller pieces", error)
+        log.warning("%s; continuing in smaller pieces", error)
 
         def of_squares(side: int) -> PlaneState:
             texel = np.empty((window.height, window.width), np.uint32)
@@ -263,7 +263,7 @@ class Synthesizer:
         most = max(entry.windows[0].width * entry.windows[0].height for entry in levels)
         buffers = self._buffers(most, f"a window of {window.width}x{window.height} pixels")
         device, at = self._device, levels[0].windows[0]
-        # Departure: S_0 is the root's coarsest texel everywhere; its level holds nothing but a mean
+        # Departure: S_0 is the root's coarsest texel everywhere; its level contains only a mean
         device.fill(buffers["texel"], self._first, at.width * at.height)
         device.fill(buffers["r"], np.int16(0), 4 * at.width * at.height)
         for entry in levels[1:]:
@@ -283,7 +283,7 @@ class Synthesizer:
         return _Pending(window.inside(at), texel, offset, release)
 
     def _buffers(self, most: int, task: str) -> Buffers:
-        """Buffers for so many pixels: those of a window that is finished, where they are large enough."""
+        """Buffers for that number of pixels: those of a finished window, if they are large enough."""
         fits = [n for n, (size, _) in enumerate(self._free) if size >= most]
         if fits:
             return self._free.pop(fits[0])[1]
@@ -304,7 +304,7 @@ class Synthesizer:
         )  # fmt: skip
 
     def _steps(self, level: int) -> tuple[bool, Any, Any]:
-        """Whether a level is kept in step, and what cl/multiscale.cl, in_step, asks for."""
+        """Whether a level is kept in phase, and the kernel arguments for cl/multiscale.cl, in_step."""
         if level not in self._stepped:
             steps = self._settings.steps if level <= self._side else None
             phases = np.zeros(10, np.uint32) if steps is None else steps.phases_at(1 << (self._side - level))
@@ -328,9 +328,9 @@ class Synthesizer:
 
 
 def paired(basis: np.ndarray) -> np.ndarray:
-    """The basis as cl/multiscale.cl reads it: pairs of rows (L, a) and (b, 0), dimension by dimension.
+    """The basis in the format of cl/multiscale.cl: pairs of rows (L, a) and (b, 0), dimension by dimension.
 
-    For every tap of a neighborhood, and at last for the sum of all.
+    For every tap of a neighborhood, and finally for their sum.
     """
     taps = basis.reshape(25, 3, DIMS)
     rows = np.zeros((26, 4, DIMS), np.int16)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is analyzed of an exemplar graph: its stack levels, and which of their texels may be jumped to."""
+"""The input of an exemplar graph's analysis: its stack levels, and the texels that may be jumped to."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from .graph import Graph
 from .stacks import Exemplar, blurred, grid_stack, seen_values, sigma_of
 from .superexemplar import LEAST_TURN, Levels, unrolled, with_long_turns
 
-_EARLIER = 0.98  # times as much gained: reason to turn early
+_EARLIER = 0.98  # of the gain: factor that justifies an early turn
 _DULL = 0.75  # share of a level's texels that are not jumped to in a loop
 
 
 def stacks_of(graph: Graph, exemplars: Sequence[Exemplar], literal: bool = False) -> Stacks:
-    """The stack levels that synthesis can come to, and which of their texels may be candidates."""
+    """The stack levels that synthesis can reach, and which of their texels may be candidates."""
     root = exemplars[graph.root]
     finest = root.side.bit_length() - 1
     levels = unrolled(graph, finest, () if literal else _left_early(graph, exemplars, finest), literal)
@@ -37,11 +37,11 @@ def stacks_of(graph: Graph, exemplars: Sequence[Exemplar], literal: bool = False
 
 
 def _left_early(graph: Graph, exemplars: Sequence[Exemplar], finest: int) -> list[int]:
-    """Exemplars with an edge to themselves that is best taken a level before the finest.
+    """Exemplars with an edge to themselves that is better taken a level before the finest.
 
-    A turn of two octaves shows no more than these hold. In a photo whose finest octave is blurred or shot on flat
-    ground most places gain nothing from it; the two before it are taken there. What counts is the quarter that gains
-    least: it spreads in a zoom. Longer turns hold enough as they are.
+    A turn of two octaves shows only their detail. In a photo whose finest octave is blurred, or with flat ground, most
+    places gain nothing from it, and the two octaves before it are used. The quarter with the smallest gain decides,
+    since it spreads in a zoom. Longer turns have enough detail.
     """
     early = []
     for i, j, r in with_long_turns(graph, finest).edges:
@@ -53,7 +53,7 @@ def _left_early(graph: Graph, exemplars: Sequence[Exemplar], finest: int) -> lis
 
 
 def _gain(exemplar: Exemplar, finest: int, end: int) -> float:
-    """What the quarter of an exemplar that gains least gains in a turn that ends on a level: rms, Lab units."""
+    """Gain of the quarter of an exemplar with the smallest gain, in a turn that ends on a level: rms, Lab units."""
     coarse, fine = (
         blurred(seen_values(exemplar), sigma_of(k, finest), exemplar.opaque, exemplar.periodic)
         for k in (end - LEAST_TURN, end)
@@ -64,12 +64,12 @@ def _gain(exemplar: Exemplar, finest: int, end: int) -> float:
 
 
 def lively_texels(levels: Levels, planes: np.ndarray, periodic: Sequence[bool], loops: Collection[int]) -> np.ndarray:
-    """Texels that hold much of what their exemplar has finer than their level; all, of exemplars in no loop.
+    """Texels with much detail on finer levels of their exemplar. For exemplars without loops: all.
 
-    Where a zoom never ends, flat matches flat, and every turn of the loop makes more of it (HRRG08 leaves this open:
-    with its candidates a zoom loses its contrast). So in a loop only those texels are jumped to that have more detail
-    to come than `_DULL` of all: squared differences to the level where they turn, summed up over what a neighborhood
-    sees.
+    In an endless zoom, flat areas match flat areas, and every turn of the loop increases them (HRRG08 has no solution:
+    with its candidates a zoom loses contrast). So in a loop only those texels are jumped to that have more detail
+    to come than `_DULL` of all: squared differences to the level where they turn, summed over a
+    neighborhood.
 
     `planes` (levels, side, side, 4) int16; returns (levels, side, side) bool.
     """

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A look at a plane at any zoom, whole octaves or not: resampled from the two levels around it.
+"""A view of a plane at any zoom, including fractional octaves: resampled from the two levels around it.
 
-At zoom z a pixel is 2^z times smaller than one of level 0. On whole octaves that is a level as it is; behind them the
-coarser level, enlarged, gives way to the finer one, reduced, so that nothing pops where levels change. Half an octave
-on the finer one stands alone: a mixture of two is less sharp than either.
+At zoom z a pixel is 2^z times smaller than one of level 0. At whole octaves the view is a level. After them the
+coarser level, enlarged, fades into the finer one, reduced, to avoid pops at a change of levels. For half an
+octave the finer one is shown alone: a blend of two is less sharp than either.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from .infinite_plane import Plane, States
 from .synthesizer import Synthesizer
 
 _RADIUS = 3  # of the filter, in pixels of the coarser side
-_DIGITS = 9  # of a zoom: sums of decimal fractions come out whole where they should
+_DIGITS = 9  # of a zoom: sums of decimal fractions become integers where they should
 
 
 class View(NamedTuple):
-    """How a level is seen.
+    """A level as seen in a view.
 
-    `left` and `top` are the place of the view's corner on the level, `step` how many of its pixels are one of the view,
-    `share` how much of what is seen comes from it.
+    `left` and `top`: the view's corner on the level. `step`: pixels of the level per pixel of the view. `share`: weight
+    of the level.
     """
 
     level: int
@@ -41,18 +41,18 @@ class View(NamedTuple):
 
 
 def views(zoom: float, at: tuple[Fraction, Fraction], width: int, height: int) -> tuple[View, ...]:
-    """The levels that make up a view of width x height pixels around a place.
+    """The levels of a view of width x height pixels around a place.
 
     Parameters
     ----------
     at : (Fraction, Fraction)
-        x and y in pixels of level 0: exact, because a place is aimed at through sixty octaves.
+        x and y in pixels of level 0: exact, because a place is targeted through sixty octaves.
     width, height : int
     """
     zoom = round(zoom, _DIGITS)
     level = math.floor(zoom)
     beyond = min(1.0, 2 * (zoom - level))
-    finer = beyond * beyond * (3 - 2 * beyond)  # no edge in time where an octave begins
+    finer = beyond * beyond * (3 - 2 * beyond)  # smooth in time at the start of an octave
     shares = {level: 1 - finer, level + 1: finer}
     return tuple(_view(n, zoom, share, at, width, height) for n, share in shares.items() if share > 0)
 
@@ -68,22 +68,22 @@ def _view(
 
 
 class Taps(NamedTuple):
-    """For pixels of an axis where their sources begin, counted from a place of the level, and how these are weighed."""
+    """First source of each pixel of an axis, relative to a place of the level, and the weights of its sources."""
 
     first: np.ndarray  # (pixels,) int64
     weights: np.ndarray  # (pixels, taps) float32
 
     @property
     def span(self) -> tuple[int, int]:
-        """All sources: from, up to."""
+        """All sources: (first, end)."""
         return int(self.first[0]), int(self.first[-1]) + self.weights.shape[1]
 
 
 def taps(begin: int, end: int, corner: Fraction, step: float) -> Taps:
-    """The sources of pixels begin .. end of a view's axis, counted from the whole pixel at its corner.
+    """The sources of pixels begin .. end of a view's axis, relative to the integer pixel at its corner.
 
-    The filter is Lanczos' with three lobes, as wide as a reduction asks for: it leaves whole octaves as they are, and
-    takes half as much of the sharpness between them as a cubic does.
+    A Lanczos filter with three lobes, widened for reductions: whole octaves are unchanged, and
+    between them it loses half as much sharpness as a cubic filter.
 
     `begin`, `end`: px of the view.
     """
@@ -93,14 +93,14 @@ def taps(begin: int, end: int, corner: Fraction, step: float) -> Taps:
     count = math.ceil(2 * _RADIUS * wide) + 1
     away = (first[:, None] + np.arange(count) + 0.5 - at[:, None]) / wide
     weights = np.where(np.abs(away) < _RADIUS, np.sinc(away) * np.sinc(away / _RADIUS), 0.0)
-    weights[np.abs(weights) < 1e-12] = 0  # sinc of whole numbers: whole octaves have a single tap
+    weights[np.abs(weights) < 1e-12] = 0  # sinc of integers: whole octaves have a single tap
     return Taps(first, (weights / weights.sum(1, keepdims=True)).astype(np.float32))
 
 
 def filtered(pixels: np.ndarray, rows: Taps, columns: Taps) -> np.ndarray:
-    """Pixels of a level, from where the taps' spans begin -> those of the view: (rows, columns, channels) float32.
+    """Pixels of a level, from the start of the taps' spans -> those of the view: (rows, columns, channels) float32.
 
-    Sums run in the order of the taps, so that a pixel has the same bits in any window.
+    Sums run in the order of the taps, so that a pixel is bit-identical in any window.
     """
     return _along(_along(pixels, rows).transpose(1, 0, 2), columns).transpose(1, 0, 2)
 
@@ -115,14 +115,14 @@ def _along(pixels: np.ndarray, given: Taps) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Layer:
-    """A level of a view, whose pixels can be read."""
+    """A level of a view, with readable pixels."""
 
     view: View
     states: States
-    window: Window  # of the level, that the whole view looks at; its corner is at `states.place`'s
+    window: Window  # of the level, for the whole view; its corner is at `states.place`'s
 
     def source(self, rows: Taps, columns: Taps) -> Window:
-        """What to read, in the coordinates of `states`."""
+        """The window to read, in the coordinates of `states`."""
         x = self.states.place.left - self.window.left + math.floor(self.view.left)
         y = self.states.place.top - self.window.top + math.floor(self.view.top)
         (left, right), (top, bottom) = columns.span, rows.span
@@ -130,7 +130,7 @@ class Layer:
 
 
 class Zoomed:
-    """A view of a plane; any window of it can be had alone.
+    """A view of a plane, with windows that can be read independently.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ class Zoomed:
         self._layers = tuple(_layer(resources, maker, view, width, height) for view in seen)
 
     def pixels(self, window: Window) -> np.ndarray:
-        """(height, width, channels) of the root's pixel type; the view's corner is at (0, 0)."""
+        """(height, width, channels) of the root's pixel type. The view's corner is at (0, 0)."""
         mixed: np.ndarray | None = None
         for layer, rows, columns in self._taps(window):
             pixels = self._plane.pixels(layer.states.read(layer.source(rows, columns)))

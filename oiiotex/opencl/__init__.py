@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""OpenCL: a runtime that works here, devices, programs, memory."""
+"""OpenCL: a working runtime, devices, programs, memory."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Device memory: declared as a whole, checked, taken, given back; and what comes from it while others work."""
+"""Device memory: declared in total, checked, allocated, released; and asynchronous downloads."""
 
 from __future__ import annotations
 
@@ -22,47 +22,47 @@ log = logging.getLogger("oiiotex")
 
 Made = TypeVar("Made")
 
-INT_RANGE = 1 << 31  # of what kernels count in
-_WORTH_SAYING = 1 << 30  # bytes: who takes so much says it
+INT_RANGE = 1 << 31  # of integers in kernels
+_WORTH_SAYING = 1 << 30  # bytes from which an allocation is logged
 
 
 @dataclass(frozen=True)
 class Download:
-    """What comes from the device while the host and kernels go on."""
+    """A download from the device that runs while the host and kernels continue."""
 
     _device: Device = field(repr=False)
     event: cl.Event = field(repr=False)
     _array: np.ndarray = field(repr=False)
 
     def array(self) -> np.ndarray:
-        """It, as soon as it is there."""
+        """Wait for the array."""
         with self._device._needing_memory("download"):
             self.event.wait()
         return self._array
 
 
 class Buffers:
-    """Device memory declared as a whole: summed, checked against the budget and the device, then allocated.
+    """Device memory declared in total: summed, checked against the budget and the device, then allocated.
 
     Parameters
     ----------
     device : Device
     layout : dict of name to bytes
     budget : int
-        Bytes of the host's memory that this process may use; `Device.memory_budget` says what follows for the device.
+        Bytes of the host's memory that this process may use; `Device.memory_budget` derives the device's share.
     asker : str
-        Who asks, for the error's text.
+        Name of the task, for errors.
     held : int
-        Bytes of the host's memory that the asker holds beside them.
+        Bytes of the host's memory that the task holds in addition.
     tables : dict of name to array
-        What is only read; it must not change. Where the device computes in the host's memory it is not copied.
+        Read-only arrays, which must not change. A device that uses the host's memory does not copy them.
 
     Raises
     ------
     DeviceError
-        It does not fit; the text says how much is needed and what there is.
+        The buffers do not fit; the message names the required and the available size.
     OutOfDeviceMemory
-        The device does not give what it says to have.
+        The device cannot allocate the memory that it reports.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Buffers:
         tables = tables or {}
         total = require_room(device, layout, budget, asker, held, tables)
         if total >= _WORTH_SAYING:
-            log.info("%s takes %d MB of %s", asker, megabytes(total), device.info.name)
+            log.info("%s uses %d MB of %s", asker, megabytes(total), device.info.name)
         flags = device._cl.mem_flags.READ_WRITE
         device.taken += total
         self._buffers: dict[str, cl.Buffer] = {}
@@ -90,7 +90,7 @@ class Buffers:
         return self._buffers[name]
 
     def swap(self, first: str, second: str) -> None:
-        """Exchange two buffers of equal size: what was written becomes what is read."""
+        """Exchange two buffers of equal size (ping-pong)."""
         buffers = self._buffers
         buffers[first], buffers[second] = buffers[second], buffers[first]
 
@@ -105,19 +105,19 @@ def require_room(
     device: Device, layout: Mapping[str, int], budget: int, asker: str, held: int = 0,
     tables: Mapping[str, np.ndarray] | None = None,
 ) -> int:  # fmt: skip
-    """Refuse what does not fit; returns bytes in all.
+    """Refuse buffers that do not fit; returns the total number of bytes.
 
-    It is what `Buffers` begins with, for who can ask before pixels are read: of a device that is not opened, too.
+    `Buffers` begins with this check; it can also be made before pixels are read, and for a device that is not opened.
 
     Parameters
     ----------
     device, layout, budget, asker, held, tables
-        As of `Buffers`.
+        As in `Buffers`.
 
     Raises
     ------
     MemoryBudgetError, DeviceError
-        With the figures.
+        The buffers do not fit; the message has the sizes.
     """
     lent = sum(table.nbytes for table in (tables or {}).values())
     sizes = [*layout.values(), *(table.nbytes for table in (tables or {}).values())]
@@ -129,19 +129,19 @@ def require_room(
     for size, limit in ((total, most), (largest, device.largest)):
         if size > limit:
             raise DeviceError(
-                f"{asker} needs {megabytes(size)} MB, {device.info.name} gives {megabytes(max(0, limit))} MB"
-                " at most: make the tile or the photo smaller"
+                f"{asker} needs {megabytes(size)} MB; {device.info.name} allows at most {megabytes(max(0, limit))} MB",
+                hint="make the tile or the photo smaller",
             )
     return total
 
 
 def in_smaller_pieces(work: Callable[[int], Made], size: int, least: int) -> Made:
-    """`work(size)`; where the device runs out of memory all over again with half the size, `least` at least.
+    """`work(size)`, repeated with half the size, at least `least`, whenever the device runs out of memory.
 
     Raises
     ------
     OutOfDeviceMemory
-        With the smallest, too.
+        Even with the smallest size.
     """
     while True:
         try:
@@ -149,7 +149,7 @@ def in_smaller_pieces(work: Callable[[int], Made], size: int, least: int) -> Mad
         except OutOfDeviceMemory as error:
             if size <= least:
                 raise
-            log.warning("%s; going on in smaller pieces", error)
+            log.warning("%s; retrying in smaller pieces", error)
         size = max(least, size // 2)
 
 
@@ -159,10 +159,14 @@ def offset_table(offsets: np.ndarray) -> np.ndarray:
     Raises
     ------
     DeviceError
-        They do not fit.
+        An offset exceeds 32 bits.
     """
     if offsets.size and int(offsets.max()) >= INT_RANGE:
-        raise DeviceError(f"a table of {int(offsets.max())} entries is beyond 2^31: make the tile or the photo smaller")
+        raise DeviceError(
+            f"a table has {int(offsets.max())} entries",
+            expected="fewer than 2^31",
+            hint="make the tile or the photo smaller",
+        )
     return offsets.astype(np.int32)
 
 
@@ -173,5 +177,5 @@ def _released(device: Device, buffers: dict[str, cl.Buffer], total: int) -> None
 
 
 def megabytes(size: int) -> int:
-    """Of so many bytes, rounded up."""
+    """Bytes in MB, rounded up."""
     return math.ceil(size / (1 << 20))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Folders of the user alone: where caches of code lie, and what makes a folder safe."""
+"""Private folders for caches of compiled code, and the checks that make a folder safe."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from ..errors import Error
 
 log = logging.getLogger("oiiotex")
 
-_notices: list[tuple[int, str]] = []  # what there is to log of caches
-_ROOM = 16 << 20  # bytes that compiled kernels of a run take at most; PoCL aborts where a disk is full
-_CACHES = ("oiiotex", "pocl", "pyopencl", "pytools")  # below the user's cache folder: code is run from each
+_notices: list[tuple[int, str]] = []  # pending log messages about caches
+_ROOM = 16 << 20  # bytes that compiled kernels of a run need at most; PoCL aborts on a full disk
+_CACHES = ("oiiotex", "pocl", "pyopencl", "pytools")  # in the user's cache folder: code is run from each
 
 
 def require_private(folder: Path, others: int = 0o022) -> None:
-    """Refuse a folder in which somebody else could put what this process runs or connects to.
+    """Refuse a folder in which another user could place code that this process runs, or sockets that it connects to.
 
     Parameters
     ----------
     folder : Path
-        It is there.
+        An existing folder.
     others : int
-        Permissions that neither group nor others may have; to write in the group of the user alone is no harm.
+        Permission bits that group and others must not have; write permission for the user's private group is safe.
 
     Raises
     ------
     Error
-        The folder is another user's, or open to others, or somebody else can exchange it or a folder above it.
+        The folder belongs to another user, is open to others, or another user can replace it or a parent folder.
     OSError
-        It cannot be looked at.
+        The folder cannot be inspected.
     """
     if os.name != "posix":  # profiles are private there
         return
@@ -42,17 +42,17 @@ def require_private(folder: Path, others: int = 0o022) -> None:
     open_to = status.st_mode & others & ~(0o020 if _is_own_group(status.st_gid) and others == 0o022 else 0)
     mine = status.st_uid == os.geteuid() == os.lstat(folder).st_uid
     if not (stat.S_ISDIR(status.st_mode) and mine) or open_to:
-        raise Error(f"{folder} belongs to another user or is open to others: expected a folder of yours alone")
+        raise Error(f"{folder} belongs to another user or is open to others", expected="a private folder")
     for above in {*real.parents, *Path(os.path.abspath(folder)).parents}:
         status = above.stat()
         writable = status.st_mode & (0o002 if _is_own_group(status.st_gid) else 0o022)
         if status.st_uid not in (0, os.geteuid()) or (writable and not status.st_mode & stat.S_ISVTX):
-            raise Error(f"{folder}: other users can write in {above}: expected a folder that nobody else can exchange")
+            raise Error(f"{folder}: other users can write to {above}", expected="a folder that only you can replace")
 
 
 @functools.cache
 def _is_own_group(group: int) -> bool:
-    """Whether a group is that which many systems make for each user, of the same name, and of root."""
+    """Whether a group is the user's private group, which many systems create under the user's name."""
     import grp
     import pwd
 
@@ -64,21 +64,21 @@ def _is_own_group(group: int) -> bool:
 
 
 def cache_folder() -> Path:
-    """The program's cache folder: the user's, or a temporary one where that is not safe or not writable.
+    """The program's cache folder: the user's, or a temporary one if that is not safe or not writable.
 
-    OpenCL runtimes and pyopencl follow, whose caches hold code: before the first of them is loaded this is called.
+    It also redirects the caches of OpenCL runtimes and pyopencl, which hold code, and is called before they are loaded.
     """
     import platformdirs
 
     settled_caches(os.environ.get("HOME"), os.environ.get("XDG_CACHE_HOME"), os.environ.get("POCL_CACHE_DIR"))
-    while _notices and not log.disabled:  # while a line is looked through nothing is said
+    while _notices and not log.disabled:  # a rehearsal of a line logs nothing
         log.log(*_notices.pop())
     return Path(platformdirs.user_cache_dir("oiiotex"))
 
 
 @functools.cache
 def settled_caches(*environment: str | None) -> None:
-    """Let all caches lie in folders of the user alone; of one environment once in a process."""
+    """Place all caches in private folders; once per process and environment."""
     import platformdirs
 
     own = Path(platformdirs.user_cache_dir("oiiotex"))
@@ -98,19 +98,20 @@ def settled_caches(*environment: str | None) -> None:
             _require_writable(Path(temporary))
         except OSError as full:
             raise Error(
-                f"{own} and {temporary} have no room for compiled kernels ({full.strerror}): expected {_ROOM >> 20} MB"
-                " in one of them; free some, or set XDG_CACHE_HOME"
+                f"no space for compiled kernels in {own} and {temporary} ({full.strerror})",
+                expected=f"{_ROOM >> 20} MB in one of them",
+                hint="free some space, or set XDG_CACHE_HOME",
             ) from None
         os.environ["XDG_CACHE_HOME"] = temporary
         os.environ["POCL_CACHE_DIR"] = os.path.join(temporary, "pocl")
         os.mkdir(os.path.join(temporary, "oiiotex"), 0o700)
         why = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) else str(error)
         level = logging.INFO if isinstance(error, OSError) else logging.WARNING
-        _notices.append((level, f"no cache is kept from run to run: {why}; set XDG_CACHE_HOME to such a folder"))
+        _notices.append((level, f"caches of this run are temporary: {why}; set XDG_CACHE_HOME to a private folder"))
 
 
 def _require_writable(folder: Path) -> None:
-    """Raise an OSError where compiled kernels cannot be written: permissions, a full disk, a quota, a size limit."""
+    """Raise OSError if compiled kernels cannot be written: permissions, a full disk, a quota, a size limit."""
     import tempfile
 
     with tempfile.TemporaryFile(dir=folder) as file:
@@ -122,7 +123,7 @@ def _require_writable(folder: Path) -> None:
 
 
 def _temporary_folder() -> str:
-    """One of this process, removed at its end."""
+    """A temporary folder, removed at the end of this process."""
     import atexit
     import shutil
     import tempfile

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The CPU that a runtime compiles for: PoCL 3.0 can be told one where it does not know the machine's.
+"""The CPU that a runtime compiles for: PoCL 3.0 can be given one if it does not know the machine's.
 
-`name_cpu` writes into PoCL's memory; README.md says why, what it checks, and when it is to be removed.
+`name_cpu` writes into PoCL's memory; README.md explains why, what it checks, and when to remove it.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pyopencl as cl
 
-# The build in the wheel pocl-binary-distribution 3.0, and its library: its name has a hash of what it holds.
+# The build in the wheel pocl-binary-distribution 3.0, and its library, whose name has a hash of its contents.
 _POCL_3_0 = "OpenCL 3.0 PoCL 3.0-rc2  Linux, Release, RELOC, LLVM 14.0.6, SLEEF, DISTRO, POCL_DEBUG"
 _LIBRARY, _LIBRARY_BYTES = "libpocl-21062cec.so", 108599272
 _POINTER_AT = 640  # bytes from the start of a device's struct
 _UNKNOWN = b"generic\0"
 
-# What a compiler emits by itself, as Linux names it: features that only named instructions use are left out, because
-# hypervisors like to hide some of them (pku, wbnoinvd, rdpru).
+# Features, by their Linux names, of instructions that compilers emit on their own. Others are not required, because
+# hypervisors often hide them (pku, wbnoinvd, rdpru).
 _V2 = {"cx16", "lahf_lm", "popcnt", "pni", "sse4_1", "sse4_2", "ssse3"}
 _V3 = _V2 | {"abm", "avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "xsave"}
 _ZEN2 = _V3 | {"adx", "aes", "pclmulqdq", "sse4a"}
@@ -32,7 +32,7 @@ _ICELAKE = _SKYLAKE | {
     "avx512_bitalg", "avx512_vbmi2", "avx512_vnni", "avx512_vpopcntdq", "avx512ifma", "avx512vbmi", "gfni", "vaes",
     "vpclmulqdq",
 }  # fmt: skip
-# CPUs that LLVM 14 knows, the best first, with the features of the machine that each needs.
+# CPUs that LLVM 14 knows, the best first, with the features that each requires.
 KNOWN = {
     "znver3": _ZEN2 | {"vaes", "vpclmulqdq"},
     "znver2": _ZEN2,
@@ -49,7 +49,7 @@ _named: list[ctypes.Array[ctypes.c_char]] = []  # PoCL reads the name as long as
 
 @functools.cache
 def cpu() -> dict[str, str]:
-    """What Linux says of the first CPU: 'vendor_id', 'model name', 'flags' ...; empty elsewhere."""
+    """The first CPU in /proc/cpuinfo: 'vendor_id', 'model name', 'flags' and so on; empty on other systems."""
     try:
         first = Path("/proc/cpuinfo").read_text().split("\n\n")[0]
     except OSError:
@@ -58,35 +58,35 @@ def cpu() -> dict[str, str]:
 
 
 def best_known(features: Iterable[str]) -> str:
-    """The best CPU of `KNOWN` that runs on one with these features."""
+    """The best CPU of `KNOWN` that needs only these features."""
     has = set(features)
     return next(name for name, needed in KNOWN.items() if needed <= has)
 
 
 def name_for(device: cl.Device) -> str:
-    """The CPU to name to this device's runtime, where it calls the machine's 'generic' and can be told; else ''."""
+    """The CPU to name to this device's runtime; '' unless it is PoCL 3.0 and takes the CPU for 'generic'."""
     if device.platform.version != _POCL_3_0 or not device.version.strip().endswith("-generic"):
         return ""
     return best_known(cpu().get("flags", "").split())
 
 
 def name_cpu(device: cl.Device, name: str) -> None:
-    """Let PoCL 3.0 compile for the CPU `name`: before the first context, and after a process of its own has tried it.
+    """Make PoCL 3.0 compile for the CPU `name`: before the first context, and after a separate process has tried it.
 
     Raises
     ------
     LookupError
-        This is not the wheel's build, its struct is not laid out as expected, or the device has a name.
+        This is not the wheel's build, its struct has an unexpected layout, or PoCL knows the CPU.
     """
     if device.platform.version != _POCL_3_0 or not _wheels_library_is_loaded():
-        raise LookupError(f"the CPU can be named to the PoCL 3.0 of PyPI alone, not to {device.platform.version}")
+        raise LookupError(f"only the PoCL 3.0 of PyPI accepts a CPU name, not {device.platform.version}")
     place, ranges = device.int_ptr + _POINTER_AT, _mapped()
     if not any(begin <= place <= end - 8 and writable for begin, end, writable in ranges):
-        raise LookupError("PoCL's device is not where it is expected")
+        raise LookupError("PoCL's device is not at the expected address")
     target = ctypes.c_uint64.from_address(place).value
     inside = any(begin <= target <= end - len(_UNKNOWN) for begin, end, _ in ranges)
     if not inside or ctypes.string_at(target, len(_UNKNOWN)) != _UNKNOWN:
-        raise LookupError("PoCL's device has no CPU's name where it is expected, or one that it knows")
+        raise LookupError("PoCL's device has no CPU name at the expected address, or knows the CPU")
     _named.append(ctypes.create_string_buffer(name.encode()))
     ctypes.c_uint64.from_address(place).value = ctypes.addressof(_named[-1])
 
@@ -101,7 +101,7 @@ def _maps() -> list[str]:
 
 
 def _mapped() -> list[tuple[int, int, bool]]:
-    """(begin, end, writable) of this process's own readable memory: no devices, nothing shared."""
+    """(begin, end, writable) of this process's private readable memory: no devices, no shared memory."""
     ranges = []
     for line in _maps():
         addresses, rights = line.split()[:2]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The program that tries an OpenCL device: a runtime that cannot compile may abort the process it lives in.
+"""Probe of an OpenCL device in a separate process: a runtime that cannot compile may abort its process.
 
-`oiiotex.opencl.probe PLATFORM VERSION NUMBER CPU` builds and runs a kernel on device NUMBER of that platform, and
-prints how many lanes fit what its compiler compiles for. CPU: what PoCL is told the machine's CPU is; empty: nothing.
+`oiiotex.opencl.probe PLATFORM VERSION NUMBER CPU` builds and runs a kernel on device NUMBER of the platform, and
+prints the number of lanes for the compiler's target. CPU: the name given to PoCL; empty: none.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from .runtime import compilers_words, include_no_headers_of
 from .source import expanded
 
 _ITEMS = 64
-# cl/lanes.h as the other kernels use it, so that registers of that width have worked once. A compiler for x86 says
-# itself which it has; Intel's, which compiles an intermediate language first, by the device's native width.
+# Uses cl/lanes.h like the other kernels, as a test of registers of that width. A compiler for x86 defines macros for
+# its target; for Intel's, which first compiles to an intermediate language, the device's native width decides.
 _SOURCE = """
 #ifndef LANES
 #if defined(__x86_64__) ? defined(__AVX512BW__) : NATIVE_SHORTS >= 32
@@ -45,7 +45,7 @@ __kernel void probe(const __global short *numbers, __global int *sums) {
 
 
 def _lanes(device: cl.Device) -> int:
-    """Build and run the kernel; the lanes that it was built for."""
+    """Build and run the kernel; returns the number of lanes that it was built for."""
     include_no_headers_of(cl)
     context = cl.Context([device])
     queue = cl.CommandQueue(context)
@@ -60,12 +60,12 @@ def _lanes(device: cl.Device) -> int:
     kernel(queue, (_ITEMS,), (_ITEMS,), given, taken)
     cl.enqueue_copy(queue, answer, taken)
     if (answer[:-1] != (numbers.astype(np.int32).reshape(_ITEMS, 32) ** 2).sum(1)).any():
-        raise ArithmeticError("a kernel counts wrong")
+        raise ArithmeticError("a kernel computes wrong results")
     return int(answer[-1])
 
 
 def main(platform: str, version: str, number: str, cpu: str) -> None:
-    """Print the lanes, or end with what went wrong as the last line of stderr."""
+    """Print the number of lanes, or exit with the error as the last line of stderr."""
     devices = next(p.get_devices() for p in cl.get_platforms() if (p.name, p.version) == (platform, version))
     device = devices[int(number)]
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Images that pass through the device's memory in bands of rows."""
+"""Images processed out-of-core, in bands of rows on the device."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .device import Device
 
 
 def unwrapped(height: int, first: int, last: int) -> Iterator[tuple[int, int, int]]:
-    """Rows that are counted on beyond the border of so many, as (row, count, rows before them)."""
+    """Rows first to last of an image that wraps at `height`, in runs (row, count, rows before the run)."""
     row = first
     while row < last:
         place = row % height
@@ -24,7 +24,7 @@ def unwrapped(height: int, first: int, last: int) -> Iterator[tuple[int, int, in
 
 
 class Rows:
-    """The rows of one image; buffer `name` holds them all, or those that were loaded.
+    """The rows of one image; buffer `name` holds all of them, or the loaded ones.
 
     Parameters
     ----------
@@ -33,11 +33,11 @@ class Rows:
     name : str
     width, height : int
     wraps : bool
-        They go on beyond the border.
+        The image repeats beyond the border.
     store : RowStore, array or MadeRows, or None
-        Where they lie when the buffer does not hold them; None: it holds all.
+        Storage of the rows; None: the buffer holds all of them.
     most : int
-        Rows that may be loaded at once.
+        Number of rows that may be loaded at once.
     """
 
     def __init__(
@@ -50,16 +50,16 @@ class Rows:
         self._coming: tuple[Any, int, int, Download] | None = None
 
     def bands(self, first: int = 0, last: int | None = None, most: int | None = None) -> Iterator[tuple[int, int]]:
-        """Rows first to last, all when left out, in bands of `most`; in one where the buffer holds them all."""
+        """Rows first to last (default: all) in bands of `most`; in one band if the buffer holds all rows."""
         last = self.height if last is None else last
         step = max(1, last - first) if self.store is None else most or self.most
         for top in range(first, last, step):
             yield top, min(top + step, last)
 
     def load(self, first: int, last: int) -> int:
-        """Bring rows first to last into the buffer; returns which row lies at its start, 0 where it holds them all.
+        """Load rows first to last into the buffer; returns the row at its start, 0 if it holds all rows.
 
-        Rows beyond the border are those where the image begins anew if it wraps, else none.
+        Rows beyond the border are wrapped if the image wraps, else omitted.
         """
         if self.store is None:
             return 0
@@ -74,14 +74,14 @@ class Rows:
         return first
 
     def save(self, top: int, bottom: int, first: int | None = None, into: np.ndarray | RowStore | None = None) -> None:
-        """Keep rows of the buffer, at the start of which lies row `first` (`top`); nothing to do where it holds all."""
+        """Store rows of the buffer, whose first row is `first` (default: `top`); a no-op if it holds all rows."""
         self.save_later(top, bottom, first, into)
         self.settle()
 
     def save_later(
         self, top: int, bottom: int, first: int | None = None, into: np.ndarray | RowStore | None = None
     ) -> None:
-        """As `save`, while the device goes on: `settle` comes before what writes this buffer, or reads the rows."""
+        """As `save`, but asynchronous: call `settle` before this buffer is written, or the stored rows are read."""
         self.settle()
         store = self.store if into is None else into
         if store is not None:
@@ -91,7 +91,7 @@ class Rows:
             self._coming = store, top, bottom, rows
 
     def settle(self) -> None:
-        """Wait for the rows that are saved, and keep them."""
+        """Wait for the rows of `save_later`, and store them."""
         if self._coming is not None:
             store, top, bottom, rows = self._coming
             self._coming = None

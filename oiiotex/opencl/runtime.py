@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What must be right around OpenCL before it is used: threads, vendor files, a linker and a CPU's name for PoCL.
+"""Setup of OpenCL before use: threads, vendor files, a linker and a CPU name for PoCL.
 
-A runtime that cannot compile may abort the process it lives in (PoCL runs the program `ld` for every kernel), or
-refuse the machine's CPU. So a device is tried once in a process of its own (`probe`): as it is with the linker
-of the system, then with LLD out of the ziglang wheel, then both again with the best CPU that PoCL 3.0 knows
-(`cpu`). What was found is kept in the user's cache folder.
+A runtime that cannot compile may abort its process (PoCL runs the program `ld` for every kernel), or refuse the
+machine's CPU. So a device is probed once in a separate process (`probe`): with the system's linker, then with LLD from
+the ziglang wheel, then both again with the best CPU that PoCL 3.0 knows (`cpu`). The result is kept in the user's
+cache folder.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _PROBE_SECONDS = 120
 _CAPTURED = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "errors": "replace"}
 _VENDORS = Path("/etc/OpenCL/vendors")
 _LLD_WRAPPER = """#!/bin/sh
-# Written by oiiotex: LLD as PoCL's linker. A kernel needs none of the libraries that PoCL names.
+# Written by oiiotex: LLD as PoCL's linker. A kernel needs none of the libraries that PoCL lists.
 for arg do
   shift
   case "$arg" in
@@ -57,27 +57,27 @@ exec {zig} ld.lld "$@"
 
 @dataclass(frozen=True)
 class Attempt:
-    """A way to use a runtime: whose linker, and which CPU it is told to compile for ('': what it finds itself)."""
+    """A way to use a runtime: the linker, and the CPU named as target ('': detected by the runtime)."""
 
     linker: str = "system"  # or "lld"
     cpu: str = ""
 
     def __str__(self) -> str:
-        how = f"told that the CPU is {self.cpu}" if self.cpu else "as it is"
-        return f"{how}, with {'LLD' if self.linker == 'lld' else 'the linker of the system'}"
+        how = f"CPU set to {self.cpu}" if self.cpu else "default settings"
+        return f"{how}, {'LLD' if self.linker == 'lld' else 'system linker'}"
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What came of trying a device: the first attempt that works, if any, and what those before it said."""
+    """The result of probing a device: the first attempt that works, if any, and the errors of those before it."""
 
     works: Attempt | None
-    lanes: int  # 16-bit lanes of a register of what is compiled for; 0 where nothing works
+    lanes: int  # 16-bit lanes in a register of the compiler's target; 0 if nothing works
     failures: tuple[tuple[Attempt, str], ...]
 
     @property
     def why(self) -> str:
-        """The first failure in the compiler's words: further attempts fail of what is tried less and less."""
+        """The compiler's first error: later attempts are less and less common setups."""
         return self.failures[0][1] if self.failures else ""
 
 
@@ -87,25 +87,25 @@ _used: set[int] = set()
 
 @functools.cache
 def _prepared(threads: int) -> None:
-    """Set what the runtimes read once, when they start. The user's own settings win."""
-    forget_current_folder()  # PoCL looks for the program `ld`
+    """Set variables that runtimes read when they start. The user's own settings take precedence."""
+    forget_current_folder()  # PoCL searches the program `ld`
     count = str(threads or usable_threads())
     os.environ.setdefault("POCL_MAX_PTHREAD_COUNT", count)
     os.environ.setdefault("DPCPP_CPU_NUM_CUS", count)
-    os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")  # pyopencl asks for it where its cache fails
+    os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")  # pyopencl reads it when its cache fails
     intel = _intel_library()
     if intel is not None and "OCL_ICD_VENDORS" not in os.environ:
         os.environ["OCL_ICD_VENDORS"] = _vendors_with(intel)
 
 
 def _intel_library() -> Path | None:
-    """Intel's runtime from PyPI. Its own vendor file holds a path of the machine that it was built on."""
+    """Intel's runtime from PyPI, whose vendor file holds a path of the machine that it was built on."""
     library = Path(sysconfig.get_path("data")) / "lib" / "libintelocl.so"
     return library if library.exists() else None
 
 
 def _vendors_with(library: Path) -> str:
-    """A folder of vendor files, the system's and one for `library`: to name the library alone hides the others."""
+    """A folder of vendor files, the system's and one for `library`: naming only the library would hide the others."""
     files = {"oiiotex-pip.icd": f"{library}\n"}
     files |= {path.name: path.read_text() for path in sorted(_VENDORS.glob("*.icd"))}
     folder = cache_folder() / f"vendors-{hashlib.sha256(repr(files).encode()).hexdigest()[:16]}"
@@ -116,29 +116,29 @@ def _vendors_with(library: Path) -> str:
 
 
 def include_no_headers_of(pyopencl: ModuleType) -> None:
-    """Have pyopencl not name its own folder to compilers: ours need no header of its, and runtimes split at spaces."""
+    """Remove pyopencl's include folder from build options: kernels do not need it, and runtimes split at spaces."""
     options = getattr(pyopencl, "_DEFAULT_INCLUDE_OPTIONS", None)
     if isinstance(options, list):
         options.clear()
 
 
 def load(threads: int = 0) -> ModuleType:
-    """pyopencl, with the environment prepared for `threads` CPU threads (0: as many as the process may use)."""
+    """Import pyopencl with the environment set for `threads` CPU threads (0: as many as the process may use)."""
     cache_folder()
     _prepared(threads)
     try:
         import pyopencl
     except ImportError as error:
-        raise DeviceError(f"pyopencl cannot be imported: {error}") from error
+        raise DeviceError(f"cannot import pyopencl: {error}") from error
     include_no_headers_of(pyopencl)
     return pyopencl
 
 
-# --- trying ---
+# --- probing ---
 
 
 def tried(device: cl.Device, again: bool = False) -> Trial:
-    """What came of trying the device: in this process or an earlier one, else now."""
+    """The result of probing the device, from this process, an earlier one, or a probe now."""
     key = device.int_ptr
     if key not in _trials:
         trial = _kept(device)
@@ -151,16 +151,16 @@ def tried(device: cl.Device, again: bool = False) -> Trial:
 
 
 def keep(device: cl.Device, trial: Trial) -> None:
-    """Keep what was found for further processes.
+    """Cache the result for later processes.
 
-    A failure is worth keeping only where another device works: else whoever mends the machine would not be believed.
+    Cache a failure only if another device works: otherwise a repair of the machine would go unnoticed.
     """
-    with contextlib.suppress(OSError):  # then every process tries anew
+    with contextlib.suppress(OSError):  # then every process probes again
         _write(_answer_file(device), json.dumps(asdict(trial)))
 
 
 def use(device: cl.Device) -> None:
-    """Prepare this process for the attempt that works, before the device's first context."""
+    """Set up this process for the attempt that works, before the device's first context."""
     works = tried(device).works
     if works is None or device.int_ptr in _used:
         return
@@ -170,12 +170,12 @@ def use(device: cl.Device) -> None:
         try:
             opencl_cpu.name_cpu(device, works.cpu)
         except LookupError as error:
-            raise DeviceError(f"{device.name} cannot be {works}: {error}") from error
+            raise DeviceError(f"{device.name}: cannot use {works}: {error}") from error
     _used.add(device.int_ptr)
 
 
 def attempts(cpu: str) -> list[Attempt]:
-    """All ways to try, in order. `cpu`: the CPU that the runtime can be told, '' where it needs none."""
+    """All attempts, in order. `cpu`: the CPU name for the runtime, '' if it needs none."""
     linkers = ["system"] if _zig() is None else ["system", "lld"]
     return [Attempt(linker, name) for name in (["", cpu] if cpu else [""]) for linker in linkers]
 
@@ -192,11 +192,11 @@ def _try(device: cl.Device) -> Trial:
 
 
 def _try_in_subprocess(device: cl.Device, attempt: Attempt) -> tuple[int, str]:
-    """The lanes that a kernel was built for that gave the right answer; else 0, and what was said."""
+    """The lanes of a kernel with correct results and '', or 0 and the error."""
     number = device.platform.get_devices().index(device)
     words = [device.platform.name, device.platform.version, str(number), attempt.cpu]
     path = _path_with_lld() if attempt.linker == "lld" else _path()
-    # an empty kernel cache: a kernel compiled before would hide that the linker is gone now
+    # an empty kernel cache: a cached kernel would hide a missing linker
     with tempfile.TemporaryDirectory(prefix="oiiotex-probe-") as cache:
         environment = {**os.environ, "PATH": path, "POCL_CACHE_DIR": cache}
         with start_python("oiiotex.opencl.probe", *words, env=environment, **_CAPTURED) as probe:
@@ -204,7 +204,7 @@ def _try_in_subprocess(device: cl.Device, attempt: Attempt) -> tuple[int, str]:
                 output, errors = probe.communicate(timeout=_PROBE_SECONDS)
             except subprocess.TimeoutExpired:
                 probe.kill()
-                return 0, f"no answer in {_PROBE_SECONDS} s"
+                return 0, f"no response in {_PROBE_SECONDS} s"
             except BaseException:
                 probe.kill()
                 raise
@@ -222,11 +222,11 @@ def _last_words(errors: str, code: int) -> str:
     return f"{first} ({signal.Signals(-code).name})".strip()
 
 
-# --- what does not work, and what helps ---
+# --- errors and remedies ---
 
 
 def compilers_words(error: str) -> str:
-    """What a failed build says, in one line: the compiler's own text without what pyopencl wraps around it."""
+    """The compiler's error of a failed build, in one line, without pyopencl's additions."""
     log = re.search(r"Build on [^\n]*:\n(.*?)\n\(options:", error, re.DOTALL)
     text = log[1] if log else error.split("(options:")[0]
     lines = [line.strip() for line in text.splitlines() if line.strip()]
@@ -234,7 +234,7 @@ def compilers_words(error: str) -> str:
 
 
 def remedy(trials: list[Trial]) -> str:
-    """The one command that helps this machine, after these trials of all its devices; '' where none is known."""
+    """A command that fixes this machine, given the results for all its devices; '' if none is known."""
     x86 = platform.machine().lower() in ("x86_64", "amd64")
     if not trials and x86 and sys.platform == "linux" and importlib.util.find_spec("pocl_binary_distribution") is None:
         return "pip install 'oiiotex[cpu]'"
@@ -250,14 +250,14 @@ def remedy(trials: list[Trial]) -> str:
 
 
 def _zig() -> Path | None:
-    """The program of the ziglang wheel, which is LLD too."""
+    """The program of the ziglang wheel, which includes LLD."""
     spec = PathFinder.find_spec("ziglang", search_path()) if os.name == "posix" else None
     program = Path(spec.origin).with_name("zig") if spec is not None and spec.origin else None
     return program if program is not None and program.exists() else None
 
 
 def _path_with_lld() -> str:
-    """$PATH, its first folder one with a program `ld` that runs LLD; written where it is not there yet."""
+    """$PATH, preceded by a folder with a program `ld` that runs LLD; the program is written if necessary."""
     wrapper = _lld_folder() / "ld"
     text = _LLD_WRAPPER.format(zig=shlex.quote(str(_zig())))
     if not wrapper.exists() or wrapper.read_text() != text:
@@ -266,7 +266,7 @@ def _path_with_lld() -> str:
 
 
 def _path() -> str:
-    """$PATH without that folder: a process that uses LLD hands it on to those that it starts."""
+    """$PATH without that folder: a process that uses LLD passes it on to its child processes."""
     return os.pathsep.join(p for p in os.environ.get("PATH", "").split(os.pathsep) if p != str(_lld_folder()))
 
 
@@ -278,7 +278,7 @@ def _lld_folder() -> Path:
 
 
 def cache_folder() -> Path:
-    """As in `cache_folders`, which is loaded when it is needed: help asks for none."""
+    """As in `cache_folders`, which is imported on demand: help does not need it."""
     from . import cache_folders
 
     return cache_folders.cache_folder()
@@ -289,12 +289,12 @@ def _kept(device: cl.Device) -> Trial | None:
         facts = json.loads(_answer_file(device).read_text())
         works = Attempt(**facts["works"]) if facts["works"] else None
         return Trial(works, int(facts["lanes"]), tuple((Attempt(**a), str(words)) for a, words in facts["failures"]))
-    except (OSError, ValueError, TypeError, KeyError):  # none, or not one of ours
+    except (OSError, ValueError, TypeError, KeyError):  # missing, or not ours
         return None
 
 
 def _answer_file(device: cl.Device) -> Path:
-    """Where the answer is kept, under a name that changes with everything that it hangs on."""
+    """The cache file of the result, named by a hash of everything that it depends on."""
 
     def installed(package: str) -> str:
         try:
@@ -319,7 +319,7 @@ _READ_BY_RUNTIMES = {
 
 
 def _write(path: Path, text: str, mode: int = 0o644) -> None:
-    """Write through a temporary name: another process may read at any time."""
+    """Write through a temporary name, because another process may read at any time."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}")
     part.write_text(text)

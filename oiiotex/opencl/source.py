@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels as the compiler gets them: one text, its headers in their places.
+"""Kernel sources for the compiler: one string with headers inlined.
 
-No folder is named to a compiler: runtimes split build options at spaces, and people have folders with spaces. `#line`
-keeps the numbers of a compiler's messages true.
+No include folder is passed to a compiler: runtimes split build options at spaces, and folder names may have spaces.
+`#line` keeps the line numbers in a compiler's messages correct.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ _INCLUDE = re.compile(r'#include "(\w+\.h)"')
 
 
 def expanded(text: str, name: str, seen: set[str] | None = None) -> str:
-    """The text of file `name` in cl/, every header where it is first asked for."""
+    """The source of file `name` in cl/, with each header inlined at its first include."""
     seen = set() if seen is None else seen
     lines = [f'#line 1 "{name}"']
     for number, line in enumerate(text.splitlines(), 1):
@@ -31,6 +31,6 @@ def expanded(text: str, name: str, seen: set[str] | None = None) -> str:
 
 
 def kernel_source(stem: str) -> str:
-    """cl/<stem>.cl with its headers."""
+    """The source of cl/<stem>.cl with its headers."""
     name = f"{stem}.cl"
     return expanded((resources.files("oiiotex") / "cl" / name).read_text(), name)

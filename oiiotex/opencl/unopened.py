@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A device before it is opened: what memory it has is known, all else is work."""
+"""A device before it is opened: only its memory size is known."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .device import Device, DeviceInfo
 
 
 class UnopenedDevice(Device):
-    """Says what memory a device has; who asks for more is about to work (`Unseen`)."""
+    """Knows a device's memory size; any other request raises `Unseen`, since it would start work."""
 
     def __init__(self, info: DeviceInfo):
         self.info = info
@@ -18,7 +18,7 @@ class UnopenedDevice(Device):
 
     @property
     def lanes(self) -> int:
-        """Not known before it is tried."""
+        """Not known before the device is probed."""
         raise Unseen
 
     def __getattr__(self, name: str) -> NoReturn:

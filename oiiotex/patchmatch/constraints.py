@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a user may prescribe: pixels that stay, how often parts of the exemplar are used, a map of sigmas."""
+"""Constraints from the user: fixed pixels, weights of the exemplar's pixels, and a map of sigmas."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from ..projections.histograms import BINS, INVERSE, OUTSIDE, RowSource
 from ..projections.projection import Projecting
 from .field import Geometry, allowed_patches, bands_of, box_sums
 
-ENOUGH = 0.25  # of the finest level's share of whole patches: what a coarse level must have to be of use
+ENOUGH = 0.25  # minimum share of whole patches on a usable coarse level, relative to the finest level's
 
 
 @dataclass(frozen=True)
 class FixedPixels:
-    """Pixels of the target that are given and stay.
+    """Given pixels of the target, which synthesis keeps.
 
     Attributes
     ----------
     where : (height, width) bool
-        Of the target.
+        Which pixels of the target are fixed.
     places : SourceMap
-        (height, width): the exemplar pixels that they show; what it says of free pixels means nothing.
+        (height, width): the exemplar pixels that they show. Undefined at free pixels.
     is_goal : bool
-        The free pixels get the overall histogram of the fixed ones, not of the exemplar.
+        Match the overall histogram of the free pixels to that of the fixed ones, not to the exemplar's.
     """
 
     where: np.ndarray
@@ -41,21 +41,21 @@ class FixedPixels:
     is_goal: bool = False
 
     def image(self, exemplar: SomeRows, geometry: Geometry) -> np.ndarray:
-        """What the target must show on a level: its grid image, `OUTSIDE` where it is free.
+        """The fixed pixels on a level as a grid image, `OUTSIDE` where the target is free.
 
         Parameters
         ----------
         exemplar : (height, width, channels) float32
-            At full size.
+            Full size.
         geometry : Geometry
-            Of the level.
+            Geometry of the level.
         """
         shown = coarse_image(self.places.gather(exemplar), self.where, geometry.width, geometry.height)
         kept = coarse_mask(self.where, geometry.width, geometry.height)
         return np.where(present(kept)[..., None], to_grid(shown, geometry.steps), OUTSIDE)
 
     def first_guess(self, field: SourceMap, shape: tuple[int, ...], geometry: Geometry) -> SourceMap:
-        """The field, in which patches that begin at a fixed pixel lie where that came from: the best guess there is."""
+        """The field with patches that begin at a fixed pixel matched to that pixel's source, as the initial guess."""
         g = geometry
         y = (np.arange(g.rows) * 2 + 1) * self.where.shape[0] // (2 * g.height)
         x = (np.arange(g.columns) * 2 + 1) * self.where.shape[1] // (2 * g.width)
@@ -68,14 +68,14 @@ class FixedPixels:
 
 @dataclass(frozen=True, kw_only=True)
 class Constraints:
-    """All of it; None where nothing is prescribed.
+    """All constraints. None: unconstrained.
 
     Attributes
     ----------
     weight : (height, width) float32 or None
-        Of the exemplar: how often a pixel is to be used beside others, 0 never.
+        Relative frequency of use of each exemplar pixel. 0: never.
     sigmas : (height, width) float32 or None
-        Of the target: its sigma at each pixel, px.
+        Sigma at each pixel of the target, px.
     """
 
     fixed: FixedPixels | None = None
@@ -83,7 +83,7 @@ class Constraints:
     sigmas: np.ndarray | None = None
 
     def patch_weights(self, patches: np.ndarray, geometry: Geometry) -> np.ndarray | None:
-        """The mean weight of each exemplar patch on a level, relative to that of all that may be used."""
+        """Mean weight of each exemplar patch on a level, relative to the mean over all usable patches."""
         if self.weight is None:
             return None
         small = resized(self.weight[..., None], geometry.exemplar_width, geometry.exemplar_height)[..., 0]
@@ -100,15 +100,15 @@ UNCONSTRAINED = Constraints()
 
 
 def ease_from(free: np.ndarray, distance: float) -> np.ndarray:
-    """How strongly free pixels are changed: 0 beside pixels that stay, 255 at a distance; (height, width) uint8."""
-    from scipy import ndimage  # when it is needed: it is slow to import
+    """Strength of changes to free pixels: 0 next to fixed pixels, 255 at a distance. (height, width) uint8."""
+    from scipy import ndimage  # slow to import
 
     away = ndimage.distance_transform_edt(free) if not free.all() else np.full(free.shape, np.inf)
     return np.rint(255 * np.clip(away / distance, 0.0, 1.0)).astype(np.uint8)
 
 
 def octaves(sigmas: np.ndarray) -> list[float]:
-    """The sigmas of the projections that a map of sigmas is blended from: its range in steps of an octave at most."""
+    """Sigmas of the projections that a map of sigmas is blended from: its range in steps of at most one octave."""
     low, high = float(sigmas.min()), float(sigmas.max())
     steps = math.ceil(math.log2(high / low) - 1e-6)
     return [low * (high / low) ** (k / max(1, steps)) for k in range(steps + 1)]
@@ -117,8 +117,8 @@ def octaves(sigmas: np.ndarray) -> list[float]:
 class VaryingProjection:
     """MJH17 section 4.3 with a sigma for each pixel (figure 10).
 
-    The paper does not say how. Departure: a pixel's projection is blended, linearly in log sigma, from the projections
-    at the two nearest of a few sigmas an octave apart; all of them are made of the whole image.
+    The paper gives no method. Departure: a pixel's projection is blended, linearly in log sigma, from the projections
+    at the two nearest of a few sigmas an octave apart. Each of these uses the whole image.
 
     `width`: px.
     """
@@ -133,12 +133,12 @@ class VaryingProjection:
 
     @staticmethod
     def layout(width: int, rows: int, channels: int = 3) -> dict[str, int]:
-        """Device memory for so many rows, beside that of the projections, in bytes by name."""
+        """Device memory for a number of rows, excluding that of the projections, in bytes by name."""
         return {"place": 4 * width * rows, "blended": 4 * channels * width * rows}
 
     @staticmethod
     def places_of(sigmas: np.ndarray, count: int) -> np.ndarray:
-        """Where sigmas (height, width) lie among those of `count` projections: float32."""
+        """Fractional index of sigmas (height, width) among those of `count` projections: float32."""
         span = math.log(float(sigmas.max()) / float(sigmas.min()))
         return (np.log(sigmas / sigmas.min()) * ((count - 1) / max(span, 1e-9))).astype(np.float32)
 
@@ -163,7 +163,7 @@ class VaryingProjection:
 
 
 def coarse_mask(mask: np.ndarray | None, width: int, height: int) -> np.ndarray | None:
-    """A mask on a level: a coarse pixel is in where all the pixels under it are."""
+    """A mask on a level: a coarse pixel is inside if all the pixels it covers are."""
     if mask is None:
         return None
 
@@ -177,17 +177,17 @@ def coarse_mask(mask: np.ndarray | None, width: int, height: int) -> np.ndarray 
 def coarse_image(
     image: SomeRows, mask: np.ndarray | None, width: int, height: int, rows: slice | None = None
 ) -> np.ndarray:
-    """An image on a level: means of the pixels in the mask, so that the others do not bleed in.
+    """An image on a level: means over the pixels in the mask only, so that others do not bleed in.
 
     Parameters
     ----------
     image : (rows, columns, channels) float32
     mask : (rows, columns) bool or None
-        Pixels that count; None: all.
+        Pixels that count. None: all.
     width, height : int
-        Of the level.
+        Size of the level.
     rows : slice, optional
-        Of the level, those that are wanted.
+        Rows of the level to compute.
 
     Returns
     -------
@@ -209,9 +209,9 @@ def coarse_image(
 def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_out: str) -> int:
     """The level to start on: the coarsest with about as many whole patches, for its size, as the finest.
 
-    A mask shrinks with every level while patches stay as large. On a level too coarse for it there is no whole patch,
-    or a few from its thickest spots alone: the texture would start as copies of these, and finer levels, which search
-    near by, would not leave them.
+    A mask shrinks with every level while patches keep their size. A level that is too coarse has no whole patch, or a
+    few from the mask's thickest spots only: the texture would start as copies of these, and finer levels, which search
+    nearby, would not leave them.
     """
     if allowed is None:
         return 0
@@ -220,8 +220,8 @@ def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_ou
     if share == 0:
         size = f"{finest.exemplar_width}x{finest.exemplar_height}"
         raise ImageError(
-            f"no {finest.patch}x{finest.patch} patch of the exemplar of {size} px is free of {ruled_out}:"
-            " a smaller patch= may fit"
+            f"no {finest.patch}x{finest.patch} patch of the exemplar of {size} px is free of {ruled_out}",
+            hint="reduce patch",
         )
 
     def serves(geometry: Geometry) -> bool:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planes of a level's exemplar: they lie in the device's buffers, or pass through them in pieces of rows.
+"""The planes of a level's exemplar: they are in the device's buffers, or pass through them in pieces of rows.
 
-A pass looks at one piece after another and at those matches alone whose patches begin in it. What is kept hangs on no
-order of pieces (cl/patchmatch.cl), so the bits are the same for any height of them.
+A pass processes one piece after another, and only the matches whose patches begin in it. Results do not depend on the
+order of pieces (cl/patchmatch.cl), so they are bit-identical for any piece height.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from ..opencl.rows import Rows
 from .field import Geometry
 
 RowRange = tuple[int, int]
-"""Patches of the exemplar, by the rows that they begin in: from, to."""
+"""Patches of the exemplar, by the rows that they begin in: (first, last)."""
 
-LEAST_ROWS = 16  # of a piece, or a band
-REGION = 32  # px at full size, a side of what is seen again (use_prices.py)
+LEAST_ROWS = 16  # minimum height of a piece or a band
+REGION = 32  # px at full size, side of a region whose reuse is penalized (use_prices.py)
 
 
 def piece_halo(patch: int) -> int:
-    """Rows more than those of a piece that buffers hold: penalties hang on what is used around them."""
+    """Rows that buffers hold in addition to those of a piece: penalties depend on uses around them."""
     return 2 * max(patch - 1, REGION)
 
 
 class ExemplarRows:
-    """The exemplar and the prices of its patches on one level.
+    """The exemplar and the penalties of its patches on one level.
 
     `image` (exemplar_height, exemplar_width, channels) int16; `allowed` (exemplar_rows, exemplar_columns) bool; `price`
     (exemplar_rows, exemplar_columns) float32 or None.
@@ -59,7 +59,7 @@ class ExemplarRows:
         self._plane("penalty", None if self.whole else RowStore(allowed.shape, np.int32))
 
     def plane(self, name: str, values: SomeRows) -> None:
-        """Have rows pass through the buffer of that name."""
+        """Let rows pass through the buffer of that name."""
         self._plane(name, None if self.whole else values)
         if self.whole:
             row = int(np.prod(values.shape[1:])) * values.dtype.itemsize
@@ -77,14 +77,14 @@ class ExemplarRows:
 
     @property
     def count(self) -> int:
-        """Of pieces."""
+        """Number of pieces."""
         return -(-self._geometry.exemplar_rows // self._most)
 
     def pieces(self, *names: str) -> Iterator[RowRange]:
-        """One after another, while planes of those names hold what they need of it."""
+        """One piece after another, with the rows of the named planes loaded."""
         rows, step = self._geometry.exemplar_rows, self._most
         pieces = [(first, min(first + step, rows)) for first in range(0, rows, step)]
-        if pieces[-1] == self._at:  # it lies there from the last time
+        if pieces[-1] == self._at:  # still loaded from the last sweep
             pieces.reverse()
         for piece in pieces:
             for name in names:
@@ -99,7 +99,7 @@ class ExemplarRows:
             self._loaded[name] = piece
 
     def keep_penalty(self, piece: RowRange) -> None:
-        """What buffer `penalty` holds is that of a piece."""
+        """Save buffer `penalty` as the penalties of a piece."""
         if not self.whole:
             first, last = piece
             step = max(1, AT_ONCE // (4 * self._geometry.exemplar_columns))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nearest-neighbor fields: their sizes, how they begin, and how they go from level to level (MJH17 section 4.2).
+"""Nearest-neighbor fields: sizes, initialization, and upsampling from level to level (MJH17 section 4.2).
 
-A target image is explained by an exemplar: for the patch at every target pixel the field names an exemplar patch.
-Fields are (rows, columns) source maps of their corners; images are (height, width, channels) int16
-arrays on an integer grid (`lab_grid`): the three of Lab, and three more for each further map of a material.
+A target image is built from an exemplar: for the patch at every target pixel the field names an exemplar patch.
+Fields are (rows, columns) source maps of patch corners. Images are (height, width, channels) int16
+arrays on an integer grid (`lab_grid`): the three channels of Lab, and three more for each further map of a material.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from ..deferred import np
 from ..errors import present
 from ..regularity.offset_prices import Prices
 
-BAND = 128  # rows of a field worked on at a time
+BAND = 128  # rows of a field processed at a time
 
 
 @dataclass(frozen=True, kw_only=True)
 class Geometry(Domain):
-    """One pyramid level: the target, and sizes of the exemplar.
+    """One pyramid level: the target, and the size of the exemplar.
 
     Where the target does not wrap, patches lie fully inside, so the field is `patch - 1` shorter than it.
     """
@@ -37,36 +37,36 @@ class Geometry(Domain):
 
     @property
     def steps(self) -> int:
-        """Of the grid of Lab, per unit."""
+        """Steps of the Lab grid per Lab unit."""
         return steps_for(self.patch, self.channels)
 
     @property
     def columns(self) -> int:
-        """Patches of the target along x."""
+        """Number of target patches along x."""
         return self.width if self.wrap_x else self.width - self.patch + 1
 
     @property
     def rows(self) -> int:
-        """Patches of the target along y."""
+        """Number of target patches along y."""
         return self.height if self.wrap_y else self.height - self.patch + 1
 
     @property
     def exemplar_columns(self) -> int:
-        """Patches of the exemplar along x."""
+        """Number of exemplar patches along x."""
         return self.exemplar_width - self.patch + 1
 
     @property
     def exemplar_rows(self) -> int:
-        """Patches of the exemplar along y."""
+        """Number of exemplar patches along y."""
         return self.exemplar_height - self.patch + 1
 
     @property
     def padded_width(self) -> int:
-        """Of the target with the columns that patches at its right border see."""
+        """Width of the target with the padding that patches at its right border cover."""
         return self.width + self.patch - 1
 
     def layout(self, rows: int | None = None, exemplar_rows: int | None = None) -> dict[str, int]:
-        """Device memory of a `Matcher` that holds so many rows of target and exemplar, or all: in bytes by name."""
+        """Device memory of a `Matcher` for a number of rows of target and exemplar (None: all), in bytes by name."""
         pixels = self.width * (self.height if rows is None else rows)
         exemplar = self.exemplar_width * (exemplar_rows or self.exemplar_height)
         padded = self.padded_width * (self.height + self.patch - 1 if rows is None else rows)
@@ -88,18 +88,18 @@ class Geometry(Domain):
 
 
 def bands_of(rows: int, size: int = BAND) -> Iterator[slice]:
-    """So many rows in bands that keep temporaries small; sums in their order are the same whatever is held where."""
+    """Rows in bands of a fixed height, which keep temporaries small and sums independent of the memory plan."""
     return (slice(top, min(top + size, rows)) for top in range(0, rows, size))
 
 
 def variance_of(image: SomeRows, usable: np.ndarray | None) -> float:
-    """Of the values of a grid image, (height, width, channels) int16, summed over channels; by whole numbers.
+    """Variance of a grid image, (height, width, channels) int16, summed over channels, in exact integer arithmetic.
 
-    Where `usable`, (height, width) bool, is given, of those pixels.
+    `usable` (height, width) bool: pixels that count. None: all.
     """
     count, channels = 0, image.shape[2]
     sums, squares = np.zeros(channels, np.int64), np.zeros(channels, np.int64)
-    for band in bands_of(len(image), BAND // 4):  # of eight bytes a value
+    for band in bands_of(len(image), BAND // 4):  # eight bytes per value
         pixels = image[band].reshape(-1, channels) if usable is None else image[band][usable[band]]
         pixels = pixels.astype(np.int64)
         count, sums, squares = count + len(pixels), sums + pixels.sum(0), squares + (pixels * pixels).sum(0)
@@ -107,7 +107,7 @@ def variance_of(image: SomeRows, usable: np.ndarray | None) -> float:
 
 
 def box_sums(plane: np.ndarray, side: int, dtype: type | str = "int64") -> np.ndarray:
-    """Sums over every square of `side` that lies inside a plane: (height - side + 1, width - side + 1)."""
+    """Sums over every square of `side` inside a plane: (height - side + 1, width - side + 1)."""
     below = np.zeros((plane.shape[0] + 1, plane.shape[1] + 1), dtype)
     below[1:, 1:] = plane.cumsum(0, dtype=dtype).cumsum(1)
     return below[side:, side:] - below[:-side, side:] - below[side:, :-side] + below[:-side, :-side]
@@ -129,9 +129,9 @@ def random_field(
     weights: np.ndarray | None = None,
     out: np.ndarray | RowStore | None = None,
 ) -> SourceMap:
-    """A scrambled start (MJH17 algorithm 1): blocks of patch size copied from random places.
+    """A random initial field (MJH17 algorithm 1): blocks of patch size copied from random places.
 
-    Blocks keep the exemplar's detail where single pixels would not.
+    Unlike single pixels, blocks keep the exemplar's detail.
 
     `allowed` (exemplar_rows, exemplar_columns) bool; `weights` (exemplar_rows, exemplar_columns) float32 or None; `out`
     (rows, columns) uint32 or None.
@@ -151,9 +151,9 @@ def random_field(
 def shifted_field(
     geometry: Geometry, allowed: np.ndarray, seed: int, out: np.ndarray | RowStore | None = None
 ) -> SourceMap:
-    """A start from the exemplar itself, shifted by a random distance, instead of blocks of patch size.
+    """An initial field of the exemplar shifted by a random distance, instead of blocks of patch size.
 
-    Long lines and large shapes are whole from the first iteration on; only the exemplar's border, which now lies inside
+    Long lines and large shapes are whole from the first iteration. Only the exemplar's border, which now lies inside
     the tile, must be resynthesized. A larger target starts as several exemplars, each with its own shift.
     """
     g = geometry
@@ -165,34 +165,34 @@ def shifted_field(
         piece = np.broadcast_arrays(rows * down // g.height, columns * right // g.width)
         y = (rows + hash_at(seed, 0x5F1D, *piece).astype(np.int64)) % g.exemplar_height
         x = (columns + hash_at(seed, 0x5F1E, *piece).astype(np.int64)) % g.exemplar_width
-        # patches across the border do not exist: the last inside it stands for them
+        # patches across the border do not exist: use the last one inside it
         y, x = np.minimum(y, g.exemplar_rows - 1), np.minimum(x, g.exemplar_columns - 1)
         out[begin : begin + BAND] = SourceMap.of(y, x).packed
     return only_allowed(SourceMap.of_rows(out), allowed, seed, 0xB10D)
 
 
 class _RandomPlaces:
-    """Draws allowed exemplar patches, as often as they weigh.
+    """Draws allowed exemplar patches with probability proportional to their weights.
 
-    What is drawn is a number, or a weight, and where that lies is looked up: a list would take eight bytes a patch.
+    A draw is a rank, or a cumulative weight, whose place is then found: a list would take eight bytes per patch.
     """
 
     def __init__(self, allowed: np.ndarray, weights: np.ndarray | None = None):
         self._allowed, self._weights = allowed, weights
         self._bands = list(bands_of(len(allowed)))
         self._before = np.cumsum([0, *(np.count_nonzero(allowed[band]) for band in self._bands)])
-        self._below = np.zeros(1)  # the weight of all in the bands so far
+        self._below = np.zeros(1)  # total weight of the preceding bands
         if weights is not None:
             for band in self._bands:
                 self._below = np.append(self._below, self._weighed(band, self._below[-1])[-1])
 
     def _weighed(self, band: slice, before: float) -> np.ndarray:
-        """The weight of all up to each place of a band: added one by one, whatever the bands."""
+        """Cumulative weight at each place of a band, added in one order whatever the bands."""
         weights = present(self._weights)[band][self._allowed[band]]
         return np.cumsum(np.concatenate([[before], weights]), dtype=np.float64)
 
     def __call__(self, seed: int, step: int, y: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """One for every (y, x)."""
+        """Draw one place for every (y, x)."""
         count, bits = int(self._before[-1]), hash_at(seed, step, y, x).astype(np.uint64)
         if self._weights is None:
             at = ((bits * np.uint64(count)) >> np.uint64(32)).astype(np.int64)
@@ -218,7 +218,7 @@ class _RandomPlaces:
 
 
 def only_allowed(field: SourceMap, allowed: np.ndarray, seed: int, step: int = 0xB10E) -> SourceMap:
-    """The field with every match that is not allowed replaced by a random one that is.
+    """The field with every match that is not allowed replaced by a random allowed one.
 
     `allowed` (exemplar_rows, exemplar_columns) bool.
     """
@@ -240,11 +240,11 @@ def hash_at(seed: int, step: int, y: np.ndarray, x: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     seed : int
-        Its low 32 bits count.
+        The low 32 bits are used.
     step : int
         0 to 2^32 - 1.
     y, x : array of int
-        Coordinates, of shapes that go together; their low 32 bits count.
+        Coordinates, of shapes that broadcast. The low 32 bits are used.
     """
 
     def pcg(v: np.ndarray) -> np.ndarray:
@@ -266,10 +266,10 @@ def upsample_field(
     out: np.ndarray | RowStore | None = None,
     in_step: Prices | None = None,
 ) -> SourceMap:
-    """A field carried to the next finer level.
+    """A field upsampled to the next finer level.
 
-    Patch centers are scaled; the offset inside a coarse pixel is kept, so that neighbors stay coherent. Coarse levels
-    do not resolve a fine lattice: as soon as it is seen, matches move to the nearest place that is in step with it.
+    Patch centers are scaled. The offset inside a coarse pixel is kept, so neighbors stay coherent. Coarse levels do not
+    resolve a fine lattice: as soon as a level does, matches move to the nearest place in phase with it.
 
     `allowed` (fine.exemplar_rows, fine.exemplar_columns) bool; `out` (fine.rows, fine.columns) uint32 or None.
     """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Levels that are finished, kept beside the file that is being made, so that a run that was killed goes on after them.
+"""Checkpoints of finished pyramid levels, next to the output file, from which an interrupted run resumes.
 
-A level hands the next one its field and the prices of what is flat; all else follows from the exemplar.
+A level passes its field and the flatness multipliers to the next one. All else follows from the exemplar.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from .constraints import Constraints
 from .field import Geometry
 from .recipe import Recipe
 
-_PIECE = 1 << 21  # matches kept at a time
+_PIECE = 1 << 21  # matches written at a time
 
 
 class LevelCheckpoint:
-    """What is kept of one synthesis."""
+    """The checkpoint of one synthesis."""
 
     def __init__(
         self, keeper: Checkpoint, exemplar: SomeRows, allowed: np.ndarray | None, recipe: Recipe,
@@ -34,12 +34,12 @@ class LevelCheckpoint:
         facts: list[object] = [constraints.weight, constraints.sigmas]
         if constraints.fixed is not None:
             facts += [constraints.fixed.where, constraints.fixed.places.packed, constraints.fixed.is_goal]
-        if recipe.in_step is not None:  # large arrays print in part alone
+        if recipe.in_step is not None:  # NumPy abbreviates large arrays when it prints them
             facts += recipe.in_step.facts()
         self._keeper, self._key = keeper, hash_of(__version__, exemplar, allowed, recipe, *facts)
 
     def latest(self, geometries: Sequence[Geometry]) -> int:
-        """The finest level of which all is there; -1 where there is none."""
+        """The finest complete level in the checkpoint. -1: none."""
         for level, geometry in reversed(list(enumerate(geometries))):
             key = self._of(level)
             if all(self._keeper.holds(key, place) for place in (_beside(geometry), *_pieces(geometry))):
@@ -47,17 +47,17 @@ class LevelCheckpoint:
         return -1
 
     def field(self, level: int, geometry: Geometry, out: np.ndarray | RowStore) -> SourceMap:
-        """The field of a level that is there, put into `out` (rows, columns)."""
+        """The field of a level in the checkpoint, read into `out` (rows, columns)."""
         for place in _pieces(geometry):
             out[place.top : place.bottom] = present(self._keeper.kept(self._of(level), place))
         return SourceMap.of_rows(out)
 
     def prices(self, level: int, geometry: Geometry) -> np.ndarray:
-        """What was kept as `prices` of a level that is there."""
+        """The `prices` kept with a level in the checkpoint."""
         return present(self._keeper.kept(self._of(level), _beside(geometry)))
 
     def keep(self, level: int, geometry: Geometry, field: SourceMap, prices: np.ndarray) -> None:
-        """Keep a level: its field, (rows, columns), and any array of what else it hands on."""
+        """Write a level: its field, (rows, columns), and an array of whatever else it passes on."""
         for place in _pieces(geometry):
             self._keeper.keep(self._of(level), place, field.packed[place.top : place.bottom])
         self._keeper.keep(self._of(level), _beside(geometry), prices)
@@ -72,5 +72,5 @@ def _pieces(geometry: Geometry) -> list[Window]:
 
 
 def _beside(geometry: Geometry) -> Window:
-    """A place that no piece of the field has."""
+    """A window that no piece of the field has."""
     return Window(0, -1, geometry.columns, 0)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planes of a level: they lie in the device's buffers, or pass through them in bands.
+"""The planes of a level: they are in the device's buffers, or pass through them in bands.
 
-All passes are Jacobi and all decisions integers, so bands do not show: the bits are the same for any height of them.
+All passes are Jacobi and all decisions are made on integers, so results are bit-identical for any band height.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from ..opencl.rows import Rows
 from ..stationarity.steerable import RADIUS
 from .field import Geometry
 
-JUMPS = (4, 2, 1)  # of propagation
+JUMPS = (4, 2, 1)  # jump distances of propagation, px
 
 
 def halo(patch: int) -> int:
-    """Rows more than those of a band that buffers hold, for what passes look at above and below."""
-    return max(2 * sum(JUMPS) + patch - 1, 4 * RADIUS)  # there and back through steerable filters
+    """Rows that buffers hold in addition to those of a band, for what passes read above and below."""
+    return max(2 * sum(JUMPS) + patch - 1, 4 * RADIUS)  # twice the radius of steerable filters: analysis and synthesis
 
 
 class LevelRows:
     """The planes of one level.
 
-    `memory`: bytes of the host's memory for planes that the buffers do not hold; what is beyond goes to a file.
+    `memory`: bytes of host memory for planes that the buffers do not hold. The rest is in a file.
     """
 
     def __init__(self, device: Device, buffers: Buffers, geometry: Geometry, memory: int = 0):
@@ -45,18 +45,18 @@ class LevelRows:
 
     @property
     def field_store(self) -> np.ndarray | RowStore | None:
-        """Where the field lies, if its buffer does not hold it."""
+        """Where the field is stored if its buffer does not hold it."""
         return cast("np.ndarray | RowStore | None", self.field.store)
 
     def store(self, shape: tuple[int, ...], dtype: type) -> np.ndarray | RowStore:
-        """Rows on the host."""
+        """Allocate rows on the host."""
         size = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
         fits = size <= self._memory
         self._memory -= size if fits else 0
         return empty_rows(shape, dtype, fits)
 
     def plane(self, name: str, shape: tuple[int, ...], dtype: type, values: np.ndarray | None = None) -> Rows:
-        """Rows that pass through the buffer of that name, of those `values`."""
+        """Rows that pass through the buffer of that name, initialized with `values`."""
         g = self._geometry
         store = None if self.whole else self.store(shape, dtype) if values is None else values
         if self.whole and values is not None:
@@ -66,11 +66,11 @@ class LevelRows:
         return self._rows[name]
 
     def bands(self) -> Iterator[tuple[int, int]]:
-        """Bands of the image."""
+        """Bands of the image: (first, last) rows."""
         return self.image.bands(most=self.most)
 
     def field_bands(self) -> Iterator[tuple[int, int]]:
-        """Bands of the field."""
+        """Bands of the field: (first, last) rows."""
         return self.field.bands(most=self.most)
 
     def load(self, name: str, first: int, last: int) -> int:

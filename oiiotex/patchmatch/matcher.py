@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The search and the votes of MJH17 section 4.2 on the device, after BSFG09."""
+"""Search and votes of MJH17 section 4.2 on the device, after BSFG09."""
 
 from __future__ import annotations
 
@@ -23,33 +23,33 @@ if TYPE_CHECKING:
     import pyopencl as cl
 
 SEARCHES = 6  # windows of random search, from the whole exemplar down to about 2 px
-MATCH_PASSES = 8  # for a field on its own, with nothing to refine it later
-PICK_SIGMA = 3.0  # px; how fast a patch's say in the last vote falls off from its center
+MATCH_PASSES = 8  # for a field that no later step refines
+PICK_SIGMA = 3.0  # px; falloff of a patch's weight in the last vote from its center
 
 
 class AddsPrices(Protocol):
-    """What makes more than single patches dear."""
+    """Penalties that depend on the use of more than single patches."""
 
-    kinds: SomeRows  # (exemplar_rows, exemplar_columns) uint8: what it is to have in buffer `kinds`
+    kinds: SomeRows  # (exemplar_rows, exemplar_columns) uint8: the contents of buffer `kinds`
 
     def begin(self) -> None:
-        """A field is about to be counted."""
+        """Start counting a field."""
 
     def count(self, rows: int, piece: RowRange) -> None:
-        """Count the first rows of buffer `field`, where it names patches of the piece."""
+        """Count the first rows of buffer `field`, only the matches to patches of the piece."""
 
     def ascend(self) -> None:
-        """All is counted."""
+        """Update the multipliers after counting."""
 
     def around(self, piece: RowRange) -> RowRange:
-        """The patches whose uses the prices of a piece hang on."""
+        """The patches whose uses the penalties of a piece depend on."""
 
     def add(self, piece: RowRange, counted: RowRange) -> None:
-        """Add to buffer `penalty` of a piece, by what was counted and uses in buffer `count`, of patches `counted`."""
+        """Add to buffer `penalty` of a piece, from the counts and the uses in buffer `count` of patches `counted`."""
 
 
 class Matcher:
-    """PatchMatch at one pyramid level: holds on the device what fits of the exemplar, the target and the field.
+    """PatchMatch on one pyramid level, with as much of exemplar, target and field on the device as fits.
 
     `exemplar` (exemplar_height, exemplar_width, 3) int16; `allowed` (exemplar_rows, exemplar_columns) bool; `usable`
     (exemplar_height, exemplar_width) bool or None.
@@ -89,14 +89,14 @@ class Matcher:
         self._radius, self._searches = device.upload(np.array(radius, np.int32)), searches
 
     def field(self) -> SourceMap:
-        """The present field."""
+        """The current field."""
         if self.rows.field_store is not None:
             return SourceMap.of_rows(self.rows.field_store)
         shape = self.geometry.rows, self.geometry.columns
         return SourceMap(self._device.read(self._buffers["field"], shape, np.uint32))
 
     def improve(self, iterations: int, step: int) -> None:
-        """Search better matches for `image`; `step` numbers the outer iteration for the random numbers."""
+        """Search for better matches for `image`. `step`: index of the outer iteration, for the random numbers."""
         if iterations == 0:
             self._score(0, self.geometry.rows)
         whole = self.rows.whole and self.exemplar.whole
@@ -110,7 +110,7 @@ class Matcher:
                 field.store, self.rows.next_field = self.rows.next_field, field.store
 
     def _score(self, first: int, last: int) -> None:
-        """Distances of rows of the field, of which the buffers then hold the target; with pieces, costs."""
+        """Compute distances for rows of the field, with the target in the buffers. With pieces: costs."""
         g, b = self.geometry, self._buffers
         self.rows.load("field", first, last)
         self.rows.load("image", first, last + g.patch - 1)
@@ -131,7 +131,7 @@ class Matcher:
                 )  # fmt: skip
 
     def _pass(self, top: int, bottom: int, step: np.uint32, scored: bool) -> None:
-        """Propagate and search rows of the field; what is not `scored` comes first, with the rows that are offered."""
+        """Propagate and search rows of the field. Not `scored`: first compute distances, including their halo."""
         g, whole = self.geometry, self.rows.whole
         reach = 0 if whole else sum(JUMPS)
         first, last = top - reach, bottom + reach
@@ -139,7 +139,7 @@ class Matcher:
             first, last = max(0, first), min(g.rows, last)
         if not scored:
             self._score(first, last)
-        self.rows.field.settle()  # the last band's rows come from buffer `field_next`, while this one's were scored
+        self.rows.field.settle()  # `field_next` still holds the last band's rows while this band is scored
         e_size = (g.exemplar_columns, g.exemplar_rows, g.exemplar_width)
         for jump in JUMPS:
             reach -= 0 if whole else jump
@@ -151,7 +151,7 @@ class Matcher:
                     *e_size, *piece, *where, *begun, *self._offset_prices,
                 )  # fmt: skip
         count = self._searches
-        for k in (0,) if self.exemplar.whole else range(count):  # a window hangs on all before it
+        for k in (0,) if self.exemplar.whole else range(count):  # a window depends on all before it
             searches = (0, count) if self.exemplar.whole else (k, k + 1)
             drawn = np.uint32(self._seed & 0xFFFFFFFF), step, top - first, bottom - first, first
             for piece, begun in self._change():
@@ -164,7 +164,7 @@ class Matcher:
             self._buffers.swap("field", "field_next")
 
     def _change(self) -> Iterator[tuple[RowRange, tuple[int, ...]]]:
-        """Pieces in which the field is looked over, and what kernels are told; then the next field is the present."""
+        """Pieces with the kernel arguments for updating the field. Finally the next field becomes the current one."""
         for n, piece in enumerate(self.exemplar.pieces("exemplar", "penalty")):
             yield piece, (() if self.exemplar.whole else (int(n > 0),))
         self._buffers.swap("field", "field_next")
@@ -175,7 +175,7 @@ class Matcher:
         return [self._buffers[name] for name in names]
 
     def vote(self, top: int = 0, bottom: int | None = None) -> None:
-        """Make rows of `image` the mean of what the matched patches say; row `top` lies at the buffer's start."""
+        """Set rows of `image` to the mean of the matched patches' votes. Row `top` is at the buffer's start."""
         g, b = self.geometry, self._buffers
         bottom = g.height if bottom is None else bottom
         first = self.rows.load("field", top - g.patch + 1, bottom)
@@ -189,14 +189,14 @@ class Matcher:
             )  # fmt: skip
 
     def hold(self, top: int = 0, bottom: int | None = None) -> None:
-        """Put back into rows of `image`, which it holds, the pixels of `fixed` that must stay."""
+        """Restore the fixed pixels, from buffer `fixed`, in the loaded rows of `image`."""
         g, b = self.geometry, self._buffers
         size = g.width, (g.height if bottom is None else bottom) - top
         self.rows.load("fixed", top, top + size[1])
         self._run("hold", size, b["fixed"], b["image"], *size)
 
     def ease(self, changed: str, top: int = 0, bottom: int | None = None) -> None:
-        """Bring rows of buffer `changed` back to `image` where `ease`, a byte for each pixel, says less than 255."""
+        """Blend rows of buffer `changed` back to `image` where `ease`, one byte per pixel, is below 255."""
         g, b = self.geometry, self._buffers
         size = g.width, (g.height if bottom is None else bottom) - top
         self.rows.load("ease", top, top + size[1])
@@ -221,7 +221,7 @@ class Matcher:
         return SourceMap.of_rows(source)
 
     def _count_uses(self) -> None:
-        """The uniformity penalty of every exemplar patch, frozen for one pass: refreshed oftener, all flee at once."""
+        """Compute the uniformity penalty of each exemplar patch, frozen for one pass: else all matches flee at once."""
         g, b = self.geometry, self._buffers
         if self._use_prices is not None:
             self._use_prices.begin()
@@ -230,7 +230,7 @@ class Matcher:
                     self.rows.load("field", top, bottom)
                     self._use_prices.count(bottom - top, piece)
             self._use_prices.ascend()
-        many = int(g.columns * g.rows * g.patch**2 >= 1 << 31)  # if all matched one patch
+        many = int(g.columns * g.rows * g.patch**2 >= 1 << 31)  # the case that all patches match the same one
         names = ("price",) if self._use_prices is None else ("price", "kinds")
         for first, last in self.exemplar.pieces(*names):
             counted = max(0, first - g.patch + 1), min(g.exemplar_rows, last + g.patch - 1)
@@ -256,18 +256,18 @@ class Matcher:
 
 
 def require_shape(name: str, array: SomeRows, shape: tuple[int, ...]) -> None:
-    """Refuse an array that is not of the shape that a geometry asks for; an ImageError names both."""
+    """Refuse an array whose shape differs from that of the geometry. The ImageError names both."""
     if array.shape != shape:
         given, wanted = (" x ".join(map(str, n)) for n in (array.shape, shape))
-        raise ImageError(f"patchmatch: {name} is {given}, its geometry asks for {wanted}")
+        raise ImageError(f"patchmatch: {name} is {given}: expected {wanted}")
 
 
 def _penalty_unit(exemplar: SomeRows, geometry: Geometry, usable: np.ndarray | None = None) -> float:
-    """What one use too many costs: 121 Var(e) / (121 omega_best) per doubly summed count (MJH17 eq. 6).
+    """Penalty for one excess use: 121 Var(e) / (121 omega_best) per doubly summed count (MJH17 eq. 6).
 
     omega_best = max(1, |T| / |S|) N with pixel counts |T|, |S| of target and exemplar and N = patch^2. The mean use of
-    a patch's pixels is the doubly summed count / N, so a patch used ideally pays N Var(e). Where only some pixels may
-    be used, these are the exemplar: a fair share among all would punish a small label for being small.
+    a patch's pixels is the doubly summed count / N, so a patch with ideal use pays N Var(e). If only some pixels are
+    usable, these are the exemplar: a fair share among all pixels would punish a small label for its size.
     """
     n = geometry.patch**2
     pixels = exemplar.shape[0] * exemplar.shape[1] if usable is None else np.count_nonzero(usable)
@@ -279,27 +279,27 @@ def match_patches(
     device: Device, lab: np.ndarray, exemplar: SomeRows, field: SourceMap, patch: int, domain: Domain, seed: int,
     budget: int,
 ) -> SourceMap:  # fmt: skip
-    """The nearest-neighbor field of an image, from a first guess and `MATCH_PASSES` passes without uniformity.
+    """The nearest-neighbor field of an image, from an initial guess and `MATCH_PASSES` passes without uniformity.
 
     Parameters
     ----------
     lab, exemplar : (height, width, 3) float32
-        CIE Lab. An exemplar that does not fit passes through the device in pieces.
+        CIE Lab. An exemplar that does not fit the budget passes through the device in pieces.
     field : SourceMap
-        (rows, columns): where to start.
+        (rows, columns): initial guess.
     patch : int
         Side of a patch.
     domain : Domain
-        Of the image.
+        Domain of the image.
     budget : int
-        Bytes for everything that is used at a time.
+        Memory budget in bytes, for all allocations at a time.
 
     Raises
     ------
     ImageError
-        The image, or the field for this patch, is not of the domain's size, or the exemplar has no three channels.
+        Image or field does not have the shape of the domain, or the exemplar does not have three channels.
     DeviceError
-        It does not fit the budget.
+        The task does not fit the budget.
     """
     e_height, e_width = exemplar.shape[:2]
     geometry = Geometry(*domain.size, *domain.wraps, exemplar_width=e_width, exemplar_height=e_height, patch=patch)
@@ -317,7 +317,7 @@ def match_patches(
 
 
 def _layout_in(room: int, geometry: Geometry) -> dict[str, int]:
-    """Of all there is; where that is too much, with as many rows of the exemplar as fit."""
+    """Device memory for the whole exemplar, or, if it does not fit, for as many of its rows as fit."""
     whole, least = geometry.layout(), piece_halo(geometry.patch) + LEAST_ROWS
     if sum(whole.values()) <= room or least >= geometry.exemplar_height:
         return whole

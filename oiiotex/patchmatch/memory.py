@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a synthesis holds where: all of a tile on the device where it fits, else bands, and the rest on the host."""
+"""The memory plan of a synthesis: a whole tile on the device if it fits, else bands, with the rest on the host."""
 
 from __future__ import annotations
 
@@ -27,28 +27,28 @@ from .level_rows import halo
 if TYPE_CHECKING:
     from .recipe import Recipe
 
-COUNTED_ROWS = 64  # of an exemplar in pieces, whose histogram is taken
-BAND_BYTES = 160 << 20  # of a band, beyond which nothing is gained
-CELLS_SHARE = 1 / 4  # of the budget, for the cells of local histograms
-ROWS_SHARE = 1 / 3  # of what is left, for a band
-_FIELD_BYTES = 12  # of a target pixel on the host: two fields, and the places that come of them
-_TEMPORARIES = 64 << 20  # bytes, at most, of what is worked on by bands on the host
-_PIXEL_TEMPORARIES = 128  # of a pixel
-_WEIGHT_BYTES = 12  # of an exemplar pixel: its weight, those of its patch, and what that costs
-_MASK_BYTES = 4  # the same of which pixels and patches may be used; 1 where all may
-_MOST = 1 << 20  # rows that are looked for
+COUNTED_ROWS = 64  # rows of an exemplar in pieces, per histogram step
+BAND_BYTES = 160 << 20  # maximum size of a band: larger ones are not faster
+CELLS_SHARE = 1 / 4  # share of the budget for the cells of local histograms
+ROWS_SHARE = 1 / 3  # share of the rest for a band
+_FIELD_BYTES = 12  # per target pixel on the host: two fields, and the resulting places
+_TEMPORARIES = 64 << 20  # bytes, maximum, of temporaries by bands on the host
+_PIXEL_TEMPORARIES = 128  # per pixel
+_WEIGHT_BYTES = 12  # per exemplar pixel: its weight, the weight of its patch, and the resulting cost
+_MASK_BYTES = 4  # the same for masks of usable pixels and patches; 1 if all are usable
+_MOST = 1 << 20  # maximum number of rows to search
 
 
 @dataclass(frozen=True)
 class ExemplarHeld:
-    """What memory holds of an exemplar in any case.
+    """What is in memory of an exemplar under any plan.
 
     Attributes
     ----------
     values : bool
-        Its pixels; else they lie in a file.
+        Its pixels. Otherwise they are in a file.
     masked : bool
-        Which of them may be used.
+        The mask of usable pixels.
     """
 
     values: bool = True
@@ -59,12 +59,12 @@ class ExemplarHeld:
 class MemoryPlan:
     """Memory of a synthesis.
 
-    `exemplar_whole`: the exemplar's planes are held; else they pass through the device in pieces, and lie in files.
+    `exemplar_whole`: the exemplar's planes are in memory. Otherwise they pass through the device in pieces, from files.
     """
 
-    layout: dict[str, int]  # Of the device
-    on_host: int  # Bytes beside it
-    stores: int  # Of these, for what the device does not hold; more goes to a file
+    layout: dict[str, int]  # of the device, bytes by name
+    on_host: int  # bytes of host memory
+    stores: int  # bytes of these for planes that the device does not hold; the rest is in a file
     exemplar_whole: bool = True
 
 
@@ -79,7 +79,7 @@ def plan_memory(
     device: Device, shape: tuple[int, ...], recipe: Recipe, geometries: list[Geometry], scales: list[float],
     constraints: Constraints, budget: int, held: ExemplarHeld,
 ) -> MemoryPlan:  # fmt: skip
-    """The plan that makes the least copies of those that fit; where none does, one that `Buffers` refuses.
+    """The fastest memory plan that fits. If none fits, one that `Buffers` refuses.
 
     `budget`: bytes.
     """
@@ -100,7 +100,7 @@ def plan_memory(
     if constraints.weight is not None:
         common += _WEIGHT_BYTES * of_exemplar
     on_host = common + min(_TEMPORARIES, _PIXEL_TEMPORARIES * pixels) + 2 * 4 * shape[2] * of_exemplar
-    if recipe.complete:  # the activity of patches
+    if recipe.complete:  # activity of patches
         on_host += 4 * of_exemplar
     least, none = halo(recipe.patch) + LEAST_ROWS, size(None, 1)
     cells = None
@@ -146,16 +146,16 @@ def plan_memory(
 
 
 def _most(fits: Callable[[int], bool], least: int) -> int:
-    """The largest number, `least` or more, that fits."""
+    """The largest number, at least `least`, that fits."""
     return least + bisect.bisect_left(range(1, _MOST), True, key=lambda more: not fits(least + more))
 
 
 Grids = tuple[list[CellGrid], CellGrid | None]
-"""The cells of the target's projections on a level, and of the exemplar's."""
+"""The cells of the target's projections on a level, and those of the exemplar's."""
 
 
 def grids_of(recipe: Recipe, geometries: list[Geometry], scales: list[float], constraints: Constraints) -> list[Grids]:
-    """Those of every level."""
+    """The grids of every level."""
     if recipe.sigma is None:
         return [([], None)] * len(scales)
     grids = []
@@ -172,10 +172,10 @@ def layout(
     recipe: Recipe, geometries: list[Geometry], grids: list[Grids], constraints: Constraints,
     rows: int | None = None, cell_rows: int | None = None, exemplar_rows: int | None = None,
 ) -> dict[str, int]:  # fmt: skip
-    """Device memory that every level fits into, in bytes by name.
+    """Device memory that fits every level, in bytes by name.
 
-    A projection goes into `target`, which stands empty between two searches, and changes places with `image`: they are
-    of one size.
+    A projection is written to `target`, which is unused between two searches, and then swapped with `image`: both have
+    the same size.
     """
     finest, channels = geometries[-1], geometries[-1].channels
     held = finest.height if rows is None else rows
@@ -197,7 +197,7 @@ def layout(
             for name, need in projection_layout(recipe.measure, grid, channels, n, cell_rows, number).items():
                 needed[name] = max(needed.get(name, 0), need)
     both = max(needed["image"], needed["target"])
-    if recipe.contrast > 0:  # the exemplar is counted there
+    if recipe.contrast > 0:  # the exemplar's histogram is computed there
         pixels = finest.exemplar_width * min(finest.exemplar_height, counted or finest.exemplar_height)
         both = max(both, 2 * channels * pixels)
     return needed | {"image": both, "target": both}

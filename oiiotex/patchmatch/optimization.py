@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MJH17 algorithm 1: a texture that looks the same everywhere, from a photo that does not.
+"""MJH17 algorithm 1: a stationary texture from a photo that is not stationary.
 
 Departures from the paper, all measured in benchmarks/results/tiles.md:
 
 - Global histogram matching may aim at the projected exemplar ('flat') with a constant weight instead of the exemplar
-  with a weight that fades: this keeps the contrast of detail where the photo's slow drift is taken away.
-- The projection goes `OVERSHOOT` times the way: PatchMatch pulls part of the drift back in each iteration.
+  with a weight that fades: this keeps the contrast of detail where low-frequency variation is removed.
+- The projection is over-relaxed by `OVERSHOOT`: PatchMatch restores part of the variation in each iteration.
 - The last vote picks one exemplar pixel for each pixel instead of a mean, which would blur.
-- A tile begins as the exemplar, shifted, instead of as scrambled blocks: long lines and large shapes stay whole.
-- No region is shown again and again, and no texture is lost to flat parts of the photo: use_prices.py.
-- Pixels of the exemplar may be ruled out (alpha, a mask, a label: LSA16 §5.2). Then the exemplar is what is left: only
-  this is in histograms, in the fair share of uniformity, and in the means of coarse levels.
+- A tile starts as the shifted exemplar instead of as random blocks: long lines and large shapes stay whole.
+- Penalties keep regions from repeating, and texture from being lost to flat parts of the photo: use_prices.py.
+- Pixels of the exemplar may be excluded (alpha, a mask, a label: LSA16 §5.2). Histograms, the fair share of uniformity
+  and the means of coarse levels then use the remaining pixels only.
 """
 
 from __future__ import annotations
@@ -61,19 +61,19 @@ from .memory import ExemplarHeld, level_sigmas, plan_memory
 from .recipe import Recipe, geometry_at, level_scales
 from .use_prices import Lost, UsePrices, lost_texture
 
-FINE_ITERATIONS, PAPER_FINE_ITERATIONS = 1, 3  # on every finer level: the coarsest has decided; section 4.2: 2 or 3
-COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: on the coarsest level, finer ones, at the very end
-FINE_SEARCHES = 3  # on finer levels the coarsest has found where to look, and wide windows find nothing better
+FINE_ITERATIONS, PAPER_FINE_ITERATIONS = 1, 3  # per finer level: the coarsest decides the layout; section 4.2: 2 or 3
+COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: coarsest level, finer levels, last iteration
+FINE_SEARCHES = 3  # the coarsest level has found the regions; wide windows find nothing better
 OVERSHOOT = 1.2
-LOOKS = 3  # iterations of the coarsest level between two looks at it
-EASE = 2.0  # patches away from pixels that stay: how far in the projection begins to have its full strength
+LOOKS = 3  # iterations of the coarsest level between two previews
+EASE = 2.0  # patches from fixed pixels to where the projection has full strength
 
 
 @dataclass(frozen=True)
 class Synthesis:
-    """For every pixel the exemplar pixel it copies, and the field that led there.
+    """The exemplar pixel that each pixel copies, and the field that led there.
 
-    `lost` says how much texture it lacks, where the recipe asked for all of it.
+    `lost`: the texture it lacks, if the recipe asked for all of it.
     """
 
     source: SourceMap
@@ -98,29 +98,29 @@ def synthesize(
     Parameters
     ----------
     exemplar : (height, width, channels) float32
-        CIE Lab, and three more channels on its scale for each further map of the material. Where it is no array, what
-        is as large does not come to memory either.
+        CIE Lab, and three more channels on its scale for each further map of the material. If it is not an array,
+        derived data of the same size is kept out of memory as well.
     allowed : (height, width) bool or None
-        Pixels that may be used; None: all.
+        Usable pixels. None: all.
     budget : int
-        Bytes for everything that is held at a time.
+        Memory budget in bytes, for all allocations at a time.
     progress : callable
-        Called with (iterations done, iterations in all); may raise to stop.
+        Called with (iterations done, total iterations). May raise an exception to stop.
     ruled_out : str
-        What the pixels are that may not be used, for the error's text.
+        What the excluded pixels are, for error messages.
     constraints : Constraints
-        What the user prescribes.
+        Constraints from the user.
     keeper : Checkpoint or None
-        Where finished levels are kept, and taken from when they are there.
+        Where checkpoints of finished levels are written, and read from if present.
     look : callable, optional
-        Called with (source, (width, height)): what a level shows, of an exemplar of that size.
+        Called with (source, (width, height)): a preview of a level, and the exemplar's size there.
 
     Raises
     ------
     ImageError
         The exemplar is too small, or has no usable patch.
     DeviceError
-        It does not fit the budget.
+        The task does not fit the budget.
     """
     scales = level_scales(recipe, exemplar.shape)
     geometries = [geometry_at(recipe, exemplar.shape, scale) for scale in scales]
@@ -202,28 +202,28 @@ def synthesize(
 
 
 def _starts_shifted(recipe: Recipe, weights: np.ndarray | None, patches: np.ndarray) -> bool:
-    """An exemplar with holes, or a target with borders, would stay as it is."""
+    """Start from the shifted exemplar, unless it has holes or the target has borders: it would stay as it is."""
     return recipe.complete and recipe.shifted and all(recipe.wraps) and weights is None and bool(patches.all())
 
 
 def require_memory(device: Device, recipe: Recipe, shape: tuple[int, ...], budget: int, held: ExemplarHeld) -> None:
-    """Refuse what sizes alone show that `synthesize` would: of an exemplar that is not read, on a device not opened.
+    """Refuse, from sizes alone, what `synthesize` would refuse, before the exemplar is read or a device is opened.
 
     Parameters
     ----------
     recipe : Recipe
-        With a sigma of None where it is not known yet.
+        With sigma=None if it is not known yet.
     shape : (height, width, channels)
-        Of the exemplar.
+        Shape of the exemplar.
     budget : int
-        As of `synthesize`.
+        As in `synthesize`.
 
     Raises
     ------
     ImageError, DeviceError
-        As by `synthesize`.
+        As in `synthesize`.
     """
-    # masks may leave no coarser level
+    # masks may rule out all coarser levels
     plan = plan_memory(device, shape, recipe, [geometry_at(recipe, shape, 1.0)], [1.0], UNCONSTRAINED, budget, held)
     require_room(device, plan.layout, budget, _task(recipe, shape), plan.on_host)
 
@@ -242,7 +242,7 @@ class _Level:
         self._low, self._high = _range_of(exemplar, usable)
         self._first = int(self._low.min())
         self._entries = int(self._high.max()) - self._first + 1
-        if fixed is not None:  # what no patch can show would only push the others away
+        if fixed is not None:  # fixed pixels that no patch can show would distort the others
             free = self._free = fixed[..., 0] == OUTSIDE
             fixed = np.where(free[..., None], OUTSIDE, np.clip(fixed, self._low, self._high)).astype(np.int16)
             stays = matcher.rows.plane("fixed", fixed.shape, np.int16, fixed)
@@ -276,7 +276,7 @@ class _Level:
         )  # fmt: skip
 
     def _exemplar_counts(self, exemplar: SomeRows, sigma: float | None) -> np.ndarray:
-        """The histogram that is aimed at: of the exemplar, projected where the recipe says so."""
+        """The target histogram: that of the exemplar, projected if the recipe says so."""
         g, b, seen, usable, whole = self._geometry, self._buffers, None, self._usable, exemplar
         if usable is not None:
 
@@ -291,7 +291,7 @@ class _Level:
             held = min(held, projection.held or held)
         store = None if held >= g.exemplar_height else exemplar
         if store is None:
-            self._device.write(b["image"], exemplar[:])  # which nothing has been voted into yet
+            self._device.write(b["image"], exemplar[:])  # unused until the first vote
         image = Rows(self._device, b, "image", g.exemplar_width, g.exemplar_height, False, store, held)
         if projection is None:
             return self._values_of(image, seen)
@@ -301,7 +301,7 @@ class _Level:
         return counts
 
     def _values_of(self, image: Rows, seen: str | None) -> np.ndarray:
-        """How often each value occurs in an image, but where it is `OUTSIDE` in the rows of buffer `seen`."""
+        """Histogram of an image, without the pixels that are `OUTSIDE` in the rows of buffer `seen`."""
         width, counts = image.width, np.zeros((self._geometry.channels, self._entries), np.int64)
         for top, bottom in image.bands():
             image.load(top, bottom)
@@ -309,7 +309,7 @@ class _Level:
         return counts
 
     def iterate(self, iteration: int, passes: int) -> None:
-        """vote, matchHistogram, project, patchMatch: the source's own pixels have the last word (section 4.2)."""
+        """vote, matchHistogram, project, patchMatch: the last step only copies source pixels (section 4.2)."""
         rows, alpha = self._matcher.rows, self._recipe.alpha(iteration)
         counts = np.zeros((self._geometry.channels, self._entries), np.int64)
         for top, bottom in rows.bands():
@@ -334,7 +334,7 @@ class _Level:
             rows.image.store, self._next_image = self._next_image, rows.image.store
 
     def _take_target(self, top: int, bottom: int) -> None:
-        """Rows of `target` become the image, less so the nearer pixels lie to those that stay."""
+        """Copy rows of `target` to the image, with less weight near fixed pixels."""
         if self._free is not None:
             self._matcher.ease("target", top, bottom)
         self._buffers.swap("image", "target")
@@ -344,7 +344,7 @@ class _Level:
             self._matcher.hold(top, bottom)
 
     def _count_free(self, top: int, bottom: int) -> np.ndarray:
-        """How often each value occurs in rows of `image` that lie in its buffer, beside pixels that stay."""
+        """Histogram of the loaded rows of `image`, without fixed pixels."""
         free = None if self._free is None else "fixed"
         return self._counts.of("image", (self._geometry.width, bottom - top), free=free)
 
@@ -359,7 +359,7 @@ class _Level:
 
 
 def grid_image(exemplar: SomeRows, allowed: np.ndarray | None, geometry: Geometry, in_memory: bool) -> SomeRows:
-    """The exemplar on a level's grid: (exemplar_height, exemplar_width, channels) int16, an array if in memory."""
+    """The exemplar on a level's grid: (exemplar_height, exemplar_width, channels) int16, an array if `in_memory`."""
     g, shape = geometry, (geometry.exemplar_height, geometry.exemplar_width, geometry.channels)
     image = empty_rows(shape, np.int16, in_memory)
     for band in bands_of(g.exemplar_height, max(1, AT_ONCE // (4 * g.channels * g.exemplar_width))):
@@ -369,7 +369,7 @@ def grid_image(exemplar: SomeRows, allowed: np.ndarray | None, geometry: Geometr
 
 
 def _range_of(image: SomeRows, usable: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """The least and the largest value of each channel, of pixels that may be used."""
+    """Minimum and maximum of each channel, over usable pixels."""
     limits = []
     for band in bands_of(len(image)):
         pixels = image[band].reshape(-1, image.shape[2]) if usable is None else image[band][usable[band]]
@@ -379,4 +379,4 @@ def _range_of(image: SomeRows, usable: np.ndarray | None) -> tuple[np.ndarray, n
 
 
 def _task(recipe: Recipe, shape: tuple[int, ...]) -> str:
-    return f"a tile of {recipe.width}x{recipe.height} from an exemplar of {shape[1]}x{shape[0]}"
+    return f"a tile of {recipe.width}x{recipe.height} px from an exemplar of {shape[1]}x{shape[0]} px"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a stationary texture is asked to be, and the sizes of its pyramid's levels."""
+"""The settings of a stationary texture synthesis, and the sizes of its pyramid levels."""
 
 from __future__ import annotations
 
@@ -13,47 +13,47 @@ from ..regularity.courses import InCourses
 from ..regularity.offset_prices import InStep
 from .field import Geometry
 
-SCALE = 1.3  # between pyramid levels (MJH17 section 4.2)
+SCALE = 1.3  # ratio between pyramid levels (MJH17 section 4.2)
 COARSEST = 40  # px: longer side of the exemplar on the coarsest level, where a patch spans a third of it
-COARSEST_AMONG = 64  # px: the same where pixels around it stay: a hole has fewer pixels than its photo
-ROOM = 2  # patches along the shorter side of exemplar and tile there, at least
-PAPER_COARSEST, PAPER_SHARE = 64, 0.25  # the paper's: a quarter of the tile, 64 px of its shorter side at least (4.2)
+COARSEST_AMONG = 64  # px: the same if pixels around the result are fixed: a hole has fewer pixels than its photo
+ROOM = 2  # minimum number of patches along the shorter side of exemplar and tile there
+PAPER_COARSEST, PAPER_SHARE = 64, 0.25  # the paper: a quarter of the tile, its shorter side at least 64 px (4.2)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe(Domain):
-    """What to synthesize, on which domain; sizes in px.
+    """The texture to synthesize, and its domain. Sizes are in px.
 
     Attributes
     ----------
     sigma : float or None
-        Scale above which it must look the same everywhere; None: plain PatchMatch, no projection.
+        Scale above which the result is stationary. None: plain PatchMatch, no projection.
     patch : int
-        Side of a patch, odd.
+        Side of a patch. Odd.
     iterations : int
-        On the coarsest level.
+        Number of iterations on the coarsest level.
     uniformity : float
         Weight of the spatial uniformity term, in units of the exemplar's variance.
     contrast : float
         Weight alpha of global histogram matching, 0 to 1.
     flat : bool
-        Match to the projected exemplar with constant weight; else to the exemplar with a weight that fades to 0 over
-        the coarsest level, as in the paper.
+        Match to the projected exemplar with constant weight. Otherwise to the exemplar with a weight that fades to 0
+        over the coarsest level, as in the paper.
     measure : str
-        What must look the same everywhere: histogram, moments or steerable (MJH17 section 3).
+        Statistics that define stationarity: histogram, moments or steerable (MJH17 section 3).
     order : int
-        Moments up to this one, 2 to 4.
+        Highest order of moments, 2 to 4.
     complete : bool
-        No region of the exemplar is shown too often, and the result is no flatter than the exemplar.
+        Limit the reuse of regions of the exemplar, and keep the result from being flatter than the exemplar.
     reuse : float
-        Weight of the penalty on regions that are shown too often, 0 to 1.
+        Weight of the reuse penalty, 0 to 1.
     shifted : bool
-        It starts as the exemplar, shifted, where nothing else is prescribed; else from small random blocks.
+        Start as the shifted exemplar if there are no constraints. Otherwise from small random blocks.
     in_step : InStep or InCourses or None
         The lattice, or the courses, of the exemplar that the result keeps.
     literal : bool
-        Levels, iterations, projections and searches are the paper's: it starts at a quarter of the tile, no overshoot,
-        all windows on all levels, and of steerable responses what no filter sees stays as it is.
+        Use levels, iterations, projections and searches of the paper: start at a quarter of the tile, no overshoot,
+        all search windows on all levels, and keep the residual of steerable filters.
     """
 
     sigma: float | None
@@ -73,7 +73,7 @@ class Recipe(Domain):
 
     @property
     def scales(self) -> str:
-        """Sigma, patch and contrast as modifiers."""
+        """Sigma, patch and contrast, formatted as modifiers."""
         sigma = "" if self.sigma is None else f"sigma={self.sigma:g}:"
         return f"{sigma}patch={self.patch}:contrast={self.contrast:g}"
 
@@ -83,10 +83,10 @@ class Recipe(Domain):
 
 
 def level_scales(recipe: Recipe, shape: tuple[int, ...]) -> list[float]:
-    """Scales of the pyramid's levels, coarse to fine, about SCALE apart; the last is 1.
+    """Scales of the pyramid's levels, coarse to fine, about SCALE apart. The last is 1.
 
-    The layout is decided where a patch spans a third of the photo, whatever its resolution: the same photo gives
-    tiles of one look at any size. The paper's quarter of the tile (section 4.2) makes patches smaller than stones or
+    The layout is decided where a patch spans a third of the photo, whatever its resolution, so a photo gives tiles of
+    the same look at any size. At the paper's quarter of the tile (section 4.2), patches are smaller than the stones or
     boards of a photo of 1024 px, and these break.
 
     `shape` (height, width, ...).
@@ -102,7 +102,7 @@ def level_scales(recipe: Recipe, shape: tuple[int, ...]) -> list[float]:
 
 
 def geometry_at(recipe: Recipe, shape: tuple[int, ...], scale: float) -> Geometry:
-    """Sizes at one level for an exemplar of `shape` (height, width, channels)."""
+    """Sizes on one level for an exemplar of `shape` (height, width, channels)."""
     width, height, e_width, e_height = (
         max(1, round(n * scale)) for n in (recipe.width, recipe.height, shape[1], shape[0])
     )
@@ -113,7 +113,7 @@ def geometry_at(recipe: Recipe, shape: tuple[int, ...], scale: float) -> Geometr
         ("tile", (width, height), (recipe.width, recipe.height)),
     ):
         if min(size) < patch:
-            coarse = "" if size == full else f" is {size[0]}x{size[1]} on the coarsest level, which"
+            coarse = "" if size == full else f", reduced to {size[0]}x{size[1]} on the coarsest level,"
             raise ImageError(f"the {role} of {full[0]}x{full[1]} px{coarse} is smaller than a patch of {patch}x{patch}")
     return Geometry(
         width, height, *recipe.wraps, exemplar_width=e_width, exemplar_height=e_height, patch=patch, channels=shape[2]

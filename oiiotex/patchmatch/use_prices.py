@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the use of exemplar patches costs so that no region is shown again and again and no texture is lost.
+"""Penalties on the use of exemplar patches that limit repetition and keep texture from being lost.
 
-MJH17 evens out the use of single patches (eq. 6), in proportion to their use. Two things stay as they are then:
+MJH17 evens out the use of single patches (eq. 6), in proportion to their use. Two problems remain:
 
-- One stone is shown ten times: a proportional price that ends this punishes all uses, also those that are few. Here
-  (departure) a region of `REGION` px pays nothing up to a number of uses, and the square of what is above it.
-- Where a part of the photo is flat, the mean of votes, being smoother than any texture, is nearest to flat patches;
-  they win everywhere. Here (departure) the tile may not be flatter than the photo: for every bound on the activity of a
-  patch, no more patches of the tile may lie below it than of the photo. These are linear constraints on the field; each
-  has a price that rises while it is broken (dual ascent), as in semi-discrete optimal transport.
+- One stone appears ten times: a proportional penalty that ends this punishes all uses, also when there are few. Here
+  (departure) a region of `REGION` px pays nothing up to a number of uses, and the square of the excess above it.
+- If a part of the photo is flat, the mean of votes, being smoother than any texture, is nearest to flat patches, which
+  win everywhere. Here (departure) the tile must not be flatter than the photo: for every activity bound, the share of
+  the tile's patches below it must not exceed the photo's. These are linear constraints on the field. The multiplier of
+  each rises while it is violated (dual ascent), as in semi-discrete optimal transport.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from ..opencl.device import Device
 from .exemplar_rows import REGION, RowRange
 from .field import BAND, Geometry, bands_of, box_sums
 
-KINDS = 16  # of patches, by their activity
-FLAT = 1 / 8  # of the mean activity of what is not flat: up to this patches are flat
-STEPS = 0.05, 1.5  # how fast a price of flatness moves, in patch variances for a share of all patches: least, greatest
+KINDS = 16  # classes of patches by activity
+FLAT = 1 / 8  # activity up to which patches are flat, relative to the mean of those that are not
+STEPS = 0.05, 1.5  # minimum and maximum step of a multiplier, in patch variances per share of all patches
 SLACK = 0.02  # share of patches by which the tile may be flatter
-REPEATS = 2.0  # uses of a region that are free
-FAIR = 1.25  # the same, times its share of the target
-GROWTH = 1.0  # what one use more costs, in patch variances
-_PIXELS_AT_ONCE = 1 << 18  # of which deviations are made
+REPEATS = 2.0  # free uses of a region
+FAIR = 1.25  # the same, relative to its share of the target
+GROWTH = 1.0  # cost of one excess use, in patch variances
+_PIXELS_AT_ONCE = 1 << 18  # per deviation step
 _HANDED_ON = "kind_duals", "kind_steps"
 
 
@@ -41,7 +41,7 @@ class Lost(NamedTuple):
     Attributes
     ----------
     own, shown : float
-        Share of blocks that are not flat, of the exemplar and of the tile.
+        Share of blocks that are not flat, in the exemplar and in the tile.
     """
 
     own: float
@@ -49,32 +49,32 @@ class Lost(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Of the tile, that should not be flat."""
+        """Share of the tile that should not be flat."""
         return max(0.0, self.own - self.shown)
 
 
 def layout(geometry: Geometry, exemplar_rows: int | None = None) -> dict[str, int]:
-    """Device memory that it needs, in bytes by name, of so many rows of the exemplar that are held, or all."""
+    """Device memory, in bytes by name, for a number of exemplar rows (None: all)."""
     exemplar = geometry.exemplar_width * (exemplar_rows or geometry.exemplar_height)
     small = dict.fromkeys(("kind_counts", "kind_most", "kind_duals", "kind_steps", "kind_prices"), 4 * KINDS)
     return {"kinds": exemplar, "region_sums": 4 * exemplar, **small}
 
 
 def handed_on(device: Device, buffers: Buffers) -> np.ndarray:
-    """What one level hands the next: the prices of constraints and how fast they move, (2, KINDS) int32."""
+    """State that one level passes to the next: multipliers and their step sizes, (2, KINDS) int32."""
     return np.stack([device.read(buffers[name], (KINDS,), np.int32) for name in _HANDED_ON])
 
 
 def hand_on(device: Device, buffers: Buffers, prices: np.ndarray) -> None:
-    """Put there what `handed_on` gave, before the next level begins."""
+    """Restore the state from `handed_on` before the next level begins."""
     for name, values in zip(_HANDED_ON, prices, strict=True):
         device.write(buffers[name], values)
 
 
 def activity(image: SomeRows, patch: int, in_memory: bool = True) -> SomeRows:
-    """How active the least active quarter of every patch is: a patch on the edge of something flat is flat.
+    """Activity of the least active quarter of every patch, so a patch on the edge of a flat area is flat.
 
-    By the whole patch that edge would be the most active of all, and tiles would fill with it.
+    By the whole patch such an edge would be the most active place of all, and tiles would fill with it.
 
     (height, width, channels) int16 -> (rows, columns) float32.
     """
@@ -91,7 +91,7 @@ def activity(image: SomeRows, patch: int, in_memory: bool = True) -> SomeRows:
 def deviation(image: np.ndarray, side: int) -> np.ndarray:
     """Squared deviation of every block from its own mean, summed over pixels and channels, times the number of pixels.
 
-    (height, width, channels) int16 -> (rows, columns) float32: whole numbers, rounded once.
+    (height, width, channels) int16 -> (rows, columns) float32: integers, rounded once.
     """
     rows, columns, n = image.shape[0] - side + 1, image.shape[1] - side + 1, side * side
     deviations = np.empty((rows, columns), np.float32)
@@ -104,7 +104,7 @@ def deviation(image: np.ndarray, side: int) -> np.ndarray:
 
 
 def flat_bound(own: SomeRows, allowed: np.ndarray | None = None) -> np.float32:
-    """Up to which activity a patch is flat, among such, (rows, columns): flat ones have no say in it."""
+    """Activity, from values (rows, columns), up to which a patch is flat. Flat patches do not influence it."""
     bound, before = np.float32(0), None
     while bound != before:  # it only rises
         before, total, count = bound, 0.0, 0
@@ -117,18 +117,18 @@ def flat_bound(own: SomeRows, allowed: np.ndarray | None = None) -> np.float32:
 
 
 def ranked(values: SomeRows, allowed: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """The values of which those shares, 0 to 1, of all that are allowed are no greater, without sorting them.
+    """Quantiles of the values at allowed places, without sorting.
 
-    `values` (rows, columns) float32; `allowed` (rows, columns) bool; `shares` (n,) float; returns (n,) float32.
+    `values` (rows, columns) float32; `allowed` (rows, columns) bool; `shares` (n,) float, 0 to 1; returns (n,) float32.
     """
 
-    high = np.zeros(1 << 16, np.int64)  # how many begin with 16 bits each
+    high = np.zeros(1 << 16, np.int64)  # count per upper 16 bits
     for band in bands_of(len(values)):
         high += np.bincount(values[band][allowed[band]].view(np.uint32) >> 16, minlength=1 << 16)
     high = high.cumsum()
     rank = np.maximum(0, np.ceil(high[-1] * shares - 1)).astype(np.int64)
     begin = np.searchsorted(high, rank, side="right")
-    low = {prefix: np.zeros(1 << 16, np.int64) for prefix in begin.tolist()}  # how those go on
+    low = {prefix: np.zeros(1 << 16, np.int64) for prefix in begin.tolist()}  # count per lower 16 bits
     looked_for = np.zeros(1 << 16, bool)
     looked_for[begin] = True
     for band in bands_of(len(values)):
@@ -142,9 +142,9 @@ def ranked(values: SomeRows, allowed: np.ndarray, shares: np.ndarray) -> np.ndar
 
 
 def kinds_of(active: SomeRows, allowed: np.ndarray, in_memory: bool = True) -> SomeRows:
-    """Patches by activity, the flattest first, in `KINDS` kinds: (rows, columns) uint8.
+    """Classes of patches by activity, flattest first, `KINDS` of them: (rows, columns) uint8.
 
-    They are as equal in number as ties allow, but that one of their bounds is that of flat ones.
+    They have as equal numbers of patches as ties allow, and one of their bounds is that of flat patches.
     """
     bounds = ranked(active, allowed, np.arange(1, KINDS - 1) / (KINDS - 1))
     bounds = np.sort(np.append(bounds, flat_bound(active, allowed)))
@@ -155,7 +155,7 @@ def kinds_of(active: SomeRows, allowed: np.ndarray, in_memory: bool = True) -> S
 
 
 def lost_texture(source: SourceMap, exemplar: SomeRows, allowed: np.ndarray, geometry: Geometry) -> Lost:
-    """What a tile lacks.
+    """The texture that a tile lacks.
 
     `exemplar` (exemplar_height, exemplar_width, channels) int16; `allowed` (exemplar_rows, exemplar_columns) bool.
     """
@@ -180,11 +180,12 @@ def lost_texture(source: SourceMap, exemplar: SomeRows, allowed: np.ndarray, geo
 
 
 class UsePrices:
-    """Both prices on one level, added to the penalties of a `Matcher`.
+    """Both penalties on one level, added to those of a `Matcher`.
 
     `exemplar` (exemplar_height, exemplar_width, channels) int16; `allowed` (exemplar_rows, exemplar_columns) bool;
-    `variance`: of the exemplar's pixels, summed over channels, in squared grid steps; `reuse`: weight of the penalty on
-    regions, 0 to 1. `kinds` (exemplar_rows, exemplar_columns) uint8: of patches, which buffer `kinds` holds.
+    `variance`: of the exemplar's pixels, summed over channels, in squared grid steps; `reuse`: weight of the reuse
+    penalty on regions, 0 to 1. `kinds` (exemplar_rows, exemplar_columns) uint8: classes of patches, the contents of
+    buffer `kinds`.
     """
 
     def __init__(
@@ -209,16 +210,16 @@ class UsePrices:
         self._most = int(max(REPEATS, FAIR * fair) * self._side**2)
 
     def begin(self) -> None:
-        """Nothing of the present field is counted."""
+        """Reset the counts for the current field."""
         self._device.fill(self._buffers["kind_counts"], np.int32(0), KINDS)
 
     def count(self, rows: int, piece: RowRange) -> None:
-        """Count the first rows of buffer `field`, where it names patches of the piece."""
+        """Count the first rows of buffer `field`, only the matches to patches of the piece."""
         g, b, field = self._geometry, self._buffers, (self._geometry.columns, rows)
         self._run("count", field, b["field"], b["kinds"], b["kind_counts"], *field, g.exemplar_columns, *piece)
 
     def ascend(self) -> None:
-        """The prices of what is flat follow from the present field, of which `count` has seen all."""
+        """Update the flatness multipliers from the field, after `count` has seen all of it."""
         b, patches = self._buffers, self._geometry.columns * self._geometry.rows
         self._run(
             "ascend", (1,), b["kind_counts"], b["kind_most"], b["kind_duals"], b["kind_steps"], b["kind_prices"], KINDS,
@@ -226,13 +227,13 @@ class UsePrices:
         )  # fmt: skip
 
     def around(self, piece: RowRange) -> RowRange:
-        """The patches whose uses the prices of a piece hang on: those of regions, which are pushed inside."""
+        """The patches whose uses the penalties of a piece depend on: those of its regions, which are moved inside."""
         rows = self._geometry.exemplar_rows
         first, last = (max(0, min(at - self._side // 2, rows - self._side)) for at in (piece[0], piece[1] - 1))
         return first, min(rows, last + self._side)
 
     def add(self, piece: RowRange, counted: RowRange) -> None:
-        """Add to buffer `penalty` of a piece what the present field makes dear; `counted` are patches of `count`."""
+        """Add the penalties of the current field to buffer `penalty` of a piece; `counted`: patches in `count`."""
         g, b, width = self._geometry, self._buffers, self._geometry.exemplar_columns
         held = width, counted[1] - counted[0]
         self._run("rows", held, b["count"], b["region_sums"], *held, self._side)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tiles whose edges match each other in many ways: Wang tiles by synthesis with given borders.
+"""Sets of interchangeable tiles: Wang tiles by synthesis with given borders.
 
-CSHD03: Cohen, Shade, Hiller, Deussen, Wang Tiles for Image and Texture Generation, SIGGRAPH 2003. They cut four
-diamonds of the exemplar together for each tile; here (departure) the strip of pixels along an edge belongs to the
-edge's color, and the inside of each tile is synthesized between its four strips. So what lies across an edge is always
-the same pixels, and tiles can be as stationary as MJH17 makes them (whose section 5.4 suggests both together).
+CSHD03: Cohen, Shade, Hiller, Deussen, Wang Tiles for Image and Texture Generation, SIGGRAPH 2003. They join four
+diamonds of the exemplar for each tile. Here (departure) the strip of pixels along an edge belongs to the edge's color,
+and the inside of each tile is synthesized between its four strips. So the pixels across an edge are always
+the same, and tiles are as stationary as MJH17 makes them (its section 5.4 suggests combining both).
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from ..deferred import np, oiio
 from ..errors import ImageError
 from .constraints import FixedPixels
 
-TWO_COLORS_FROM = 8  # tiles: every pair of upper and left color then has two to choose from (CSHD03 section 3)
+TWO_COLORS_FROM = 8  # number of tiles from which every pair of upper and left color has two choices (CSHD03 section 3)
 
 Make = Callable[[FixedPixels | None, int, bool], SourceMap]
-"""What synthesizes: (pixels that stay, number of the run, whether it tiles) -> where the tile's pixels come from."""
+"""The synthesis: (fixed pixels, number of the run, whether the result tiles) -> source of each pixel of the tile."""
 
 
 class Edges(NamedTuple):
@@ -39,10 +39,10 @@ class Edges(NamedTuple):
 
 
 def edges_of(count: int) -> list[Edges]:
-    """The edges of a set of that many tiles.
+    """The edges of each tile in a set.
 
-    Fewer than `TWO_COLORS_FROM` have one color: any tile goes beside any other. From there on there are two, and the
-    tiles with a given upper and left edge differ in the others as long as they can: 16 tiles are all there are.
+    Below `TWO_COLORS_FROM` there is one color: any tile fits next to any other. From there on there are two colors, and
+    tiles with the same upper and left edge differ in the others as long as possible: 16 tiles are the complete set.
     """
     if count < TWO_COLORS_FROM:
         return [Edges(0, 0, 0, 0)] * count
@@ -51,29 +51,32 @@ def edges_of(count: int) -> list[Edges]:
 
 
 def runs_for(count: int) -> int:
-    """How often `wang_tiles` synthesizes for that many tiles."""
+    """Number of syntheses that `wang_tiles` runs for a number of tiles."""
     return count + 1 + max(edges_of(count)[-1])
 
 
 def wang_tiles(make: Make, count: int, width: int, height: int, strip: int) -> list[SourceMap]:
-    """Where the tiles' pixels come from, in the order of `edges_of`.
+    """The sources of the tiles' pixels, in the order of `edges_of`.
 
     Parameters
     ----------
     make : callable
-        Called first for textures that tile, one for each color of edge, then for the tiles.
+        Called first for textures that tile, one for each edge color, then for the tiles.
     width, height : int
-        Of a tile, px.
+        Size of a tile, px.
     strip : int
-        How far the pixels of an edge reach into a tile, px.
+        Width of an edge's strip inside a tile, px.
 
     Raises
     ------
     ImageError
-        The tile has no inside.
+        The tile is too small for its strips.
     """
     if min(width, height) < 4 * strip:
-        raise ImageError(f"tiles of {width}x{height} px are too small for borders of {strip} px: they need {4 * strip}")
+        raise ImageError(
+            f"tiles of {width}x{height} px are too small for border strips of {strip} px",
+            expected=f"at least {4 * strip}x{4 * strip} px",
+        )
     edges = edges_of(count)
     textures = [make(None, 0, True)]
     if any(max(edge) > 0 for edge in edges):  # all corners are alike: four tiles of any colors meet there
@@ -85,14 +88,14 @@ def wang_tiles(make: Make, count: int, width: int, height: int, strip: int) -> l
 
 
 def _border(width: int, height: int, strip: int, corners: bool = False) -> np.ndarray:
-    """Where a tile's border is, or its corners alone: (height, width) bool."""
+    """The pixels of a tile's border, or of its corners only: (height, width) bool."""
     y, x = np.ogrid[:height, :width]
     beside, above = (x < strip) | (x >= width - strip), (y < strip) | (y >= height - strip)
     return above & beside if corners else above | beside
 
 
 def _bordered(textures: list[SourceMap], edges: Edges, strip: int) -> SourceMap:
-    """Sources of a tile's border pixels. Across each edge lies what lies across the border of that color's texture."""
+    """Sources of a tile's border pixels: strips along the borders of the edge colors' textures."""
     packed = textures[0].packed.copy()
     packed[:strip] = textures[edges.north].packed[:strip]
     packed[-strip:] = textures[edges.south].packed[-strip:]
@@ -103,7 +106,7 @@ def _bordered(textures: list[SourceMap], edges: Edges, strip: int) -> SourceMap:
 
 
 def edged(tile: Part, name: str, edges: str) -> Part:
-    """The tile under its name in a set, with the colors of its edges as an attribute."""
+    """The tile under its name in a set, with its edge colors as an attribute."""
 
     def mark(spec: oiio.ImageSpec) -> None:
         spec.attribute("oiio:subimagename", name)

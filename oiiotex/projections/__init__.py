@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Projections that make an image look the same everywhere: MJH17 section 4.3."""
+"""Projections that make an image stationary: MJH17 section 4.3."""

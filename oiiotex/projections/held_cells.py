@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of cells that a projection holds at a time, where a small sigma makes more of them than fit."""
+"""Rows of cells that a projection keeps at a time, if all cells of a small sigma do not fit."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ ALL_ROWS = 1 << 31
 
 
 def least_cell_rows(grid: CellGrid) -> int:
-    """Rows of cells that must be held: those around one row of pixels, and what is blurred into them."""
+    """Minimum rows of cells to keep: those around one row of pixels, and those that are blurred into them."""
     return min(grid.down, 2 * _radius(grid) + 4)
 
 
 def cell_rows_held(grid: CellGrid, cell_rows: int | None, beyond: int = 0) -> int:
-    """How many rows of cells a projection holds that was given so many, None: all."""
+    """Number of rows of cells that a projection keeps, given a limit (None: all)."""
     if cell_rows is None:
         return grid.down
     return min(grid.down, max(cell_rows, least_cell_rows(grid) + math.ceil(2 * beyond * grid.down / grid.height)))
 
 
 def seen_cells(grid: CellGrid, top: int, bottom: int) -> tuple[int, int, int, int]:
-    """Rows of cells that rows of pixels lie between, and those that are blurred into them: (above, below, first, last).
+    """Rows of cells around rows of pixels, and those that are blurred into them: (above, below, first, last).
 
-    All are counted on beyond a border that wraps; below and last are behind the last one.
+    Beyond a wrapped border, all continue their numbering. `below` and `last` are exclusive.
     """
     above, below = grid.cells_around(top)[0], grid.cells_around(bottom - 1)[1] + 1
     first, last = above - _radius(grid), below + _radius(grid)
@@ -42,7 +42,7 @@ def _radius(grid: CellGrid) -> int:
 
 
 class HeldCells:
-    """A projection that holds rows of cells: all of them, or those around the rows that are matched."""
+    """A projection that keeps rows of cells: all of them, or those around the rows to match."""
 
     held: int | None = None
 
@@ -50,12 +50,12 @@ class HeldCells:
         self._device, self._buffers, self._grid, self._name = device, buffers, grid, name
         self.channels = channels
         self._held = min(grid.down, held)  # rows of cells
-        self._first_cells = 0  # the first of those that are held
+        self._first_cells = 0  # the first row of cells kept
         self.whole = self._held == grid.down
-        self.looks_beyond = not self.whole  # rows that are matched hang on others
+        self.looks_beyond = not self.whole  # matched rows depend on others
 
     def last_row(self, top: int) -> int:
-        """Up to which row an image can be matched at once from row `top` on; `ALL_ROWS`: all."""
+        """End of the rows that can be matched at once from row `top`. `ALL_ROWS`: all."""
         if self.whole:
             return ALL_ROWS
         grid = self._grid

@@ -22,41 +22,41 @@ if TYPE_CHECKING:
 
 BINS = 64
 INVERSE = 2048  # samples of an inverse cumulative
-OUTSIDE = -32768  # a value that no histogram counts; the grid of Lab ends far from it
-MOST_VALUES = 4096  # that `patchmatch.to_grid` tells apart
-_CELL_GROUP = 4  # cells that a CPU's thread sums at a time: there may be few, and they are long work
+OUTSIDE = -32768  # excluded from histograms; far outside the Lab grid
+MOST_VALUES = 4096  # maximum number of values that `patchmatch.to_grid` distinguishes
+_CELL_GROUP = 4  # cells that a CPU's thread sums at a time: there may be few, and each is much work
 _COUNT_PARTS = 32  # of an image whose values are counted
 
 
 class RowSource(Protocol):
-    """An image whose rows can be had in buffer `name`: `patchmatch.rows.Rows`."""
+    """An image whose rows are available in buffer `name`: `patchmatch.rows.Rows`."""
 
     name: str
 
     @property
     def store(self) -> object:
-        """None: the buffer holds all."""
+        """None: the buffer holds all rows."""
 
     def bands(self, first: int, last: int, most: int | None = None) -> Iterator[tuple[int, int]]:
-        """Rows first to last in as many as can be loaded at once, or `most`; in one where all are held."""
+        """Split rows first to last into bands to load, of at most `most` rows. One band if all are loaded."""
 
     def load(self, first: int, last: int) -> int:
-        """Bring rows there; returns which row lies at the buffer's start."""
+        """Load rows. Returns the row at the buffer's start."""
 
 
 def matching_table(counts: np.ndarray, target: np.ndarray, first: int, alpha: float) -> np.ndarray:
     """Table value -> c' = alpha G^-1(F(c)) + (1 - alpha) c per channel (MJH17 section 4.2).
 
-    Blending values at equal shares is blending along the x axis of the cumulatives.
+    Blending values at equal shares is the same as blending along the x axis of the cumulatives.
 
     Parameters
     ----------
     counts, target : (channels, entries) int64
-        Histograms of the image (F) and of what to match (G), as by `ValueCounts`.
+        Histograms of the image (F) and of the target (G), from `ValueCounts`.
     first : int
         Value of entry 0.
     alpha : float
-        0 keeps the image, 1 gives it the target's histogram.
+        0: keep the image. 1: give it the target's histogram.
 
     Returns
     -------
@@ -76,14 +76,14 @@ def matching_table(counts: np.ndarray, target: np.ndarray, first: int, alpha: fl
 
 
 class ValueCounts:
-    """How often each value occurs in an image on the device, of which the host reads nothing else.
+    """Counts of each value in an image on the device. The host reads nothing else of it.
 
     Parameters
     ----------
     buffers : Buffers
-        At least `layout()`.
+        With at least `layout()`.
     first, entries : int
-        Entry i is for value first + i; no image has others.
+        Entry i counts value first + i. The image has no other values.
     """
 
     def __init__(self, device: Device, buffers: Buffers, first: int, entries: int, channels: int):
@@ -99,20 +99,20 @@ class ValueCounts:
     def of(
         self, image: str, size: tuple[int, int], *, at: int = 0, free: str | None = None, seen: str | None = None
     ) -> np.ndarray:
-        """The counts of rows of buffer `image`: (channels, entries) int64. Those of bands add up.
+        """The counts in rows of buffer `image`: (channels, entries) int64. Counts of bands can be added.
 
         Parameters
         ----------
         image : str
-            Buffer of int16.
+            Name of a buffer of int16.
         size : (int, int)
-            Width, and the number of rows.
+            Width, and number of rows.
         at : int
-            The first of them in the buffer.
+            First row in the buffer.
         free : str or None
             Buffer of the same size: only pixels that are `OUTSIDE` in it count.
         seen : str or None
-            Buffer of the same size: only pixels that are not `OUTSIDE` in it count. Not beside `free`.
+            Buffer of the same size: only pixels that are not `OUTSIDE` in it count. Conflicts with `free`.
         """
         b, counters = self._buffers, 256 if self._device.lanes == 1 else 1  # cl/histograms.cl, COUNTERS
         parts, which = min(_COUNT_PARTS, size[1]), 1 if free else 2 if seen else 0  # COUNT_FREE, COUNT_SEEN
@@ -133,11 +133,11 @@ def apply_table(
     Parameters
     ----------
     image, matched : str
-        Buffers of `size` (width, height).
+        Names of buffers of `size` (width, height).
     size : (int, int)
     table : (channels, entries) int16
     first : int
-        The value of entry 0.
+        Value of entry 0.
     """
     run = device.program("histograms", BINS=BINS, INVERSE=INVERSE, CHANNELS=len(table))
     run("table", size, buffers[image], device.upload(table), buffers[matched], first, table.shape[1], *size)
@@ -151,20 +151,20 @@ def layout(
     Parameters
     ----------
     cell_rows : int or None
-        How many rows of cells are held, unless one row of pixels needs more; None: all.
+        Number of rows of cells to keep, or more if one row of pixels requires it. None: all.
     name : str
-        Of the buffer of cells that no other projection may use.
+        Name of the buffer of cells, unique for each projection.
     beyond : int
-        Rows above and below those that are made, which are matched as well.
+        Additional rows above and below that are matched as well.
     """
     histograms = 4 * channels * grid.across * BINS * cell_rows_held(grid, cell_rows, beyond)
     return {name: histograms, "grid_next": histograms, "row_sums": 4 * channels * grid.down * BINS}
 
 
 class Projection(HeldCells):
-    """project_histo of MJH17 section 4.3: every local histogram is matched to the image's own.
+    """project_histo of MJH17 section 4.3: match every local histogram to the image's overall one.
 
-    Where not all cells are held, those around the rows to match are summed and blurred when they are matched.
+    If not all cells are kept, those around the rows to match are gathered and blurred again for matching.
 
     `low`, `high` (channels,) int.
     """
@@ -182,7 +182,7 @@ class Projection(HeldCells):
         self._inverse: cl.Buffer | None = None
 
     def learning(self, image: RowSource) -> Iterator[None]:
-        """Look at all of an image, at every step at some of its rows: behind the last one, `match` may be called."""
+        """Read the whole image, some of its rows per step. After the last step, `match` may be called."""
         grid, sums = self._grid, np.empty((self.channels, self._grid.down, BINS), np.float32)
         for top in range(0, grid.down, self._held):
             count = min(self._held, grid.down - top)
@@ -197,7 +197,7 @@ class Projection(HeldCells):
         self._inverse = self._device.upload(self._inverse_of(sums))
 
     def match(self, image: RowSource, top: int, bottom: int, matched: str, strength: float) -> int:
-        """Match rows of an image that was learned; returns which row lies at the start of its buffer."""
+        """Match rows of the learned image. Returns the row at the start of its buffer."""
         if not self.whole:
             self._gather_around(image, top, bottom)
         first = image.load(top, bottom)
@@ -209,7 +209,7 @@ class Projection(HeldCells):
         return first
 
     def _gather_around(self, image: RowSource, top: int, bottom: int) -> None:
-        """The cumulatives of the cells that rows of pixels see, from the cells around them."""
+        """Cumulatives of the cells around rows of pixels, from the cells around those."""
         above, below, first, last = seen_cells(self._grid, top, bottom)
         self._clear()
         for cell, count, at in unwrapped(self._grid.down, first, last):
@@ -219,15 +219,15 @@ class Projection(HeldCells):
         self._first_cells = first
 
     def _clear(self) -> None:
-        """Every bin holds a little, which keeps cumulatives strictly rising."""
+        """Initialize every bin with a small count, so that cumulatives increase strictly."""
         grid, size = self._grid, self.channels * self._held * self._grid.across * BINS
         pitch_x, pitch_y = (np.float32(n) / np.float32(cells) for n, cells in zip(grid.size, grid.counts, strict=True))
         self._device.fill(self._buffers[self._name], np.float32(1e-6) * pitch_x * pitch_y, size)
 
     def _gather(self, image: RowSource, top: int, count: int, at: int) -> Iterator[None]:
-        """Sum rows of cells, held from row `at` on."""
+        """Sum rows of cells, stored from row `at`."""
         grid, narrow = self._grid, self._device.lanes == 1
-        # then a work-group sums a channel of a cell, else an item sums a cell
+        # a work group per channel and cell, otherwise an item per cell
         shape, group = (
             ((BINS * grid.across, count, self.channels), BINS) if narrow else ((grid.across, count), _CELL_GROUP)
         )
@@ -245,7 +245,7 @@ class Projection(HeldCells):
         return self._device.read_later(b["row_sums"], (self.channels, self._held, BINS), np.float32)
 
     def _blur(self, rows: int, first: int, last: int, wraps: bool) -> None:
-        """Cumulatives of rows `first` to `last`, from `rows` that are held."""
+        """Cumulatives of rows `first` to `last`, from the stored rows `rows`."""
         b, channels, across, parts = self._buffers, self.channels, self._grid.across, self._bin_parts
         taps_x, taps_y = self._taps
         plane = self._held * across
@@ -264,10 +264,10 @@ class Projection(HeldCells):
         return BINS // (4 if self._device.lanes == 1 else 16)  # cl/histograms.cl, BIN_LANES
 
     def _inverse_of(self, row_sums: np.ndarray) -> np.ndarray:
-        """G^-1 at equidistant shares, (channels, INVERSE + 1) float32 in grid steps; G is the whole image's."""
+        """G^-1 at equidistant shares, (channels, INVERSE + 1) float32 in grid steps. G: the image's cumulative."""
         table, shares = np.empty((self.channels, INVERSE + 1), np.float32), np.linspace(0.0, 1.0, INVERSE + 1)
         for c in range(self.channels):
-            # one row after the other: the order is part of the promise that bits do not change
+            # one row after the other: results are promised to be bit-identical
             total = np.add.reduce(row_sums[c].astype(np.float64), axis=0)
             below = np.concatenate([[0.0], np.cumsum(total)])
             place = np.interp(shares, below / below[-1], np.arange(BINS + 1) - 0.5)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""project_mom of MJH17 section 4.3: local moments are matched to the image's own.
+"""project_mom of MJH17 section 4.3: local moments are matched to those of the whole image.
 
 The paper describes a local histogram by its moments: it fits a normal distribution to two, a Pearson distribution to
-three or four, samples it into bins, and matches as with histograms. Here the cumulatives are matched themselves, but
+three or four, samples it into bins, and matches as with histograms. Here the cumulatives are matched directly, but
 bins keep their width: moments are those of values spread over a triangle as wide as the histogram measure's window
-w_r, and a cumulative is a mean over a bin. So a place where all values are one has a distribution, too (a triangle),
-kurtosis stays above its bound, and flat places are not stretched without end.
+w_r, and a cumulative is a mean over a bin. So a place with a single value has a distribution too (a triangle),
+kurtosis stays above its bound, and flat places are not stretched without limit.
 
-Three moments have one Pearson distribution with the kurtosis 3 + 1.5 skewness^2: type III, or the normal one.
+Three moments define a Pearson distribution with the kurtosis 3 + 1.5 skewness^2: type III, or the normal one.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ from .pearson_table import KURTOSES, SCORES, SKEWNESSES, quantile_table, shares_
 if TYPE_CHECKING:
     import pyopencl as cl
 
-_SUMS = 6  # of a cell: weight, what powers are taken about, sums of powers 1 to 4
-_HOST_BYTES = 8 * 5 * 5  # for every cell and channel: sums of powers in doubles, and copies of them
+_SUMS = 6  # per cell: weight, center of the powers, sums of powers 1 to 4
+_HOST_BYTES = 8 * 5 * 5  # per cell and channel: sums of powers in doubles, and copies of them
 
 
 def layout(grid: CellGrid, channels: int = 3, cell_rows: int | None = None, name: str = "local") -> dict[str, int]:
-    """Memory of a projection, in bytes by name; in buffer `name` lies what no other may use.
+    """Memory of a projection, in bytes by name. Buffer `name` must be unique for each projection.
 
-    Of so many rows of cells, as of `histograms.layout`.
+    `cell_rows` is that of `histograms.layout`.
     """
     count = channels * grid.across * cell_rows_held(grid, cell_rows)
     return {"sums": 4 * _SUMS * count + _HOST_BYTES * count + 8 * 5 * channels * grid.down, name: 4 * 4 * count}
 
 
 class MomentProjection(HeldCells):
-    """As `histograms.Projection`, by moments up to `order`: where not all cells are held, they are summed twice."""
+    """As `histograms.Projection`, by moments up to `order`. If not all cells are kept, they are gathered twice."""
 
     def __init__(
         self, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray, order: int,
@@ -72,7 +72,7 @@ class MomentProjection(HeldCells):
             count = min(self._held, grid.down - top)
             yield from self._gather(image, top, top + count)
             powers = self._powers(count)
-            # one cell after the other, whichever way numpy adds what lies side by side: the order is part of the bits
+            # one cell after the other, however numpy adds adjacent values: results are bit-identical
             rows[:, top : top + count] = np.ascontiguousarray(np.moveaxis(powers, 0, -1)).sum(2)
         overall = self._described(np.moveaxis(rows.sum(1)[:, None, None], -1, 0))[:, 0, 0]
         self._described_overall = overall
@@ -95,7 +95,7 @@ class MomentProjection(HeldCells):
         return first
 
     def _describe_around(self, image: RowSource, top: int, bottom: int) -> None:
-        """Bring the descriptions of the cells that rows of pixels see."""
+        """Compute the descriptions of the cells around rows of pixels."""
         above, below, first, last = seen_cells(self._grid, top, bottom)
         for _ in self._gather(image, first, last):
             pass
@@ -103,7 +103,7 @@ class MomentProjection(HeldCells):
         self._first_cells = above
 
     def _gather(self, image: RowSource, first: int, last: int) -> Iterator[None]:
-        """Sum rows of cells; they are counted on beyond a border that wraps."""
+        """Sum rows of cells. Beyond a wrapped border their numbering continues."""
         grid, b, all_rows = self._grid, self._buffers, self.channels * self._held
         self._device.fill(b["sums"], np.float32(0), _SUMS * grid.across * all_rows)
         for powers in (2, 5):
@@ -119,13 +119,13 @@ class MomentProjection(HeldCells):
                 self._run("about", (grid.across, all_rows), b["sums"], grid.across, all_rows)
 
     def _powers(self, count: int) -> np.ndarray:
-        """Sums of powers of the first rows of cells that are held, (5, channels, count, across)."""
+        """Sums of powers of the first stored rows of cells, (5, channels, count, across)."""
         shape = self.channels, self._held, self._grid.across, _SUMS
         sums = self._device.read(self._buffers["sums"], shape, np.float32)[:, :count]
         return self._about_the_middle(sums.astype(np.float64))
 
     def _describe(self, powers: np.ndarray, first: int, last: int, wraps: bool) -> None:
-        """Bring there what is around rows `first` to `last` of cells, of which and of those around `powers` are."""
+        """Write the descriptions of rows `first` to `last` of cells, from `powers` of these and their surroundings."""
         # the Gaussian w_d of MJH17 eq. 2
         around = correlated(powers, self._taps[1], self._taps[0], axes=(2, 3), wraps=(wraps, self._grid.wrap_x))
         described = np.zeros((self.channels, self._held, self._grid.across, 4), np.float32)
@@ -133,24 +133,24 @@ class MomentProjection(HeldCells):
         self._device.write(self._buffers[self._name], described)
 
     def _about_the_middle(self, sums: np.ndarray) -> np.ndarray:
-        """Sums of powers 0 to 4 of values less the middle of their range: (5, channels, y, x)."""
+        """Sums of powers 0 to 4 of values minus the middle of their range: (5, channels, y, x)."""
         powers = np.moveaxis(sums[..., [0, 2, 3, 4, 5]], -1, 0).copy()
         off = sums[..., 1] - 0.5 * (self._low + self._high)[:, None, None]
-        offs = [np.ones_like(off), off, off * off]  # halves of whole numbers: their powers are exact
+        offs = [np.ones_like(off), off, off * off]  # halves of integers: their powers are exact
         offs += [offs[2] * off, offs[2] * offs[2]]
         return np.stack([sum(math.comb(k, j) * offs[k - j] * powers[j] for j in range(k + 1)) for k in range(5)])
 
     def _described(self, powers: np.ndarray, overall: np.ndarray | None = None) -> np.ndarray:
-        """Mean, deviation, and the table's places of skewness and kurtosis: (channels, y, x, 4).
+        """Mean, deviation, and the table's indices of skewness and kurtosis: (channels, y, x, 4).
 
-        Of sums (5, channels, y, x) as by `_about_the_middle`. A place around which there is no pixel is described as
-        the whole image is. Of two moments nothing reads the places.
+        From sums (5, channels, y, x) of `_about_the_middle`. A place without any pixel around it is described as
+        the whole image. With two moments the indices are unused.
         """
         weight = powers[0]
         known = weight > 0
         m1, m2, m3, m4 = powers[1:] / np.where(known, weight, 1.0)
         width = self._bin[:, None, None]
-        # central moments, and what a triangle of variance w^2 / 6 and fourth moment w^4 / 15 adds to them
+        # central moments, plus those of a triangle of variance w^2 / 6 and fourth moment w^4 / 15
         central = np.maximum(m2 - m1**2, 0.0)
         variance = central + width**2 / 6
         places: Iterable[np.ndarray] = np.zeros((2, *weight.shape))

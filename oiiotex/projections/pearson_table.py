@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Quantiles of Pearson distributions by skewness and kurtosis, in a table that cl/moments.cl reads as well.
+"""Quantiles of Pearson distributions by skewness and kurtosis, in a table shared with cl/moments.cl.
 
-The table is part of the package, as `python -m tests.reference.pearson` made it: scipy's
-distributions take a second to import, and a kept table has the same bits whichever version of scipy there is.
+The table is part of the package, created by `python -m tests.reference.pearson`: scipy's
+distributions take a second to import, and a stored table is independent of the version of scipy.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 SKEWNESSES, KURTOSES, SCORES = 33, 33, 65  # entries of the table
-MOST_SKEWNESS, MOST_EXCESS = 9.0, 60.0  # of the table; what lies beyond is taken as this
+MOST_SKEWNESS, MOST_EXCESS = 9.0, 60.0  # of the table; larger values are clamped
 HALF_SKEWNESS, HALF_EXCESS = 1.0, 2.0  # `bent` of these is 1/2
 TABLE_FILE = "pearson_table.npz"
 Value = TypeVar("Value", float, np.ndarray)
@@ -30,22 +30,22 @@ def _table() -> dict[str, np.ndarray]:
 
 
 def table_shares() -> np.ndarray:
-    """The shares of `quantile_table`, (SCORES,): close together where distributions have their tails."""
+    """The shares of `quantile_table`, (SCORES,): dense in the tails of distributions."""
     return _table()["shares"]
 
 
 def quantile_table() -> np.ndarray:
-    """Quantiles at `table_shares`: (SKEWNESSES, KURTOSES, SCORES) float32, where `table_place` says.
+    """Quantiles at `table_shares`: (SKEWNESSES, KURTOSES, SCORES) float32, at `table_place`.
 
-    Between its entries quantiles are interpolated, not shares: ends of supports move, they do not blur.
+    Between its entries quantiles are interpolated, not shares: ends of supports move and do not blur.
     """
     return _table()["quantiles"]
 
 
 def table_place(skewness: np.ndarray, kurtosis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where in `quantile_table` distributions stand: (index of skewness with its sign, of kurtosis), fractional.
+    """Indices of distributions in `quantile_table`: (of skewness with its sign, of kurtosis), fractional.
 
-    In equal steps of g / (1 + g) and e / (2 + e), with g the skewness and e what the kurtosis lies above its bound.
+    In equal steps of g / (1 + g) and e / (2 + e), where g is the skewness and e the kurtosis above its bound.
     """
     size = np.minimum(np.abs(skewness), MOST_SKEWNESS)
     excess = np.clip(kurtosis - 1 - skewness**2, 0, MOST_EXCESS)
@@ -55,12 +55,12 @@ def table_place(skewness: np.ndarray, kurtosis: np.ndarray) -> tuple[np.ndarray,
 
 
 def bent(value: Value, half: float) -> Value:
-    """From 0 to 1 for values from 0 on, 1/2 at `half`."""
+    """Map values from 0 to infinity to 0 .. 1, with 1/2 at `half`."""
     return value / (half + value)
 
 
 def shares_below(places: np.ndarray, skewness_at: float, kurtosis_at: float) -> np.ndarray:
-    """The cumulative at a fractional place of the table, as cl/moments.cl reads it; places in standard deviations."""
+    """The cumulative at fractional indices of the table, as in cl/moments.cl. `places`: in standard deviations."""
     if skewness_at < 0:
         return 1.0 - shares_below(-places, -skewness_at, kurtosis_at)
     table = quantile_table()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which projection of MJH17 section 4.3 belongs to a measure of its section 3."""
+"""The projection of MJH17 section 4.3 for each measure of its section 3."""
 
 from __future__ import annotations
 
@@ -16,35 +16,33 @@ from .histograms import Projection, RowSource
 
 
 class Projecting(Protocol):
-    """What brings an image nearer to looking the same everywhere: it looks at all of it, then makes bands of rows."""
+    """A projection that makes an image more stationary: it reads all of it, then processes bands of rows."""
 
     channels: int
-    looks_beyond: bool  # what is made of a row hangs on others, which must stay till then
-    held: int | None  # rows that it can look at at once, where its own memory limits them
+    looks_beyond: bool  # a row depends on others, which must be kept until then
+    held: int | None  # maximum number of rows that it can read at once, if limited
 
     def learning(self, image: RowSource) -> Iterator[None]:
-        """Look at all of an image, at every step at some of its rows."""
+        """Read the whole image, some of its rows per step."""
 
     def last_row(self, top: int) -> int:
-        """Up to which row it can be matched at once from row `top` on."""
+        """End of the rows that can be matched at once from row `top`."""
 
     def match(self, image: RowSource, top: int, bottom: int, matched: str, strength: float) -> int:
-        """Write rows to buffer `matched`, which holds the rows that the image's buffer then holds, from which on is
-        returned.
-        """
+        """Write rows to buffer `matched`, aligned with the image's buffer. Returns the row at their start."""
 
 
 def projected(
     projection: Projecting, image: Rows, matched: str, strength: float = 1.0, most: int | None = None
 ) -> Iterator[tuple[int, int, int]]:
-    """Rows (top, bottom) that are made in buffer `matched`, and which row lies at its start and at the image's.
+    """Rows (top, bottom) written to buffer `matched`, and the row at the start of its and the image's buffer.
 
     Parameters
     ----------
     matched : str
-        What lies `strength` times the way from the image to its projection.
+        Buffer of the result, `strength` times the way from the image to its projection.
     most : int or None
-        Rows at once, where the buffer does not hold all of them.
+        Maximum number of rows at once, if the buffer does not hold all of them.
     """
     for _ in projection.learning(image):
         pass
@@ -64,28 +62,28 @@ def projection(
     measure: str, order: int, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray,
     number: int = 0, literal: bool = False,
 ) -> Projecting:  # fmt: skip
-    """By local histograms, moments up to `order` or steerable responses; all else as `histograms.Projection` has it.
+    """A projection by local histograms, moments up to `order` or steerable responses, as `histograms.Projection`.
 
     Parameters
     ----------
     measure : str
         histogram, moments or steerable.
     order : int
-        Of moments, 2 to 4.
+        Highest order of moments, 2 to 4.
     buffers : Buffers
-        At least `layout()`.
+        With at least `layout()`.
     low, high : (channels,) int
         Range of values, in grid steps.
     number : int
-        Of a projection that is used beside others.
+        Index of the projection, if several are used together.
     literal : bool
-        Of steerable responses: MJH17 section 4.3 by the letter, without the departures of `steerable`.
+        Steerable responses: as in MJH17 section 4.3, without the departures of `steerable`.
     """
     common = (device, buffers, grid, low, high)
     if measure == "histogram":
         return Projection(*common, f"grid{number}")
     if measure == "moments":
-        from .moments import MomentProjection  # what the measure needs, and when it is needed
+        from .moments import MomentProjection  # only for this measure
 
         return MomentProjection(*common, order, f"local{number}")
     from .steerable import SteerableProjection
@@ -96,16 +94,16 @@ def projection(
 def layout(
     measure: str, grid: CellGrid, channels: int, rows: int, cell_rows: int | None = None, number: int = 0
 ) -> dict[str, int]:
-    """Memory that it needs, in bytes by name.
+    """Memory of a projection, in bytes by name.
 
     Parameters
     ----------
     measure, number
-        As of `projection`.
+        As in `projection`.
     rows : int
-        Of the image, that are held.
+        Number of rows of the image that are kept.
     cell_rows : int or None
-        As of `histograms.layout`.
+        As in `histograms.layout`.
     """
     if measure == "histogram":
         return histograms.layout(grid, channels, cell_rows, f"grid{number}")

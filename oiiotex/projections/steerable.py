@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""project_steer of MJH17 section 4.3: the local histograms of steerable responses are matched to the image's own.
+"""project_steer of MJH17 section 4.3: local histograms of steerable responses are matched to those of the whole image.
 
 Departures from the paper: its pyramid is Simoncelli's, here the filters are those of `stationarity/steerable.py`, and
-what none of them sees (low and high frequencies: the image less its own responses) is one rest, not two residuals.
-The rest is matched as well, as Heeger and Bergen match theirs: the twelve responses alone leave a photo's stains and
-gradients of light, which are slower than what they see, as they are. And changes are spread back stronger than they
-are. `literal` leaves both departures out.
+the frequencies that they miss (low and high: the image minus the sum of its responses) are one residual, not two.
+The residual is matched as well, as in Heeger and Bergen: matching the twelve responses alone keeps a photo's stains and
+lighting gradients, which have lower frequencies. And changes are amplified when they are synthesized.
+`literal` turns off both departures.
 """
 
 from __future__ import annotations
@@ -25,16 +25,14 @@ _BEFORE = tuple(f"before{o}" for o in range(ORIENTATIONS))
 _AFTER = tuple(f"after{o}" for o in range(ORIENTATIONS))
 _REST = ("rest", "rest_matched")
 _LARGEST = 1344.0  # a response to int16 Lab of `lab_grid`: 1.12 times half of 300 Lab in steps of 1/8
-_GAIN = (
-    2.0  # changes come back weakened: a response sees 0.7 of what it gave in the mean, and PatchMatch takes some back
-)
-_SCALE = math.floor(32000 / math.sqrt(_LARGEST))  # of the roots that are kept in 16 bits
+_GAIN = 2.0  # amplification: on average a response changes by 0.7 of a change, and PatchMatch reverts a part
+_SCALE = math.floor(32000 / math.sqrt(_LARGEST))  # of square roots kept in 16 bits
 
 
 def layout(
     grid: CellGrid, channels: int, rows: int, cell_rows: int | None = None, name: str = "grid"
 ) -> dict[str, int]:
-    """Device memory of a projection that holds so many rows of the image, in bytes by name; else as for histograms."""
+    """Device memory of a projection with that number of image rows, in bytes by name. Others as for histograms."""
     values = channels * grid.width * rows
     bands = dict.fromkeys((*_BEFORE, *_AFTER, *_REST), 2 * values)
     needed = {**bands, "derivatives": 4 * ORIENTATIONS * values}
@@ -44,14 +42,14 @@ def layout(
 
 
 def _grids(name: str) -> list[str]:
-    """Buffers of cells: one for each orientation, one for the rest."""
+    """Buffers of cells: one for each orientation, one for the residual."""
     return [f"{name}_{n}" for n in range(ORIENTATIONS + 1)]
 
 
 class SteerableProjection:
-    """As `histograms.Projection`, of four bands of every channel; it sees `2 RADIUS` rows above and below.
+    """As `histograms.Projection`, for four bands of every channel. It reads `2 RADIUS` rows above and below.
 
-    `literal`: the rest stays as it is, and what changed is spread back as it is.
+    `literal`: the residual is kept unchanged, and changes are not amplified.
     """
 
     looks_beyond = True
@@ -62,7 +60,7 @@ class SteerableProjection:
     ):  # fmt: skip
         self.channels = len(low)
         self._responses, self._literal = _Responses(device, buffers, grid, low, high, literal), literal
-        self.held: int | None = self._responses.held  # rows of the image that it can look at at once
+        self.held: int | None = self._responses.held  # maximum number of rows of the image that it can read at once
         largest = np.full(self.channels, math.ceil(_SCALE * math.sqrt(_LARGEST)))
         ranges = [(-largest, largest)] * ORIENTATIONS + [(low, high)]
         self._projections = [
@@ -73,7 +71,7 @@ class SteerableProjection:
     def learning(self, image: RowSource) -> Iterator[None]:
         """As `histograms.Projection.learning`."""
         sources = self._responses.of(image)
-        # side by side, so that responses to rows are made once for all
+        # in parallel, so that responses to rows are computed once
         for _ in zip(*(p.learning(one) for p, one in zip(self._projections, sources, strict=True)), strict=True):
             yield
 
@@ -82,7 +80,7 @@ class SteerableProjection:
         return min(p.last_row(top - RADIUS) for p in self._projections) - RADIUS
 
     def match(self, image: RowSource, top: int, bottom: int, matched: str, strength: float) -> int:
-        """As `histograms.Projection.match`, of the image that was learned."""
+        """As `histograms.Projection.match`, for the learned image."""
         responses = self._responses
         *bands, rest = responses.around(top, bottom)
         *of_bands, of_rest = self._projections
@@ -95,8 +93,8 @@ class SteerableProjection:
 
 
 class _Responses:
-    """The bands of an image and the rest, of rows that were asked for last: the rest of `top` to `bottom`, bands of
-    `RADIUS` rows more above and below, which are spread back into it.
+    """The bands and the residual of an image, for the last requested rows: the residual of `top` to `bottom`, bands of
+    `RADIUS` more rows above and below, from which they are synthesized.
     """
 
     def __init__(
@@ -108,29 +106,29 @@ class _Responses:
         self._taps, self._angular, *self._range = (
             device.upload(table.astype(np.float32)) for table in (*filter_bank(), np.asarray(low), np.asarray(high))
         )
-        self.image: RowSource  # that `of` was given
+        self.image: RowSource  # the argument of `of`
         self.height = grid.height
         self.held = buffers["derivatives"].size // (4 * ORIENTATIONS * len(low) * grid.width)  # rows
-        self._made = self._wanted = (0, 0)  # rows of the rest
+        self._made = self._wanted = (0, 0)  # rows of the residual
 
     def of(self, image: RowSource) -> list[_Response]:
-        """Those of an image, bands and the rest; none are made."""
+        """Bands and residual of an image, not yet computed."""
         self.image, self._made = image, (0, 0)
         return self.around(0, 0)
 
     def around(self, top: int, bottom: int) -> list[_Response]:
-        """The same, of which rows top to bottom and those around them will be wanted."""
+        """The same, with a request for rows top to bottom and those around them."""
         self._wanted = top, bottom
         if self.image.store is not None:  # others may have used the buffers
             self._made = 0, 0
         return [*(_Response(self, name, RADIUS) for name in _BEFORE), _Response(self, _REST[0], 0)]
 
     def cut(self, first: int, last: int) -> tuple[int, int]:
-        """Rows of which there are any."""
+        """Clip rows to those that exist."""
         return (first, last) if self._grid.wrap_y else (max(0, first), min(self._grid.height, last))
 
     def load(self, first: int, last: int, more: int) -> int:
-        """Make rows of a response that is made for `more` rows than the rest; which row lies at its buffer's start."""
+        """Compute rows of a response, with `more` rows than the residual. Returns the row at its buffer's start."""
         if self.image.store is None:
             if not any(self._made):
                 self._make(0, self._grid.height)
@@ -161,7 +159,7 @@ class _Responses:
         self._made = top, bottom
 
     def add_changes(self, top: int, bottom: int, matched: str, strength: float) -> int:
-        """Spread what matching changed; returns which row lies at the start of the image's buffer, and of `matched`."""
+        """Synthesize the changes by matching. Returns the row at the start of the image's buffer, and of `matched`."""
         self.load(top, bottom, 0)
         b, width = self._buffers, self._grid.width
         first = 0 if self.image.store is None else self.cut(top - 2 * RADIUS, bottom + 2 * RADIUS)[0]
@@ -182,7 +180,7 @@ class _Responses:
         )  # fmt: skip
 
     def _bands_of(self, top: int, bottom: int) -> tuple[int, int]:
-        """The rows of bands that lie in their buffers."""
+        """The rows of bands in their buffers."""
         return (0, self._grid.height) if self.image.store is None else self.cut(top - RADIUS, bottom + RADIUS)
 
     def _shape(self, rows: int) -> tuple[int, int]:
@@ -191,20 +189,20 @@ class _Responses:
 
 
 class _Response:
-    """A `RowSource` of what is made of an image as it is asked for."""
+    """A `RowSource` that computes a response to an image on demand."""
 
     def __init__(self, responses: _Responses, name: str, more: int):
         self._responses, self.name, self._more = responses, name, more
 
     @property
     def store(self) -> object:
-        """None where the buffer holds all."""
+        """None: the buffer holds all rows."""
         return self._responses.image.store
 
     def bands(self, first: int, last: int, most: int | None = None) -> Iterator[tuple[int, int]]:
-        """As of the image, less the rows around them."""
+        """As for the image, without the rows around them."""
         return self._responses.image.bands(first, last, most or self._responses.held - 4 * RADIUS)
 
     def load(self, first: int, last: int) -> int:
-        """As of the image."""
+        """As for the image."""
         return self._responses.load(first, last, self._more)

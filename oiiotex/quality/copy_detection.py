@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a synthesized image is copied from its exemplar in one piece, and how often the same."""
+"""Verbatim copies from the exemplar in a synthesized image, and how often regions repeat."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from ..patchmatch.field import box_sums
 from ..stationarity.row_bands import row_bands
 
 BLOCK = 8  # px
-REGION = 32  # px, a side of what is seen again
+REGION = 32  # px, side of a region whose repeats are counted
 
 
 class Copies(NamedTuple):
-    """Whence the pixels of a result are.
+    """The origin of a result's pixels.
 
-    `shown`: how often these pixels show the most repeated 32 x 32 region of the exemplar; None of one that is smaller.
+    `shown`: number of uses of the most repeated 32 x 32 region of the exemplar. None: the exemplar is smaller.
     """
 
-    exact: float  # Share of pixels that lie in some 8 x 8 block which the exemplar has, too, to the bit
+    exact: float  # share of pixels that lie in an 8 x 8 block that also exists in the exemplar, bit for bit
     shown: float | None
-    over_fair: float | None  # The same over what each region's share of the result would be
+    over_fair: float | None  # `shown` divided by the region's fair share of the result
 
 
 def copies_by_source(source: SourceMap, size: tuple[int, int]) -> Copies:
-    """Of an image whose pixels are known to be those of an exemplar of `size` (height, width).
+    """Measures of an image whose pixels are known copies of those of an exemplar of `size` (height, width).
 
-    What lies in some block that is copied in one piece is exact.
+    Pixels in a block that is copied in one piece are exact.
     """
     used = _uses(_kept(source, lambda rows: _is_copied(source, rows)), size)
     pixels = math.prod(source.packed.shape)
@@ -44,13 +44,13 @@ def copies_by_source(source: SourceMap, size: tuple[int, int]) -> Copies:
 
 
 def _is_copied(source: SourceMap, rows: slice) -> np.ndarray:
-    """Which pixels of some rows lie in such a block, (rows, width) bool."""
+    """Mask of the pixels of some rows that lie in such a block, (rows, width) bool."""
     height, width = source.packed.shape
     first, last = max(0, rows.start - BLOCK), min(height, rows.stop + BLOCK)
     down, right = np.arange(first, last)[:, None], np.arange(width)[None, :]
     moved = [places - own for places, own in zip(source[first:last].yx, (down, right), strict=True)]
     whole = np.logical_and.reduce([maximum_filter(m, BLOCK) == minimum_filter(m, BLOCK) for m in moved])
-    # the filters' window of an even side begins half of it before its pixel; blocks are inside the image
+    # windows of the filters with an even side start half a side before their pixel; blocks are inside the image
     half = BLOCK // 2
     for at, most in ((down, height), (right, width)):
         whole &= (at >= half) & (at <= most - half)
@@ -59,7 +59,7 @@ def _is_copied(source: SourceMap, rows: slice) -> np.ndarray:
 
 
 def _kept(source: SourceMap, keeps: Callable[[slice], np.ndarray]) -> SourceMap:
-    """The source of those pixels, `NONE` of the others."""
+    """The source of those pixels, `NONE` for the others."""
 
     def made(first: int, last: int) -> np.ndarray:
         return np.where(keeps(slice(first, last)), source.packed[first:last], source.packed.dtype.type(NONE))
@@ -68,7 +68,7 @@ def _kept(source: SourceMap, keeps: Callable[[slice], np.ndarray]) -> SourceMap:
 
 
 def _uses(source: SourceMap, size: tuple[int, int]) -> np.ndarray:
-    """How often each pixel of an exemplar of (h, w) is shown, (h, w) uint32."""
+    """Number of uses of each pixel of an exemplar of (h, w), (h, w) uint32."""
     used = np.zeros(size[0] * size[1], np.uint32)
     for band in row_bands(source.packed):
         places = source[band]
@@ -77,7 +77,7 @@ def _uses(source: SourceMap, size: tuple[int, int]) -> np.ndarray:
 
 
 def most_shown(source: SourceMap, size: tuple[int, int]) -> tuple[float, float]:
-    """`shown` and `over_fair` of the source of every pixel, or `NONE`, in an exemplar of (h, w), `REGION` at least."""
+    """`shown` and `over_fair` from sources of pixels, or `NONE`, in an exemplar of (h, w), at least `REGION`."""
     return _most_shown(_uses(source, size), math.prod(source.packed.shape))
 
 
@@ -92,9 +92,9 @@ def _is_label(painted: SomeRows, label: int, rows: slice) -> np.ndarray:
 
 
 def label_copies(source: SourceMap, ids: np.ndarray, painted: SomeRows) -> tuple[float, float, float]:
-    """Repetition in the painted label where it is largest: over the fair share, how often shown, the label.
+    """Repetition in the painted label where it is largest: uses over the fair share, uses, and the label.
 
-    A label's fair share is how often its area in the exemplar fits into the area where it was painted.
+    A label's fair share is the area where it was painted divided by its area in the exemplar.
 
     `ids` (h, w) int; `painted` (height, width) int.
     """

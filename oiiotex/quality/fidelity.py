@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a result still looks like its photo: what it keeps of the photo's scales, shapes and colors.
+"""Whether a result still looks like its photo, by the photo's scales, shapes and colors that it preserves.
 
-Crushed structure has less energy in its coarse bands, broken shapes have another autocorrelation, and objects that
-were lost take their colors with them. Each part is 1 for a result that cannot be told from another piece of the same
-texture, and the fidelity is the root of their product.
+Destroyed structure has less energy in its coarse bands, broken shapes change the autocorrelation, and lost objects
+take their colors with them. Each component is 1 for a result that cannot be distinguished from another piece of the
+same texture, and the fidelity is the root of their product.
 """
 
 from __future__ import annotations
@@ -16,34 +16,34 @@ from ..core.image import resized
 from ..deferred import np
 from ..regularity.autocorrelation import Autocorrelation, autocorrelation, blurred, high_passed, wrapped_autocorrelation
 
-SIDE = 256  # px; longer side that a photo is looked at with; its result at the same scale
-LEAST = 48  # px; shorter sides say nothing
-SCALES = 96, 48, 24  # sigmas of the bands are the longer side over these
-ENOUGH = 0.8  # of a band's energy, or its inverse: another piece of one texture has as little
-ALIKE = 0.7  # the same of two autocorrelations
+SIDE = 256  # px; longer side at which a photo is measured, and its result at the same scale
+LEAST = 48  # px; smaller shorter sides cannot be measured
+SCALES = 96, 48, 24  # sigmas of the bands are the longer side divided by these
+ENOUGH = 0.8  # of a band's energy, or its inverse: typical for another piece of the same texture
+ALIKE = 0.7  # the same for two autocorrelations
 GOOD = 0.8  # a result below is tried again, warned about, or sent to review
-_NEAR, _FAR = 1 / 6, 0.4  # of the longer side: up to there shapes are compared, and long lines from there to here
-_ORDER = 1.5  # times what chance gives a texture of such shapes: with more, the photo has long lines or a lattice
-_MOST = 2 * SIDE  # px of a result that is looked at, in its middle
+_NEAR, _FAR = 1 / 6, 0.4  # of the longer side: limit of shapes, and of long lines
+_ORDER = 1.5  # ratio to the correlation that chance explains: above it, the photo has long lines or a lattice
+_MOST = 2 * SIDE  # px of a result that are measured, in its middle
 _COLORS = 8  # quantiles of a channel
 
 
 @dataclass(frozen=True)
 class Fidelity:
-    """What a result keeps of its photo.
+    """What a result preserves of its photo.
 
     Attributes
     ----------
     bands : tuple of float
-        Energy over the photo's, of what a Gaussian of the longer side / 96, 48 and 24 leaves. Below 1 structure is
-        crushed, above 1 there are blotches.
+        Energy of a Gaussian of the longer side / 96, 48 and 24, relative to the photo's. Below 1: structure is
+        destroyed. Above 1: there are blotches.
     shapes : float
-        1 less the difference of the autocorrelations, as a share of the photo's.
+        1 minus the difference of the autocorrelations, as a share of the photo's.
     lines : float
-        Share of the photo's correlation over long distances (lines, courses, lattices) that the result has; 1 where
-        the photo has no more of it than chance gives.
+        Share of the photo's correlation over long distances (lines, courses, lattices) that the result has. 1 if
+        the photo has no more of it than chance explains.
     missing : float
-        Share of the photo's colors that the result lacks, 0 to 1.
+        Share of the photo's colors missing from the result, 0 to 1.
     """
 
     bands: tuple[float, ...]
@@ -58,12 +58,12 @@ class Fidelity:
 
     @property
     def value(self) -> float:
-        """The fidelity, 0 to 1, to three digits: last bits decide nothing."""
+        """The fidelity, 0 to 1, rounded to three digits so that last bits decide nothing."""
         shapes, lines = (min(1.0, max(0.0, part) / ALIKE) for part in (self.shapes, self.lines))
         return round(float(np.sqrt(self.texture * shapes * lines * (1.0 - self.missing))), 3)
 
     def measures(self) -> dict[str, float]:
-        """By name, as a report has them."""
+        """The measures by name, as in a report."""
         bands = {f"band_{scale}": band for scale, band in zip(SCALES, self.bands, strict=True)}
         return {"fidelity": self.value, **bands, "shapes": self.shapes, "lines": self.lines, "missing": self.missing}
 
@@ -74,7 +74,7 @@ class Fidelity:
         return cls(bands, measures["shapes"], measures["lines"], measures["missing"])
 
     def __str__(self) -> str:
-        """One sentence for people."""
+        """A one-line summary."""
         coarse = sum(self.bands) / len(self.bands)
         said = "texture kept"
         if self.texture < 0.9:
@@ -89,14 +89,14 @@ class Fidelity:
 
 
 def fidelity(photo: SomeRows, usable: np.ndarray | None, result: SomeRows, wraps: tuple[bool, bool]) -> Fidelity | None:
-    """How much a result keeps of its photo; None where either is too small to say.
+    """How much a result preserves of its photo. None: either is too small to measure.
 
     Parameters
     ----------
     photo : (height, width, 3) float32
-        CIE Lab, without drift where that was to be removed.
+        CIE Lab, without low-frequency variation if that was to be removed.
     usable : (height, width) bool or None
-        Pixels that count; None: all.
+        Pixels that count. None: all.
     result : (height, width, 3) float32
         CIE Lab.
     wraps : (bool, bool)
@@ -127,7 +127,7 @@ def _size_at(factor: float, values: SomeRows) -> tuple[int, int]:
 
 
 def _reduced(values: SomeRows, usable: np.ndarray | None, factor: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels at a scale, (h, w, 3) float64, and which of them count."""
+    """Pixels at a scale, (h, w, 3) float64, and a mask of those that count."""
     size = _size_at(factor, values)
     counted = np.ones(size[::-1], bool)
     if usable is not None:
@@ -137,19 +137,19 @@ def _reduced(values: SomeRows, usable: np.ndarray | None, factor: float) -> tupl
 
 
 def _middle_of(values: SomeRows, width: int, height: int) -> np.ndarray:
-    """At most `_MOST` pixels a side in the middle of an image of that size, (h, w, 3) float64."""
+    """At most `_MOST` pixels a side from the middle of an image of that size, (h, w, 3) float64."""
     starts = (max(0, (most - _MOST) // 2) for most in (height, width))
     rows, columns = (slice(n, min(n + _MOST, most)) for n, most in zip(starts, (height, width), strict=True))
     return resized(values, width, height, rows)[:, columns].astype(np.float64)
 
 
 def _energy(texture: np.ndarray, seen: np.ndarray, sigma: float, wraps: tuple[bool, bool] = (False, False)) -> float:
-    """Standard deviation of what a Gaussian leaves of a high-passed texture, channels added up."""
+    """Standard deviation of a high-passed texture after a Gaussian, summed over channels."""
     return float(np.sqrt((blurred(texture, sigma, wraps)[seen] ** 2).sum(-1).mean()))
 
 
 def _compared(photo: Autocorrelation, result: Autocorrelation, longer: int) -> tuple[float, float]:
-    """How alike shapes are, and how much of the correlation over long distances is kept."""
+    """Similarity of shapes, and share of the correlation over long distances that is preserved."""
     x, y = (min(pair) for pair in zip(photo.reach, result.reach, strict=True))
     a, b, weight = (
         plane[one.reach[1] - y : one.reach[1] + y + 1, one.reach[0] - x : one.reach[0] + x + 1]
@@ -163,14 +163,14 @@ def _compared(photo: Autocorrelation, result: Autocorrelation, longer: int) -> t
     if not far.any():
         return shapes, 1.0
     own = float((a[far] ** 2).mean())
-    # two independent pieces of a texture correlate by chance as its correlation length allows
+    # independent pieces of a texture correlate by chance, depending on their correlation length
     if own <= _ORDER * (1.0 + energy) / float(weight[far].mean()):
         return shapes, 1.0
     return shapes, float((a * b)[far].mean()) / own
 
 
 def _missing(photo: np.ndarray, result: np.ndarray) -> float:
-    """Share of the photo's pixels (n, 3) whose color, among joint quantiles of its channels, the result has not."""
+    """Share of the photo's pixels (n, 3) whose color, by joint quantiles of channels, the result does not have."""
     cuts = [np.quantile(photo[:, c], np.arange(1, _COLORS) / _COLORS) for c in range(3)]
     shares = []
     for pixels in (photo, result):

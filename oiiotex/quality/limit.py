@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of measures, as options, recipes and searches say them."""
+"""Limits of measures, in the notation of options, recipes and searches."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _BEYOND = {">": operator.gt, "<": operator.lt}
 
 
 class Limit(NamedTuple):
-    """A measure, and beyond what it fails or is found."""
+    """A measure and its limit."""
 
     measure: str
     relation: str
@@ -22,7 +22,7 @@ class Limit(NamedTuple):
 
     @classmethod
     def read(cls, text: str, parameter: str) -> Limit:
-        """From NAME>NUMBER or NAME<NUMBER; ParameterError, with the parameter that says it, where it is neither."""
+        """Parse NAME>NUMBER or NAME<NUMBER. Otherwise raise a ParameterError for the parameter."""
         match = _LIMIT.fullmatch(text.strip())
         if not match:
             raise ParameterError(
@@ -31,7 +31,7 @@ class Limit(NamedTuple):
         return cls(match[1], match[2], float(match[3]))
 
     def passed_by(self, value: float) -> bool:
-        """Whether a value lies beyond it."""
+        """Whether a value exceeds the limit."""
         return bool(_BEYOND[self.relation](value, self.limit))
 
     def __str__(self) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a photo's structure its tile has lost: of its lattice, of its texture."""
+"""Structure of a photo that its tile has lost: of its lattice, of its texture."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, cast
 from ..core.demand import MadeRows, SomeRows
 from ..core.source_map import SourceMap
 from ..deferred import np
-from ..errors import ImageError
+from ..errors import ImageError, modifier, spelled, texture_filter
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.use_prices import Lost
 from ..regularity.regularity import peaks_over_floor
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("oiiotex")
 
-_MUCH = 0.08  # of a tile: texture that is lost
-_TOO_MUCH = 0.1  # of a tile of a photo that is flat for the most part
-_SIDE = 1024  # px at most of what regularity is measured of
-_BYTES = 288  # of each of them
+_MUCH = 0.08  # share of a tile above which lost texture is reported
+_TOO_MUCH = 0.1  # the same for an error, if most of the photo is flat
+_SIDE = 1024  # px, maximum side for measuring regularity
+_BYTES = 288  # per pixel
 
 
 def regularity_of(photo: SomeRows, source: SourceMap, recipe: Recipe) -> dict[str, float]:
-    """How regular a photo, (height, width, 3) Lab, and its tile are, by the lattice that the recipe keeps."""
+    """Regularity of a photo, (height, width, 3) Lab, and of its tile, on the lattice that the recipe keeps."""
     kept = cast("InStep", recipe.in_step)
     height, width = photo.shape[:2]
     own = MadeRows(
@@ -44,7 +44,7 @@ def regularity_of(photo: SomeRows, source: SourceMap, recipe: Recipe) -> dict[st
 
 
 def _regularity(places: SourceMap, photo: SomeRows, lattice: Lattice, torus: bool) -> float:
-    """Of those pixels of a photo; of more than `_SIDE` a side those in the middle, every so many for long steps."""
+    """Regularity of those pixels of a photo: above `_SIDE` a side in the middle, subsampled for long periods."""
     size = places.packed.shape
     most, step = max(size), 1
     if most > _SIDE:
@@ -56,32 +56,32 @@ def _regularity(places: SourceMap, photo: SomeRows, lattice: Lattice, torus: boo
 
 
 def regularity_bytes(*sizes: tuple[int, int]) -> int:
-    """What that takes, of images of these (width, height)."""
+    """Memory of `regularity_of`, for images of these (width, height)."""
     return _BYTES * max(min(width * height, _SIDE**2) for width, height in sizes)
 
 
 def say_what_was_lost(flag: str, lost: Lost) -> None:
-    """Log how much of a photo's texture its tile lacks, and warn where that is much.
+    """Log how much of a photo's texture its tile has lost, and warn if it is much.
 
     Parameters
     ----------
     flag : str
-        Of the op.
+        Name of the op.
     lost : Lost
 
     Raises
     ------
     ImageError
-        Most of it is gone where some of the photo is flat, or much where most is.
+        More than half of it is lost, or much of it if most of the photo is flat.
     """
     shares = f"{100 * lost.own:.0f} % of the photo is texture, {100 * lost.shown:.0f} % of the tile"
-    log.info("%s: %s; the rest is flat (an eighth as active as texture, or less)", flag, shares)
+    log.info("%s: %s; the rest is flat (at most an eighth of the texture's activity)", flag, shares)
     if lost.share <= _MUCH:
         return
-    if lost.own >= 1 - _MUCH:  # no flat part is to blame
-        log.warning("%s: texture is lost: %s: more iterations= keep more", flag, shares)
+    if lost.own >= 1 - _MUCH:  # flat areas are not the cause
+        log.warning("%s: texture is lost: %s; increase iterations", flag, shares)
         return
-    offer = "leave flat parts out by mask=1 with the mask that --texdominant makes"
+    offer = f"exclude flat areas with {modifier(mask=True)} and the mask of {texture_filter('dominant')}"
     if lost.shown < 0.5 * lost.own or (lost.own < 0.5 and lost.share > _TOO_MUCH):
-        raise ImageError(f"too much of the texture is lost: {shares}: {offer}")
-    log.warning("%s: texture is lost: %s: %s", flag, shares, offer)
+        raise ImageError(f"too much of the texture is lost: {shares}", hint=offer)
+    log.warning("%s: texture is lost: %s; %s", flag, shares, spelled(offer))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The texture cost of an image of copies (MJH17 eq. 5): matches begin with the copies themselves."""
+"""The texture cost of an image of copies (MJH17 eq. 5), with the copies as initial matches."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ..session.resources import Resources
 from ..stationarity.costs import PATCHES, PATCHES_AT_ONCE, texture_cost
 from ..stationarity.row_bands import row_bands
 
-WHOLE = 1 << 22  # pixels of an image that is matched as a whole; of a larger one it is windows of that many in all
+WHOLE = 1 << 22  # pixels of an image that is matched as a whole; of a larger one, windows with that many in total
 _ACROSS = 4  # windows along each axis
-_PATCH_BYTES = 160  # of a patch that is compared
+_PATCH_BYTES = 160  # per patch that is compared
 
 
 def texture_of(
@@ -29,7 +29,7 @@ def texture_of(
     patch: int,
     wraps: tuple[bool, bool],
 ) -> float | None:
-    """The cost; None of an image, or an exemplar, with no room for a patch.
+    """The texture cost. None: the image or the exemplar is smaller than a patch.
 
     `lab` (height, width, 3) float32; `exemplar` (h, w, 3) float32; `patch`: side, px.
     """
@@ -47,17 +47,17 @@ def texture_of(
         here = lab[rows][:, columns]
         matches = match_patches(resources.device, here, exemplar, start, patch, domain, 0, resources.budget)
         costs.append(texture_cost(here, exemplar, matches, patch, most))
-        progress.advance(1, 1)  # who does not want to know any more is let go
+        progress.advance(1, 1)  # a chance to cancel
     return float(np.mean(costs))
 
 
 def texture_bytes(size: tuple[int, int], exemplar: tuple[int, int], patch: int) -> int:
-    """What it takes at least, of an image and an exemplar of these (width, height)."""
+    """Minimum memory, for an image and an exemplar of these (width, height)."""
     pixels, (width, height) = min(size[0] * size[1], WHOLE), exemplar
     side = max(1, pixels // size[0])
     geometry = Geometry(size[0], side, True, True, exemplar_width=width, exemplar_height=height, patch=patch)
     rows = min(height, piece_halo(patch) + LEAST_ROWS)
-    matched = sum(geometry.layout(None, rows).values()) + 28 * pixels + width * height  # Lab and where matches begin
+    matched = sum(geometry.layout(None, rows).values()) + 28 * pixels + width * height  # Lab and initial matches
     return matched + _PATCH_BYTES * min(pixels, PATCHES_AT_ONCE)
 
 
@@ -71,7 +71,7 @@ def _windows(width: int, height: int) -> list[Window]:
 
 
 def _patches(source: SourceMap, columns: slice, domain: Domain, shape: tuple[int, ...], patch: int) -> SourceMap:
-    """Where the exemplar's patches begin that the copies belong to."""
+    """The exemplar patches that the copies belong to."""
     reach = [n if wraps else n - patch + 1 for n, wraps in zip(domain.size, domain.wraps, strict=True)]
     packed = np.empty((reach[1], reach[0]), np.uint32)
     for band in row_bands(packed):

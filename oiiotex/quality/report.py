@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How stationary, faithful, seamless, sharp and new a texture is, by numbers alone.
+"""Measures of how stationary, faithful, seamless, sharp and new a texture is.
 
-What -v says, report= writes and fail= judges, of every op that synthesizes.
+They are shown by -v, written by report= and limited by fail=, for every op that synthesizes.
 """
 
 from __future__ import annotations
@@ -35,35 +35,35 @@ from .seam_measures import seam_ratio, sharpness, wrap_percentile
 log = logging.getLogger("oiiotex")
 
 SCHEMA = "oiiotex.report/1"
-REPORT = Output("report", Kind.TABLE, "measures of the result, for machines", asked_by="report", judged_by="fail")
-REPORT_HELP = "measures of the result go to this file, JSON (docs/reference/report.md)"
-FAIL_HELP = "limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3"
+REPORT = Output("report", Kind.TABLE, "Measures of the result, for programs.", asked_by="report", judged_by="fail")
+REPORT_HELP = "JSON file for the measures of the result (see docs/reference/report.md)."
+FAIL_HELP = "Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its limit."
 _OF_COPIES = ("texture", "copied", "shown", "repeat")
 _OF_LABELS = ("label_repeat", "label_shown", "label")
 _OF_LOSSES = ("textured", "textured_photo", "regular", "regular_photo")
-_BYTES = 200  # of a pixel of a band
-_SIDE_BYTES = 1024  # of a pixel along a side
-_HALO = 16  # rows more of a band, at most
-_USE_BYTES = 4  # of a pixel of the photo, whose uses are counted
-_HELD_SHARE = 1 / 8  # of the budget, for each of photo and result; what is larger lies in a file
+_BYTES = 200  # per pixel of a band
+_SIDE_BYTES = 1024  # per pixel along a side
+_HALO = 16  # maximum number of additional rows of a band
+_USE_BYTES = 4  # per pixel of the photo, whose uses are counted
+_HELD_SHARE = 1 / 8  # of the budget, for each of photo and result; larger ones are in a file
 _GATHERED = 512  # bytes of the budget for a pixel that is gathered from a file
-_LEAST = 16  # px; a photo or a result that is smaller has nothing to be measured
+_LEAST = 16  # px; minimum side of a photo and a result
 
 
 @dataclass(frozen=True)
 class Look:
-    """A result as it is measured.
+    """A result to measure.
 
     Attributes
     ----------
     name : str
     lab : (height, width, 3) float32
     source : SourceMap or None
-        Of the exemplar, where its pixels are copies.
+        Sources in the exemplar, if the pixels are copies.
     exemplar : (height, width, 3) float32, optional
-        What the result is made from, where that is not the photo itself but the photo without its drift.
+        The image that the result is made from, if it is the flattened photo and not the photo itself.
     labels : (ids, ids) or None
-        Of the photo, and those that were painted.
+        Label ids of the photo, and those that were painted.
     """
 
     name: str
@@ -75,32 +75,32 @@ class Look:
 
 @dataclass(frozen=True, kw_only=True)
 class Quality:
-    """What is measured of an op's results, and held to which limits; made before the work.
+    """The measures of an op's results and their limits. Created before the work.
 
     Attributes
     ----------
     op : Op
-        With the parameters `report` and `fail`.
+        An op with the parameters `report` and `fail`.
     wrap : (bool, bool)
         The results tile along x, along y.
     sizes : ((int, int), (int, int))
-        Width and height of the photo, and of the largest result, px.
+        Width and height of the photo and of the largest result, px.
     copies : bool
-        It is known of which place of the photo every pixel is a copy.
+        The source of every pixel in the photo is known.
     losses : bool
-        It is known how much of the photo's texture is lost.
+        The lost share of the photo's texture is known.
     painted : bool
-        It is known which labels were painted.
+        The painted labels are known.
     sigma : float or None
-        Scale of the stationarity cost, px; longer side / 32 where it is None.
+        Scale of the stationarity cost, px. None: longer side / 32.
     contrast : float or None
-        How strongly the overall histogram was held, 0 to 1; None: it was not looked at.
+        Weight of the global histogram matching, 0 to 1. None: there was none.
     measure, order, patch
-        As of --texstationarize.
+        As in --texstationarize.
     cycles : (float, float)
-        Periods per pixel along x and y of the lattice that is kept; 0 where there is none.
+        Periods per pixel along x and y of the lattice that is kept. 0: none.
     lattice : tuple of (float, float)
-        Its shortest steps as the results have them, x and y px: none, one or two.
+        Its shortest vectors in the results, x and y px: none, one or two.
     """
 
     op: Any  # with parameters that not every Op has
@@ -130,16 +130,16 @@ class Quality:
         tile: str | None = None,
         **more: Any,
     ) -> Quality:
-        """Of results whose pixels are copied from the op's exemplar.
+        """For results whose pixels are copies from the op's exemplar.
 
         Parameters
         ----------
         op : Op
-            With the parameters `exemplar`, `report` and `fail`.
+            An op with the parameters `exemplar`, `report` and `fail`.
         size : (int, int)
             Width and height of a result, px.
         tile : str, optional
-            Along which axes results tile: xy, x, y or none; as the op says when left out.
+            Axes along which results tile: xy, x, y or none. Default: those of the op.
         """
         spec, tile = op.exemplar.first.spec, tile or op.tile
         sizes = (spec.width, spec.height), (size[0], size[1])
@@ -148,20 +148,20 @@ class Quality:
     def __post_init__(self) -> None:
         object.__setattr__(self, "limits", tuple(map(self._limit, self.op.fail or ())))
         if self.op.report or self.limits:
-            self.resources.require(self._memory(), "measuring the result", "leave out report and fail")
+            self.resources.require(self._memory(), "measuring the result", "omit report and fail")
 
     def add_to(
         self, results: dict[str, Any], seen: Callable[[], tuple[SomeRows, Iterable[Look]]], **more: float
     ) -> dict[str, Any]:
-        """The op's results with its report, made where it is asked for; -v logs it now.
+        """The op's results with its report, computed on demand. With -v it is logged now.
 
         Parameters
         ----------
         results : dict
         seen : callable
-            Gives the photo, (height, width, 3) float32 Lab, and the results as they are measured.
+            Returns the photo, (height, width, 3) float32 Lab, and the results to measure.
         more : float
-            Measures that the op has taken.
+            Measures that the op has computed itself.
         """
 
         @functools.cache
@@ -173,14 +173,14 @@ class Quality:
         if self.progress.measure:
             need = self._memory()
             if need > self.resources.budget:
-                log.info("%s: not measured: that would need %d MB of memory", self.op.flag(), -(-need >> 20))
+                log.info("%s: not measured: requires %d MB of memory", self.op.flag(), -(-need >> 20))
             else:
                 for line in self._lines(report()):
                     log.info("%s: %s", self.op.flag(), line)
         return results | {"report": report}
 
     def add_to_copies(self, results: dict[str, Any], labels: Callable[[], Any] = lambda: None) -> dict[str, Any]:
-        """The same of an op with one exemplar, whose part 'st' says where its pixels come from; `Look.labels`."""
+        """The same for an op with one exemplar, and its sources in part 'st'. `labels`: see `Look.labels`."""
         exemplar, main = self.op.exemplar, results[self.op.main().name]
 
         def seen() -> tuple[SomeRows, list[Look]]:
@@ -199,14 +199,14 @@ class Quality:
         return self.add_to(results, seen)
 
     def look_of_copies(self, name: str, exemplar: SomeRows, source: SourceMap, labels: Any = None) -> Look:
-        """A result that is made of those pixels of the exemplar."""
+        """A result that consists of those pixels of the exemplar."""
         shape = *source.packed.shape, *exemplar.shape[2:]
         lab = MadeRows(shape, exemplar.dtype, lambda first, last: source[first:last].gather(exemplar))
         at_once = PIXELS if isinstance(exemplar, np.ndarray) else max(PIXELS, self.resources.budget // _GATHERED)
         return Look(name, self.kept(lab, at_once), source, exemplar, labels)
 
     def kept(self, rows: MadeRows, at_once: int = PIXELS) -> SomeRows:
-        """Rows that are made once, so many pixels at a time: in memory, or in a file where they are large."""
+        """Rows computed once, `at_once` pixels at a time, and kept: in memory, or in a file if they are large."""
         fits = self._fits(math.prod(rows.shape) * rows.dtype.itemsize)
         store = empty_rows(rows.shape, rows.dtype, fits)
         for band in row_bands(rows, at_once):
@@ -218,19 +218,19 @@ class Quality:
 
     @property
     def is_asked_for(self) -> bool:
-        """By -v, report or fail."""
-        fits = self.progress.measure and self._memory() <= self.resources.budget  # else the others have been refused
+        """Whether -v, report or fail request it."""
+        fits = self.progress.measure and self._memory() <= self.resources.budget  # for -v alone
         return bool(fits or self.op.report or self.limits)
 
     def _memory(self) -> int:
-        """Bytes, beside what lies in files where it is much."""
-        from .lost_structure import regularity_bytes  # help needs none of it
+        """Memory in bytes, without data that is in files if it is large."""
+        from .lost_structure import regularity_bytes  # not needed for help
         from .patch_texture import texture_bytes
 
         (width, height), result = self.sizes
         bands = (min(w * h, max(PIXELS, w) + _HALO * w) for w, h in self.sizes)
         need = _BYTES * max(bands) + _SIDE_BYTES * max(w + h for w, h in self.sizes)
-        if self.losses:  # regularity, perhaps
+        if self.losses:  # possibly regularity
             need = max(need, regularity_bytes(*self.sizes))
         if self.copies:
             need += _USE_BYTES * width * height + texture_bytes(result, (width, height), self.patch)
@@ -240,8 +240,12 @@ class Quality:
         limit = Limit.read(text, "fail")
         name = limit.measure
         if name not in REPORT_MEASURES:
-            names = ", ".join(REPORT_MEASURES)
-            raise ParameterError(f"fail={text}: no measure '{name}'{nearest(name, REPORT_MEASURES)}; there is {names}")
+            raise ParameterError(
+                f"unknown measure '{name}'{nearest(name, REPORT_MEASURES)}",
+                parameter="fail",
+                value=text,
+                expected=f"one of {', '.join(REPORT_MEASURES)}",
+            )
         axes = [axis for axis, wraps in zip("xy", self.wrap, strict=True) if wraps]
         absent = not self.copies and name in _OF_COPIES
         absent |= not self.losses and name in _OF_LOSSES
@@ -249,18 +253,17 @@ class Quality:
         absent |= name == "seam" and not axes
         absent |= name.startswith(("seam_", "quieter_")) and name.split("_")[1] not in axes
         if absent:
-            raise ParameterError(f"fail={text}: {name} is not measured of this result")
+            raise ParameterError(f"{name} is not measured for this result", parameter="fail", value=text)
         return limit
 
     # --- measures ---
 
     def _measures(self, photo: SomeRows, look: Look) -> dict[str, float]:
-        """By name, those of `REPORT_MEASURES` that this result has."""
+        """The `REPORT_MEASURES` of a result, by name."""
         height, width = look.lab.shape[:2]
         if min(height, width, *photo.shape[:2]) < _LEAST:
-            raise ImageError(
-                f"{look.name} is {width}x{height}, too small to be measured: {_LEAST} px a side are the least"
-            )
+            problem = f"{look.name} is {width}x{height} px, too small to be measured"
+            raise ImageError(problem, expected=f"at least {_LEAST} px a side")
         sigma = self.sigma or max(height, width) / 32
         cost = functools.partial(stationarity_cost, sigma=sigma, measure=self.measure, order=self.order)
         measures = {
@@ -268,7 +271,7 @@ class Quality:
             "cost": cost(look.lab, domain=Domain(width, height, *self.wrap), like=photo),
         }
         light, before = channel(look.lab, 0), channel(photo, 0)
-        self.progress.advance(1, 1)  # who does not want to know any more is let go
+        self.progress.advance(1, 1)  # a chance to cancel
         for axis, letter, wraps, cycles in zip((1, 0), "xy", self.wrap, self.cycles, strict=True):
             if wraps:
                 measures[f"seam_{letter}_photo"] = seam_ratio(before, axis, cycles)
@@ -276,7 +279,7 @@ class Quality:
                 measures[f"quieter_{letter}"] = wrap_percentile(light, axis)
         if any(self.wrap):
             measures["seam"] = max(measures[name] for name in ("seam_x", "seam_y") if name in measures)
-        from .fidelity import fidelity  # help needs none of it
+        from .fidelity import fidelity  # not needed for help
 
         exemplar = photo if look.exemplar is None else look.exemplar
         measures["loss"] = 1.0 - sharpness(light) / max(sharpness(channel(exemplar, 0)), 1e-12)
@@ -288,7 +291,7 @@ class Quality:
         return measures
 
     def _of_copies(self, photo: SomeRows, look: Look) -> dict[str, float]:
-        from .copy_detection import copies_by_source, label_copies  # scipy is loaded where it is needed
+        from .copy_detection import copies_by_source, label_copies  # slow to import
         from .patch_texture import texture_of
 
         source = present(look.source)
@@ -302,7 +305,7 @@ class Quality:
                 measures |= dict(zip(_OF_LABELS, label_copies(source, *look.labels), strict=True))
         return measures
 
-    # --- what is said of them ---
+    # --- output ---
 
     def _entry(self, look: Look, measures: dict[str, float]) -> dict[str, Any]:
         height, width = look.lab.shape[:2]
@@ -310,7 +313,7 @@ class Quality:
         return entry | ({"lattice": self.lattice} if self.lattice else {})
 
     def _document(self, results: list[dict[str, Any]]) -> dict[str, Any]:
-        """What report= writes; `failed` says in words which limits are passed."""
+        """The contents of report=. `failed`: exceeded limits, as text."""
         limits, failed = [], []
         for result in results:
             for limit in self.limits:
@@ -326,7 +329,7 @@ class Quality:
         return {**header, "results": results, "limits": limits, "passed": not failed, "failed": failed}
 
     def _lines(self, report: dict[str, Any]) -> Iterator[str]:
-        """The measures for people."""
+        """The measures as text."""
         for result in report["results"]:
             m, side = result["measures"], max(result["width"], result["height"])
             if "fidelity" in m:
@@ -341,17 +344,17 @@ class Quality:
             for axis in "xy":
                 if f"seam_{axis}" in m:
                     change = f"{m[f'seam_{axis}_photo']:.2f} -> {m[f'seam_{axis}']:.2f} (1 is invisible)"
-                    yield f"seam ratio {axis} {change}; {m[f'quieter_{axis}']:.0f} % of the lines inside are quieter"
-            yield f"sharpness loss {100 * m['loss']:.1f} % (mean |L - blurred L|, negative: sharper than the photo)"
+                    yield f"seam ratio {axis} {change}; {m[f'quieter_{axis}']:.0f} % of the lines inside are smoother"
+            yield f"sharpness loss {100 * m['loss']:.1f} % (mean |L - blurred L|; negative: sharper than the photo)"
             if "regular" in m:
                 change = f"{m['regular_photo']:.2f} -> {m['regular']:.2f}"
-                yield f"regularity {change} (autocorrelation over its floor, the least of three steps of the lattice)"
+                yield f"regularity {change} (autocorrelation above its floor, minimum of three vectors)"
             if "copied" in m:
                 copied = f"{100 * m['copied']:.0f} % of the pixels lie in verbatim copies of 8x8 px"
                 if "shown" in m:
-                    shown = f"is shown {m['shown']:.1f} times, {m['repeat']:.1f} times its share"
+                    shown = f"is shown {m['shown']:.1f} times, {m['repeat']:.1f} times its fair share"
                     copied += f"; the most repeated region of 32x32 {shown}"
                 yield copied
             if "label" in m:
-                shown = f"is shown {m['label_shown']:.1f} times, {m['label_repeat']:.1f} times its share of the label"
+                shown = f"is shown {m['label_shown']:.1f} times, {m['label_repeat']:.1f} times its fair share"
                 yield f"the most repeated region of a painted label, {m['label']:.0f}, {shown}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How an op is told to report the quality of its result, and to hold it to limits."""
+"""The parameters of ops that report the quality of their result and limit it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .report import FAIL_HELP, REPORT_HELP
 
 @dataclass(frozen=True, kw_only=True)
 class Reported(Op):
-    """What has a quality report, made by `quality.report.Quality`; its output is `quality.report.REPORT`."""
+    """An op with a quality report, from `quality.report.Quality`. Its output is `quality.report.REPORT`."""
 
-    report: Path | None = param(None, help=REPORT_HELP)
-    fail: Words | None = param(None, help=FAIL_HELP)
+    report: Path | None = param(None, help=REPORT_HELP, example="report.json", advanced=True)
+    fail: Words | None = param(None, help=FAIL_HELP, example="seam>1.3,repeat>4", advanced=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How seamless, even and sharp a texture is, by numbers that any plane of gray has, in memory or not."""
+"""Measures of how seamless and sharp a grayscale image is, in memory or not."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _RADIUS = 4  # px; of a Gaussian of 1 px
 
 def sharpness(gray: SomeRows) -> float:
     """mean |Y - G1 Y|, G1 a Gaussian of 1 px on the torus."""
-    from scipy.ndimage import gaussian_filter  # when it is needed: it is slow to import
+    from scipy.ndimage import gaussian_filter  # slow to import
 
     total = 0.0
     for band in row_bands(gray):
@@ -23,7 +23,7 @@ def sharpness(gray: SomeRows) -> float:
 
 
 def line_jumps(values: SomeRows, axis: int) -> np.ndarray:
-    """The mean jump to each line from the one before, the first across the wrap: (lines,) float64.
+    """The mean jump from each line to the next, starting across the wrap: (lines,) float64.
 
     `values` (height, width) or (height, width, channels) float.
     """
@@ -44,17 +44,17 @@ def _sums_along(values: np.ndarray, axis: int) -> np.ndarray:
 
 
 def seam_ratio(values: SomeRows, axis: int, cycles: float = 0.0) -> float:
-    """Mean jump across the wrap over the mean jump inside: 1 is invisible.
+    """Mean jump across the wrap relative to the mean interior jump: 1 is invisible.
 
-    Of a lattice the wrap may be a joint as there are others inside: then the loudest lines inside, one for each period,
-    are what it is compared with.
+    On a lattice, the wrap may be a joint like others: then it is compared with the strongest interior lines, one for
+    each period.
 
     Parameters
     ----------
     values, axis
-        As of `line_jumps`.
+        As in `line_jumps`.
     cycles : float
-        Periods of a lattice per pixel along the axis; 0: there is none.
+        Periods of a lattice per pixel along the axis. 0: none.
     """
     jumps, periods = line_jumps(values, axis), round(cycles * values.shape[axis])
     inside = np.sort(jumps[1:])[-periods:] if periods > 0 else jumps[1:]
@@ -62,6 +62,6 @@ def seam_ratio(values: SomeRows, axis: int, cycles: float = 0.0) -> float:
 
 
 def wrap_percentile(gray: SomeRows, axis: int) -> float:
-    """Share of the interior lines whose jump is smaller than the wrap line's, in percent: 50 is invisible."""
+    """Percentage of the interior lines whose jump is smaller than the wrap line's: 50 is invisible."""
     jumps = line_jumps(gray, axis)
     return float(100.0 * (jumps[1:] < jumps[0]).mean())

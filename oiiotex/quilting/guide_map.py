@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A guide image as what every cell of a quilt asks for: LSA16 section 6.1, figure 12."""
+"""A guide image as demands on the cells of a quilt: LSA16 section 6.1, figure 12."""
 
 from __future__ import annotations
 
@@ -27,27 +27,27 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("oiiotex")
 
-SAMPLES = 16  # of the guide along a side of a cell: its histogram is taken from these
-_NAMED = 5  # colors that an error names
-_ROWS = 32  # of a guide that are looked at for the labels that it asks for
-_FAR = 2**53  # of ids in floats
-_LEAST = 0.01  # of what it asks for: labels with less are hardly asked for
+SAMPLES = 16  # of the guide along a side of a cell, for its histogram
+_NAMED = 5  # maximum number of colors in an error
+_ROWS = 32  # rows of a guide to search for its labels
+_FAR = 2**53  # largest id that a float holds exactly
+_LEAST = 0.01  # labels with a smaller share are ignored when the patch size is chosen
 
 
 @dataclass(frozen=True)
 class Meaning:
-    """What the codes of a guide mean.
+    """The labels that the codes of a guide stand for.
 
     Attributes
     ----------
     codes : (n,) int64
-        Ascending: ids, or colors as `legend.code_of` has them.
+        Ascending: ids, or colors as in `legend.code_of`.
     keys : (n, 2) int64
-        (k1, k2) of each.
+        (k1, k2) of each code.
     pure : (n,) bool
-        It names one label, and so also says where in a cell it is wanted.
+        The code names a single label, and so also its place inside a cell.
     soft : float
-        How far a color may be from one of `codes` to be taken for it, in Oklab.
+        Largest distance in Oklab at which a color counts as one of `codes`.
     """
 
     codes: np.ndarray
@@ -57,11 +57,11 @@ class Meaning:
     soft: float = 0.0
 
     def name(self, code: int) -> str:
-        """As it is written in a table."""
+        """A code as written in a table."""
         return color_of(code) if self.colors else str(code)
 
     def find(self, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where each is in `codes`, or the nearest color within `soft`, and which are not."""
+        """Index of each code in `codes`, or of the nearest color within `soft`, and a mask of codes without one."""
         place = np.minimum(np.searchsorted(self.codes, codes), len(self.codes) - 1)
         stray = self.codes[place] != codes
         if self.colors and self.soft and stray.any():
@@ -72,24 +72,24 @@ class Meaning:
 
     @functools.cached_property
     def _nearest(self) -> KDTree:
-        """Its colors in Oklab."""
-        from scipy.spatial import KDTree  # not loaded before it is needed
+        """Search tree of the colors in Oklab."""
+        from scipy.spatial import KDTree  # slow to import
 
         return KDTree(oklab_of(self.codes))
 
     def strays(self, met: Strays, unit: str) -> str:
-        """What codes that mean nothing are, for messages."""
+        """Codes without a label, as text for messages."""
         worst = sorted(met, key=lambda code: (-met[code].count, code))
         named = ", ".join(f"{self.name(code)} ({met[code].text(unit)})" for code in worst[:_NAMED])
         more = f" and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
-        limit = f", beyond soft={self.soft:g} of any that does" if self.colors and self.soft else ""
-        return f"{'colors' if self.colors else 'ids'} that mean no label{limit}: {named}{more}"
+        limit = f" (farther than soft={self.soft:g} from every color of the table)" if self.colors and self.soft else ""
+        return f"{'colors' if self.colors else 'ids'} without a label{limit}: {named}{more}"
 
     def codes_of(self, pixels: np.ndarray, channels: Channels) -> np.ndarray:
         """The codes of pixels of a guide, int64."""
         if not self.colors:
             ids = pixels[..., channels.color[0]]
-            if ids.dtype.kind == "f":  # NaN and what no int64 holds mean no label
+            if ids.dtype.kind == "f":  # NaN and values beyond int64 have no label
                 ids = np.rint(np.clip(np.nan_to_num(ids.astype(np.float64), nan=-1), -_FAR, _FAR))
             return ids.astype(np.int64)
         three = channels.color if len(channels.color) == 3 else channels.color[:1] * 3
@@ -98,22 +98,22 @@ class Meaning:
 
 @dataclass(frozen=True)
 class Stray:
-    """How often a code that means nothing was met, and at which pixel first."""
+    """A code without a label: its number of pixels, and the first of them."""
 
     count: int
     x: int
     y: int
 
     def text(self, unit: str) -> str:
-        """For messages."""
-        return f"{self.count} {unit}, the first at {self.x},{self.y}"
+        """Text for messages."""
+        return f"{self.count} {unit}, first at {self.x},{self.y}"
 
 
 class Strays(dict[int, Stray]):
-    """Codes that mean nothing, as they are met."""
+    """Codes without a label."""
 
     def add(self, codes: np.ndarray, stray: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
-        """Note codes, (rows, columns), some of which mean nothing, met at x (columns,) and y (rows,)."""
+        """Count codes without a label among `codes`, (rows, columns), at x (columns,) and y (rows,)."""
         rows, columns = np.nonzero(stray)
         unique = np.unique(codes[rows, columns], return_index=True, return_counts=True)
         for code, first, count in zip(*unique, strict=True):
@@ -123,7 +123,7 @@ class Strays(dict[int, Stray]):
 
 @dataclass(frozen=True)
 class Table:
-    """Which label, or key [k1, k2], codes mean; of a palette also those of the next finer level."""
+    """The label, or key [k1, k2], of each code. From a palette: also those of the next finer level."""
 
     path: Path
     keys: dict[int, Any]
@@ -134,13 +134,13 @@ class Table:
 
 
 SOFT = (
-    "how far a color of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and"
-    " white are 1 apart: what soft brushes blend is within 0.2 of `palette`'s colors; 0: none"
+    "Largest distance, in Oklab, at which a color counts as the nearest color of the table. Black and white are 1"
+    " apart. Blends of soft brushes lie within 0.2 of the colors of `palette`. 0: exact colors only."
 )
 
 
 def read_table(path: Path, soft: float = 0.0) -> Table:
-    """A palette's JSON, or {"255,0,0": 3, "0,255,0": [3, 1], ...} in 8 bits, or {"7": 3, ...} of ids."""
+    """Read a palette's JSON, or {"255,0,0": 3, "0,255,0": [3, 1], ...} in 8 bits, or {"7": 3, ...} of ids."""
     try:
         document = read_document(path)
         named: list[dict[str, Any]] = [document, {}]
@@ -150,46 +150,47 @@ def read_table(path: Path, soft: float = 0.0) -> Table:
         colors = {"," in name for rows in named for name in rows}
         keys, finer = ({code_of(n) if "," in n else int(n): key for n, key in rows.items()} for rows in named)
     except (ImageError, ValueError, KeyError, TypeError, AttributeError) as error:
-        problem = f"not a table of '255,0,0' or ids to labels or [k1, k2], nor of {texture_filter('palette')}: {error}"
-        raise ImageError(problem, parameter="table", value=str(path)) from error
+        expected = f"a file of {texture_filter('palette')}, or a label or [k1, k2] for each '255,0,0' or id"
+        raise ImageError(f"cannot be read ({error})", parameter="table", value=str(path), expected=expected) from error
     if not keys:
-        raise ImageError(f"table={path} is empty")
+        raise ImageError("the table is empty", parameter="table", value=str(path))
     if len(colors) > 1:
-        raise ImageError(f"table={path} has both colors and ids")
+        raise ImageError("mixes colors and ids", parameter="table", value=str(path), expected="only one of them")
     return Table(path, keys, finer, colors.pop(), level, soft)
 
 
 def meaning_of(guide: Part, table: Table | None, labels: np.ndarray, fine: bool = False) -> Meaning:
-    """What a guide's ids or colors mean: by the table, or, of ids without one, the labels (n,) that the exemplar has.
+    """The meaning of a guide's ids or colors: from the table, or, for ids without a table, the exemplar's labels (n,).
 
-    fine: it speaks of the table's finer level.
+    `fine`: the guide is of the table's finer level.
     """
     labels = labels[labels > 0].astype(np.int64)
     if not len(labels):
-        raise ImageError("the label map has no label to paint with")
+        raise ImageError("the label map has no labels")
     rows = {} if table is None else table.finer if fine else table.keys
     if table is None or not rows:
         if len(channels_of(guide.spec).color) > 1:
             name = "fine" if fine else f"guide {guide.name}"
-            raise ParameterError(f"{name} holds colors: table=FILE.json says which label each one means")
+            raise ParameterError(f"{name} contains colors", hint="map them to labels with table=FILE.json")
         return Meaning(labels, np.stack([labels, labels], 1), np.ones(len(labels), bool), False)
     codes = sorted(rows)
     pure = np.array([not isinstance(rows[code], list) for code in codes])
     keys = [[rows[code]] * 2 if alone else rows[code] for code, alone in zip(codes, pure, strict=True)]
     for key in keys:
         if len(key) != 2 or not all(type(k) is int and k in labels for k in key):
-            raise ImageError(f"table={table.path}: {key} is no label or pair of labels; there is 1 to {labels.max()}")
-    if fine and 0 not in rows:  # nothing is painted there, and brushes that are soft blend into it, too
+            expected = f"a label from 1 to {labels.max()}, or a pair [k1, k2] of labels"
+            raise ImageError(f"unknown label {key}", parameter="table", value=str(table.path), expected=expected)
+    if fine and 0 not in rows:  # 0: not painted, also where soft brushes blend into it
         codes, keys, pure = [0, *codes], [[0, 0], *keys], np.concatenate([[True], pure])
     return Meaning(np.array(codes, np.int64), np.array(keys, np.int64), pure, table.colors, table.soft)
 
 
 def labels_met(guide: Part, meaning: Meaning) -> list[int]:
-    """The labels that the guide asks for by themselves, found on some of its rows; those it hardly asks for are not."""
+    """The labels that the guide names, from some of its rows. Labels with a tiny share are ignored."""
     whole = guide.window
     channels = channels_of(guide.spec)
     if meaning.colors != (len(channels.color) > 1):
-        return []  # `wishes_of` says what is wrong
+        return []  # `wishes_of` raises the error
     met = np.zeros(len(meaning.codes), np.int64)
     for y in np.unique(whole.top + (2 * np.arange(_ROWS) + 1) * whole.height // (2 * _ROWS)):
         row = guide.read(Window(whole.left, int(y), whole.right, int(y) + 1))[0]
@@ -201,16 +202,16 @@ def labels_met(guide: Part, meaning: Meaning) -> list[int]:
 
 @dataclass(frozen=True)
 class Wishes:
-    """What a guide asks of the cells of a grid."""
+    """Labels that a guide demands for the cells of a grid."""
 
     keys: np.ndarray  # (rows, columns, 2) int32: the two most frequent labels under each cell, ties to the lower id
-    wanted: np.ndarray  # (rows, columns, GUIDE, GUIDE) uint16: labels at the middles of its pieces; 0: no single one
+    wanted: np.ndarray  # (rows, columns, GUIDE, GUIDE) uint16: labels at the centers of its pieces; 0: mixed
 
 
 def wishes_of(guide: Part, meaning: Meaning, grid: Grid, resources: Resources) -> Wishes:
-    """One look through the guide, row of cells by row of cells; it is scaled to the output by the nearest pixel.
+    """Read the guide once, by rows of cells, scaled to the output by the nearest pixel.
 
-    Raises ImageError where it has ids or colors that mean nothing: named, with how many of them were met.
+    Raises ImageError for ids or colors without a label: names them and their counts.
     """
     rows, columns = grid.shape
     keys = np.zeros((rows, columns, 2), np.int32)
@@ -233,35 +234,36 @@ def wishes_of(guide: Part, meaning: Meaning, grid: Grid, resources: Resources) -
     if unknown:
         meant = ", ".join(meaning.name(int(code)) for code in meaning.codes[:8])
         strays = meaning.strays(unknown, "samples")
-        raise ImageError(f"the guide has {strays}; there is {meant}")
+        raise ImageError(f"the guide has {strays}", expected=f"one of {meant}")
     if blended:
         share = 100 * blended / (rows * columns * SAMPLES**2)
-        log.warning("%s: %.0f %% of it is of no color of the table, and taken for the nearest", guide.name, share)
+        log.warning("%s: %.0f %% of the samples match no color of the table; nearest color used", guide.name, share)
     return Wishes(keys, wanted)
 
 
 def _samples(places: np.ndarray, patch: int, size: int) -> np.ndarray:
-    """Where cells that begin at `places` are looked at: (cells, SAMPLES), inside the output."""
+    """Sample positions of cells that begin at `places`: (cells, SAMPLES), inside the output."""
     at = places[:, None].astype(np.int64) + (2 * np.arange(SAMPLES) + 1) * patch // (2 * SAMPLES)
     return np.where(at < 0, at + size, np.minimum(at, size - 1))
 
 
 def _rows(guide: Part, meaning: Meaning, grid: Grid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """For every row of cells its sample rows (SAMPLES,), and the guide's codes there: (SAMPLES, guide width) int64."""
+    """For every row of cells: its sample rows (SAMPLES,), and the guide's codes there: (SAMPLES, guide width) int64."""
     whole = guide.window
     channels = channels_of(guide.spec)
     if not meaning.colors and len(channels.color) > 1:
-        raise ImageError(f"the table names ids, but guide {guide.name} holds colors")
+        problem = f"guide {guide.name} contains colors, but the table maps label ids"
+        raise ImageError(problem, expected="an integer label map")
     for at in _samples(grid.ys, grid.patch, grid.height) * whole.height // grid.height:
         codes = np.empty((SAMPLES, whole.width), np.int64)
-        for n, y in enumerate(at):  # row by row: where the torus closes they are not neighbors
+        for n, y in enumerate(at):  # row by row: rows are not contiguous where the torus closes
             row = guide.read(Window(whole.left, whole.top + int(y), whole.right, whole.top + int(y) + 1))[0]
             codes[n] = meaning.codes_of(row, channels)
         yield whole.top + at, codes
 
 
 def _keys(place: np.ndarray, meaning: Meaning) -> np.ndarray:
-    """The key of every cell from its samples (cells, n) of indices into the codes: (cells, 2)."""
+    """The key of every cell from samples (cells, n) of indices into the codes: (cells, 2)."""
     cells, many = len(place), len(meaning.codes)
     counts = np.bincount((place + many * np.arange(cells)[:, None]).ravel(), minlength=cells * many)
     counts = counts.reshape(cells, many)
@@ -270,13 +272,13 @@ def _keys(place: np.ndarray, meaning: Meaning) -> np.ndarray:
     left[np.arange(cells), first] = 0
     second = np.where(left.max(1) > 0, left.argmax(1), first)
     pairs = meaning.keys[first].copy()
-    both = meaning.pure[first]  # a pair stands as it is
+    both = meaning.pure[first]  # pairs are kept as they are
     pairs[both, 1] = meaning.keys[second[both], 0]
     return pairs
 
 
 def keys_in(table: ContentTable, wished: np.ndarray) -> tuple[np.ndarray, dict[tuple[int, int], tuple[int, int]]]:
-    """Numbers of the wished keys (..., 2) in the table, and which of them had to be replaced by which."""
+    """Indices of the wished keys (..., 2) in the table, and the replacement of each key that is not in it."""
     codes = wished[..., 0].astype(np.int64) << 32 | wished[..., 1].astype(np.int64)
     present, inverse = np.unique(codes, return_inverse=True)
     numbers, replaced = np.empty(len(present), np.int32), {}

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A label map of any size grown from a found one: the future work of LSA16 §7.
+"""Synthesis of a label map of any size from that of the exemplar: the future work of LSA16 §7.
 
-A label map is itself a texture. It is reduced to cells of about a quarter of its scale, labels become colors that lie
-far apart, and PatchMatch with voting (`optimization.synthesize`, without projection) makes a map of the new size:
-uniform use of the found map and matching of histograms hold the shares, whole patches hold what lies beside what. Of
-several starts the one is taken whose shares and neighborhoods are nearest to those found.
+A label map is itself a texture. It is reduced to cells of about a quarter of its scale, labels become distant
+colors, and PatchMatch with voting (`optimization.synthesize`, without projection) makes a map of the new size.
+Uniform use of the exemplar's map and histogram matching preserve the shares, and whole patches preserve adjacency. Of
+several starts, the one whose shares and adjacency are nearest to the exemplar's is taken.
 """
 
 from __future__ import annotations
@@ -19,36 +19,36 @@ from ..opencl.device import Device
 from ..patchmatch.optimization import synthesize
 from ..patchmatch.recipe import Recipe
 
-CELLS = 4  # along the scale of a label map
-_LEAST, _MOST = 24, 192  # cells along the found map's shorter side
+CELLS = 4  # per scale of a label map
+_LEAST, _MOST = 24, 192  # cells along the shorter side of the exemplar's map
 _PATCHES = (11, 9, 7, 5)
 _UNIFORMITY = 0.3  # strong: shares matter more here than the coherence of single borders
 _ITERATIONS = 20
-_SIDE = 100.0  # of the cube of colors, Lab units
+_SIDE = 100.0  # of the color cube, Lab units
 
 
 @dataclass(frozen=True)
 class Grown:
-    """A grown label map.
+    """A synthesized label map.
 
-    Shares of labels, and of pairs that lie side by side, are off by half the sum of absolute differences, 0 to 1.
+    Errors of the shares of labels, and of adjacent pairs: half the sum of absolute differences, 0 to 1.
     """
 
     ids: np.ndarray  # (height, width) uint32: one per cell
-    cell: int  # its side, px
+    cell: int  # side of a cell, px
     shares: float
     neighbors: float
 
 
 def cell_side(rho: float, width: int, height: int) -> int:
-    """The side of a cell for a label map of that scale, px: small enough for the map to hold some patches of cells."""
+    """Side of a cell for a label map of scale `rho`, px: the map must have several patches of cells."""
     shorter = min(width, height)
     side = round(rho / CELLS) if rho > 0 else shorter // 64
     return max(1, -(-shorter // _MOST), min(side, shorter // _LEAST))
 
 
 def cells_of(ids: np.ndarray, side: int) -> np.ndarray:
-    """The most frequent label of every cell, ties to the lower; (rows, columns), what is left over is cut off."""
+    """The most frequent label of every cell, ties to the lower: (rows, columns), without incomplete cells."""
     rows, columns = (max(1, n // side) for n in ids.shape)
     ids = ids[: rows * side, : columns * side]
     best, most = np.zeros((rows, columns), np.int64), np.full((rows, columns), -1)
@@ -60,7 +60,7 @@ def cells_of(ids: np.ndarray, side: int) -> np.ndarray:
 
 
 def apart(count: int) -> np.ndarray:
-    """Colors (count, 3) on a grid of the cube, each as far as can be from those before it."""
+    """Colors (count, 3) on a grid of the cube, each as far as possible from those before it."""
     steps = max(2, int(np.ceil(count ** (1 / 3))) + 1)
     grid = np.stack(np.meshgrid(*[np.linspace(0, _SIDE, steps)] * 3, indexing="ij"), -1).reshape(-1, 3)
     chosen, nearest = [0], np.full(len(grid), np.inf)
@@ -80,16 +80,16 @@ def grow_labels(
     progress: Callable[[int, int], None],
     tries: int = 4,
 ) -> Grown:
-    """Grow a map of labels, (h, w) ids, in cells of `side` px for that domain; the best of so many tries.
+    """Synthesize a map of labels from (h, w) ids, in cells of `side` px, for a domain. The best of `tries` is returned.
 
-    Raises ImageError where it has no label, or pieces too small for a patch of cells; 0 is none, and does not grow.
+    Raises ImageError if it has no label, or regions too small for a patch of cells. Id 0 is unlabeled, and not grown.
     """
     cells = cells_of(ids, side)
     labels, index = np.unique(cells, return_inverse=True)
     index = index.reshape(cells.shape)
     allowed = cells != 0
     if not allowed.any():
-        raise ImageError("the label map has no label to grow")
+        raise ImageError("the label map has no labels to grow")
     width, height = (max(_PATCHES[-1], -(-n // side)) for n in domain.size)
     values = apart(len(labels))[index]
     best, steps = None, 0
@@ -118,13 +118,13 @@ def grow_labels(
 
 
 def _patch(shape: tuple[int, ...], allowed: np.ndarray, size: tuple[int, int]) -> int:
-    """The largest patch of cells that is at most a fourth of both maps, and of which one is free of holes."""
+    """The largest patch of cells that is at most a fourth of both maps and fits between the holes."""
     least = min(*shape, *size)
     for patch in _PATCHES:
         inside = np.lib.stride_tricks.sliding_window_view(allowed, (min(patch, shape[0]), min(patch, shape[1])))
         if (4 * patch <= least or patch == _PATCHES[-1]) and inside.all((2, 3)).any():
             return patch
-    raise ImageError("the labeled pieces of the label map are too small to grow from")
+    raise ImageError("the labeled regions of the label map are too small to grow from")
 
 
 def _shares(index: np.ndarray, counted: np.ndarray, count: int) -> np.ndarray:
@@ -132,7 +132,7 @@ def _shares(index: np.ndarray, counted: np.ndarray, count: int) -> np.ndarray:
 
 
 def _pairs(index: np.ndarray, counted: np.ndarray, count: int) -> np.ndarray:
-    """Shares of pairs of different labels among all neighbors, whichever is left or above: (count^2,)."""
+    """Shares of pairs of different labels among all neighbors, in either order: (count^2,)."""
     sums = np.zeros(count * count)
     total = 0
     for a, b, ok in (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Paintings of labels: the fine one read at any size, and what is kept for the next edit."""
+"""Label paintings: the fine painting at any size, and the data kept for the next edit."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ log = logging.getLogger("oiiotex")
 def painted_labels(
     fine: Part, meaning: Meaning, size: Size, strict: bool = True
 ) -> Callable[[Window], np.ndarray]:  # fmt: skip
-    """The labels that a fine painting asks for in any window of the result: (height, width) int64, 0 where none.
+    """The labels of a fine painting in any window of the result: (height, width) int64, 0 where it is empty.
 
-    Colors that mean no label are none where it is not `strict`, else named with their counts and places.
+    Colors without a label count as empty if not `strict`, else the error names them.
     """
     whole, channels = fine.window, channels_of(fine.spec)
 
@@ -51,7 +51,7 @@ def painted_labels(
 
 
 def painting_arrays(layers: dict[str, Quilt], exemplar: tuple[int, int]) -> dict[str, np.ndarray]:
-    """Plans, sewn to the end, and what was asked for, by prefix; the first is as --texquilt:render=1 reads it."""
+    """Finished plans and what was painted, by prefix. The first is also what --texquilt:render=1 reads."""
     combined: dict[str, np.ndarray] = {}
     for prefix, layer in layers.items():
         arrays = layer.finished().arrays(exemplar)
@@ -62,20 +62,22 @@ def painting_arrays(layers: dict[str, Quilt], exemplar: tuple[int, int]) -> dict
 
 @dataclass(frozen=True)
 class Begun:
-    """A layer of a painting to begin with."""
+    """A painting's layer from an earlier run."""
 
     plan: Plan
-    demand: Demand  # what it was asked for
-    path: Path  # where it was read, for messages
+    demand: Demand  # what was painted
+    path: Path  # its file, for messages
     fine: bool  # the painting has a fine layer
 
     def kept(self, grid: Grid, demand: Demand, flag: str) -> Plan:
-        """The plan without the patches of which something else is asked now; the grid must be the same."""
+        """The plan without the patches whose demand has changed. The grid must be the same."""
         g = self.plan.grid
         if g != grid:
             raise ImageError(
-                f"before={self.path} is of {g.width}x{g.height} in patches of {g.patch} px, this is"
-                f" {grid.width}x{grid.height} in patches of {grid.patch} px: size, tile and patch must be the same"
+                f"{g.width}x{g.height} px with patches of {g.patch} px",
+                parameter="before",
+                value=str(self.path),
+                expected=f"{grid.width}x{grid.height} px with patches of {grid.patch} px, and the same tile",
             )
         changed = self.demand.keys != demand.keys
         if demand.guide is not None:
@@ -86,18 +88,18 @@ class Begun:
 
 
 def read_begun(path: Path, budget: int, prefix: str = "") -> Begun | None:
-    """A painting's layer; None where there is no such one. A plan of --texquilt is refused."""
+    """Read a painting's layer. None: it has no such layer. A plan of --texquilt is refused."""
     arrays = read_arrays(path, budget)
     if "keys" not in arrays:
-        expected = f"a plan of {texture_filter('paint')}, which says what was painted"
+        expected = f"a plan of {texture_filter('paint')}"
         raise ImageError(parameter="before", value=str(path), expected=expected)
     if f"{prefix}keys" not in arrays:
         return None
     plan, _ = Plan.of(arrays, path, prefix)
     if f"{prefix}guide" not in arrays:
-        raise ImageError(f"{path} is no whole plan")
+        raise ImageError(f"{path} is not a complete plan")
     keys, guide = (arrays[f"{prefix}{name}"] for name in ("keys", "guide"))
     fine = "fine_keys" in arrays
     if keys.shape != plan.grid.shape or guide.shape[:2] != plan.grid.shape:
-        raise ImageError(f"{path} is no whole plan")
+        raise ImageError(f"{path} is not a complete plan")
     return Begun(plan, Demand(keys, guide), path, fine)

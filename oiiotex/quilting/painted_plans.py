@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans of paintings: where two of them differ, and one of another size with the patches of another (LSA16 6.2)."""
+"""Plans of paintings: where two of them differ, and a plan of another size from an existing one (LSA16 6.2)."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from .quilt_plan import Grid, Plan
 
 
 def regridded(path: Path, budget: int, times: int = 1, size: tuple[int, int] | None = None) -> dict[str, np.ndarray]:
-    """A plan with the patches of a painting's, for a larger or a smaller one, as the arrays of its file.
+    """A larger or smaller plan with the patches of a painting's plan, as the arrays of its file.
 
-    Patches are of the photo's pixels and do not grow: `times` larger, a cell has become times x times, and all of them
-    but the first are free. Of another `size`, patches stay where they are, and cells beyond are free. As `before=` of
-    --texpaint it keeps of the former those whose labels are still asked for there.
+    Patches are photo pixels and are not scaled. `times` larger: a cell becomes times x times cells, of which all but
+    the first are free. Another `size`: patches keep their places, and cells beyond are free. As `before=` of
+    --texpaint, the patches whose labels are still demanded there are kept.
 
     Parameters
     ----------
     path : Path
-        Of the painting's plan.
+        Plan of the painting.
     budget : int
-        Bytes that may be held.
+        Memory budget in bytes.
     size : (int, int), optional
-        Width and height, px; by default those of the painting, so many times larger.
+        Width and height, px. Default: those of the painting times `times`.
 
     Raises
     ------
@@ -56,30 +56,30 @@ def _regridded(
     cuts = np.zeros((2, *grid.shape, grid.patch), np.uint8)
     cells = {
         "offsets": np.zeros(grid.shape, np.uint32),
-        "keys": np.full(grid.shape, -1, keys.dtype),  # is asked for nowhere
+        "keys": np.full(grid.shape, -1, keys.dtype),  # never demanded
         "guide": np.zeros((*grid.shape, *guide.shape[2:]), guide.dtype),
     }
     for name, values in (("offsets", plan.offsets), ("keys", keys), ("guide", guide)):
         cells[name][corners] = values[:rows, :columns]
-    if times == 1:  # else no neighbor is kept, and cuts are made when neighbors are
+    if times == 1:  # else no neighbor is kept, and cuts are made with the neighbors
         for cut, old in zip(cuts, (plan.vertical, plan.horizontal), strict=True):
             cut[corners] = old[:rows, :columns]
     return Plan(grid, cells["offsets"], *cuts).arrays(exemplar) | cells
 
 
 def changed_box(before: Path, after: Path, fine: tuple[np.ndarray, np.ndarray], budget: int) -> Window | None:
-    """Around the pixels that differ between two paintings; None where these are of two sizes.
+    """The bounding box of the pixels that differ between two paintings. None: their sizes differ.
 
-    No pixel beyond may: it depends on patches that are the same, and on a cut within a tile that is.
+    Pixels outside cannot differ: they depend on equal patches, and on a cut within an equal tile.
 
     Parameters
     ----------
     before, after : Path
-        Of their plans.
+        Plans of the paintings.
     fine : 2 x (height, width) uint8
-        Their fine layers; 0: nothing is painted.
+        Their fine layers. 0: not painted.
     budget : int
-        Bytes that may be held.
+        Memory budget in bytes.
 
     Raises
     ------
@@ -94,14 +94,14 @@ def changed_box(before: Path, after: Path, fine: tuple[np.ndarray, np.ndarray], 
     either = _around(seen | was)
     if not either.empty:
         over = either if "fine_facts" not in old or "fine_facts" not in new else _changed_cells(old, new, "fine_")
-        band = TILE // 4  # the farthest that a cut strays from what is painted, `SeamOverlay.band`
+        band = TILE // 4  # maximum distance of a cut from the painted border, `SeamOverlay.band`
         over = _both(over & _grown(either, band), _grown(_around(seen ^ was), band))
         box = _in_tiles(_both(box, over))
     return box & whole
 
 
 def _changed_cells(old: dict[str, Any], new: dict[str, Any], layer: str) -> Window:
-    """Around the pixels of cells that have another patch or another cut."""
+    """Bounding box of the pixels of cells with another patch or another cut."""
     patch, overlap = map(int, new[f"{layer}facts"][3:5])
     differs = old[f"{layer}offsets"] != new[f"{layer}offsets"]
     for name in ("vertical", "horizontal"):
@@ -115,7 +115,7 @@ def _changed_cells(old: dict[str, Any], new: dict[str, Any], layer: str) -> Wind
 
 
 def _around(where: np.ndarray) -> Window:
-    """The smallest window that has all of a mask."""
+    """Bounding box of a mask."""
     rows, columns = (np.flatnonzero(where.any(axis)) for axis in (1, 0))
     if not len(rows):
         return Window(0, 0, 0, 0)
@@ -127,12 +127,12 @@ def _grown(box: Window, by: int) -> Window:
 
 
 def _both(one: Window, other: Window) -> Window:
-    """Around two windows, of which either may have no pixel."""
+    """Bounding box of two windows, either of which may be empty."""
     return other if one.empty else one if other.empty else one | other
 
 
 def _in_tiles(box: Window) -> Window:
-    """Around all tiles that it touches, within which cuts hang together."""
+    """Bounding box of all tiles that it touches: cuts are made per tile."""
     if box.empty:
         return box
     left, top, right, bottom = box

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What --texquilt, --texpaint and --texcomposite share: patches of an exemplar sewn by content, LSA16 section 6.1."""
+"""The base of --texquilt, --texpaint and --texcomposite: quilts of patches chosen by content, LSA16 section 6.1."""
 
 from __future__ import annotations
 
@@ -41,69 +41,72 @@ from .label_painting import Begun
 from .quilt_plan import AT_ONCE, MOST_PATCH, Grid, plan_bytes
 from .quilter import MOST_FINER, Demand, Quilt, QuiltExemplar, Rules, cell_memory, folded
 
-CARRIED = Output("label.N", Kind.IDS, "label parts of the photo, made from the same sources", asked_by="keep")
+CARRIED = Output("label.N", Kind.IDS, "Label parts of the photo, copied from the same source pixels.", asked_by="keep")
 LEAST_PATCH, _LEAST_GUIDED = 8, 32
-_LAB_BYTES, _VALUE_BYTES = 14, 12  # of a pixel of the exemplar: on the grid, masks, and reduced; as floats
-_GRID_ROWS = 256  # that are put on the grid at once
-_REGIONS = 12  # of the exemplar, from which a guide's label should be had
+_LAB_BYTES, _VALUE_BYTES = 14, 12  # per pixel of the exemplar: on the grid, masks, and reduced; as floats
+_GRID_ROWS = 256  # rows converted to the grid at a time
+_REGIONS = 12  # minimum number of exemplar regions for each label of a guide
 
 
 @dataclass(frozen=True, kw_only=True)
 class Quilted(LabeledExemplar, Gather):
-    """What is sewn from patches of a photo."""
+    """A result quilted from patches of a photo."""
 
     size: Size | None = param(
-        None, ge=1, le=1 << 22, unit="px", help="of the result; the guide's or else the exemplar's when left out"
+        None, ge=1, le=1 << 22, unit="px", unset="size of the guide, else of the exemplar", help="Size of the result."
     )
-    tile: str = param("none", choices=("none", "x", "y", "xy"), help="along which axes the result tiles")
+    tile: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the result tiles.")
     patch: int | None = param(
         None,
         ge=LEAST_PATCH,
         le=MOST_PATCH,
         unit="px",
-        help="side of a patch; the label level's scale, or shorter side / 8, as a power of two when left out (less"
-        " where a guide's labels are found in too few places)",
+        unset="scale of the label level, or shorter side / 8, as a power of two; with guide, less if a label is rare",
+        help="Side of a patch. Increase it to preserve larger structures, decrease it for more variation.",
     )
-    candidates: int = param(256, ge=1, le=65536, help="patches that are tried in a place, at most")
+    candidates: int = param(256, ge=1, le=65536, help="Maximum number of candidate patches per place.", advanced=True)
     reuse: float = param(
         1.0,
         ge=0,
         le=1e9,
-        help="a region of the exemplar that is shown oftener than twice, and than once more than this times its fair"
-        " share, costs, the more the oftener",
+        help="Number of free uses of a region of the exemplar, as a multiple of its fair share. Uses beyond two, and"
+        " beyond one more than that number, are penalized.",
+        advanced=True,
     )
-    finer: float = param(0.5, ge=0, le=100, help="weight of finer levels' labels in the overlaps, beside color")
-    guidance: float = param(1.0, ge=0, le=100, help="weight of the guide's labels inside a patch, beside color")
-    keep: bool = param(False, help="label parts of the exemplar follow, made from the same sources")
+    finer: float = param(
+        0.5, ge=0, le=100, help="Weight of finer levels' labels in the overlaps, compared with color.", advanced=True
+    )
+    guidance: float = param(1.0, ge=0, le=100, help="Weight of the guide's labels inside a patch, compared with color.")
+    keep: bool = param(False, help="Write the exemplar's label parts, from the same source pixels, after the image.")
 
     def read(self, resources: Resources, *also: np.ndarray | None) -> ExemplarPixels:
-        """As `LabeledExemplar.read`, where the table of its contents fits the memory, too."""
+        """As `LabeledExemplar.read`, if the content table fits into memory as well."""
         spec = self.exemplar.first.spec
         require_addressable((spec.height, spec.width))
         resources.require(
             (TABLE_BYTES + _LAB_BYTES + self.photo_bytes(resources)) * spec.width * spec.height,
-            f"the content table of {spec.width}x{spec.height}",
-            "make the exemplar smaller",
+            f"the content table of {spec.width}x{spec.height} px",
+            "use a smaller exemplar",
         )
         return super().read(resources, *also)
 
     def holds_photo(self, resources: Resources) -> bool:
-        """Whether its values lie in memory."""
+        """Whether its values are in memory."""
         return self.holds(resources, _VALUE_BYTES)
 
     def photo_bytes(self, resources: Resources) -> int:
-        """Memory of a pixel of the photo for its own values and those that it is seen by: where both fit easily."""
+        """Memory per photo pixel for its values and the Lab copy: both only if they fit easily."""
         own = self.exemplar.first.pixel_bytes
         return sum(size for size in (own, _VALUE_BYTES) if self.holds(resources, size))
 
     def copied_by_rows(self, resources: Resources) -> bool:
-        """Whether its own pixels are read by rows, in the order of the result, and not held."""
+        """Whether its pixels are read by rows, in the order of the result, instead of held in memory."""
         return not self.holds(resources, self.exemplar.first.pixel_bytes)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sewing:
-    """What one layer of a result is sewn of, where that is not what its op says."""
+    """Settings of one layer of a result, if they differ from those of its op."""
 
     op: Quilted
     guide: Image | None
@@ -111,12 +114,12 @@ class Sewing:
     size: Size | None
     patch: int | None
     overlap: int | None = None
-    structured: Structured | None = None  # the op, where it keeps the exemplar's lattice
-    meaning: Callable[[np.ndarray], Meaning] | None = None  # None: ids mean themselves
-    begun: Begun | None = None  # a painting whose patches stay where the same is asked for
+    structured: Structured | None = None  # the op, if it keeps the exemplar's lattice
+    meaning: Callable[[np.ndarray], Meaning] | None = None  # None: ids are labels
+    begun: Begun | None = None  # an earlier painting, whose patches are kept where its labels are unchanged
 
     def quilt(self, seen: ExemplarPixels, resources: Resources, progress: Progress) -> Quilt:
-        """The quilt, of which nothing is made yet: its sources, its grid, what it is asked for, its plan at the end."""
+        """A new quilt: sources, grid, demands and, eventually, its plan."""
         source = self.op.exemplar.first
         width, height = source.spec.width, source.spec.height
         lab, allowed = np.empty((height, width, 3), np.int16), seen.usable
@@ -133,7 +136,7 @@ class Sewing:
             table = content_table(*window_keys(keyed, grid.patch, allowed), grid.patch)
             demand = self._demand(grid, keyed, table, resources)
         exemplar = QuiltExemplar(lab, table, self._finer(labels), keyed if demand.guide is not None else None)
-        self.op.inform("%d x %d patches of %d px that overlap by %d", columns, rows, grid.patch, grid.overlap)
+        self.op.inform("%d x %d patches of %d px, overlap %d px", columns, rows, grid.patch, grid.overlap)
         return Quilt(
             resources.device, exemplar, grid, demand, self._rules(grid.patch), resources.budget,
             held=width * height * self.op.photo_bytes(resources),
@@ -143,9 +146,9 @@ class Sewing:
         )  # fmt: skip
 
     def require_memory(self, resources: Resources) -> None:
-        """Refuse what sizes alone show not to fit: before anything is read, on a device not opened.
+        """Refuse, from sizes alone, what does not fit, before anything is read or a device is opened.
 
-        What there is of labels can only make patches smaller, and their number larger.
+        Labels can only make patches smaller, and so their number larger.
         """
         source, labels = self.op.exemplar.first, self._label_map()
         shorter = min(source.spec.width, source.spec.height)
@@ -161,11 +164,11 @@ class Sewing:
         if self.structured is not None:
             self.structured.require_lattice(source.spec.height, source.spec.width, resources, held)
         windows = (source.spec.width - patch + 1) * (source.spec.height - patch + 1)
-        photo = {"exemplar": 6 * source.spec.width * source.spec.height, "key_map": 4 * windows}  # what is certain
+        photo = {"exemplar": 6 * source.spec.width * source.spec.height, "key_map": 4 * windows}  # known minimum
         require_room(resources.device, photo | plan_bytes(grid, AT_ONCE), resources.budget, _task(grid), held)
 
     def _label_map(self) -> LabelMap | None:
-        """The label map of the level, where anything speaks of labels."""
+        """The label map of the level, if any parameter needs labels."""
         if all(source is None for source in (self.op.label, self.guide, self.level, self.op.labels)):
             return None
         return label_map(self.op.exemplar, self.op.labels, self.level)
@@ -188,7 +191,7 @@ class Sewing:
         return Grid.tiling(*size, self.op.tile, patch=patch, overlap=overlap)
 
     def _asked(self) -> tuple[Size, bool]:
-        """The size of the result before a lattice is looked at, and whether it is prescribed."""
+        """The size of the result without regard to a lattice, and whether it is prescribed."""
         like = (self.guide or self.op.exemplar).first.spec
         return self.size or Size(like.width, like.height), self.size is not None or self.guide is not None
 
@@ -200,7 +203,7 @@ class Sewing:
         return self.overlap or max(4 if patch >= 12 else patch // 3, patch // 4)
 
     def _sides(self, labels: LabelMap | None, ids: np.ndarray | None, allowed: np.ndarray | None) -> tuple[int, int]:
-        """Side of a patch and overlap, such that there is a patch at all, and of a guide's labels several."""
+        """Side of a patch, and overlap, such that valid patches exist, and several for each of a guide's labels."""
         spec = self.op.exemplar.first.spec
         if ids is not None:
             allowed = both(ids != 0, allowed)
@@ -211,22 +214,24 @@ class Sewing:
         if patch > most and self.patch is None:
             smaller = 1 << max(0, most.bit_length() - 1)
             if smaller >= LEAST_PATCH:
-                self.op.warn("no patch of %d px fits what may be taken: %d px instead", patch, smaller)
+                self.op.warn("no patch of %d px fits in the valid source pixels; using patch=%d", patch, smaller)
                 patch = smaller
         if self.patch is None and self.guide is not None:
             patch = self._guided_side(present(ids), patch)
         if patch > most:
             raise ImageError(
-                f"no patch of {patch} px fits what may be taken of {self.op.exemplar.source}: the largest square is"
-                f" {most} px" + (f", patch={most} takes it" if most >= LEAST_PATCH else "")
+                f"no patch of {patch} px fits in the valid source pixels of {self.op.exemplar.source}:"
+                f" the largest square is {most} px",
+                hint=f"use patch={most}" if most >= LEAST_PATCH else "",
             )
         overlap = self._overlap(patch)
         if 3 * overlap > patch:
-            raise ParameterError(f"overlap={overlap}: at most a third of patch={patch}, {patch // 3}, is allowed")
+            expected = f"at most {patch // 3}, a third of patch={patch}"
+            raise ParameterError(parameter="overlap", value=overlap, expected=expected)
         return patch, overlap
 
     def _guided_side(self, ids: np.ndarray, patch: int) -> int:
-        """Halved until there are several places to take each of the guide's labels from: else the few would repeat."""
+        """Halve the patch until each of the guide's labels is found in several regions: fewer would repeat."""
         meaning = self._meant(ids)
         wanted = labels_met(present(self.guide).first, meaning)
         while patch > _LEAST_GUIDED:
@@ -244,14 +249,14 @@ class Sewing:
         wishes = wishes_of(self.guide.first, meaning, grid, resources)
         keys, replaced = keys_in(table, wishes.keys)
         if replaced:
-            named = ", ".join(f"{a} by {b}" for a, b in list(replaced.items())[:5])
+            named = ", ".join(f"{a} -> {b}" for a, b in list(replaced.items())[:5])
             more = f" and {len(replaced) - 5} more" if len(replaced) > 5 else ""
-            text = "no patch holds these pairs of labels (dominant, second), the nearest are taken: %s%s"
+            text = "no patch contains these pairs of labels (dominant, second); nearest used: %s%s"
             self.op.warn(text, named, more)
         return Demand(keys, wishes.wanted)
 
     def _meant(self, ids: np.ndarray) -> Meaning:
-        """What the guide's ids or colors mean."""
+        """The labels of the guide's ids or colors."""
         there = np.flatnonzero(np.bincount(ids.ravel()))
         return meaning_of(present(self.guide).first, None, there) if self.meaning is None else self.meaning(there)
 
@@ -272,9 +277,9 @@ def _task(grid: Grid) -> str:
 
 
 def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, resources: Resources) -> dict[str, Any]:
-    """The op's image by the sources that `read` gives of a window, these as 'st', and the exemplar's label parts."""
+    """The op's image from the sources that `read` gives for a window, the sources as 'st', and the label parts."""
     source, size = op.exemplar.first, (grid.width, grid.height)
-    # all parts are asked for the same windows
+    # all parts are read for the same windows
     spec = tile_spec(source.spec, "x" * grid.wrap_x + "y" * grid.wrap_y, size)
     by_rows = op.copied_by_rows(resources)
     sources = Sources(functools.lru_cache(1)(read), spec, resources.spread, by_rows=by_rows)
@@ -291,12 +296,12 @@ def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, res
                 else {}
             )
         else:
-            op.warn("part '%s' of %s is not carried along", part.name, op.exemplar.source)
+            op.warn("part '%s' of %s is dropped", part.name, op.exemplar.source)
     return sewn
 
 
 def sewn_whole(sewing: Sewing, seen: ExemplarPixels, resources: Resources, progress: Progress) -> dict[str, Any]:
-    """The result of one sewing; where its plan is asked for, it is sewn to the end."""
+    """The result of one layer. If its plan is requested, it is finished first."""
     quilt, spec = sewing.quilt(seen, resources, progress), sewing.op.exemplar.first.spec
     plan = {"plan": lambda: quilt.finished().arrays((spec.width, spec.height))}
     return sewn_parts(sewing.op, quilt.sources, quilt.grid, resources) | plan

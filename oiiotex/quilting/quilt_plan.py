@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a quilt is made of: a grid of patches, and a plan of offsets and cuts from which any window follows.
+"""A quilt as data: a grid of patches, and a plan of offsets and cuts that gives any window.
 
 LSA16 section 6.1: only the exemplar, patch indices and some stitching information need to be kept.
 """
@@ -22,42 +22,42 @@ from ..opencl.buffers import Buffers, in_smaller_pieces
 from ..opencl.device import Device
 
 MOST_PATCH = 256
-AT_ONCE = 1 << 20  # pixels of the largest window that is rendered at once
+AT_ONCE = 1 << 20  # pixels of the largest window rendered at a time
 _FACTS = 26  # cl/quilting.cl, facts
 _VERSION = 1
 _SIDE = (1, (1 << 31) - 1)
-# least and most of each fact of a saved plan: version, size, patch, overlap, wraps, exemplar's size
+# minimum and maximum of each fact of a saved plan: version, size, patch, overlap, wraps, exemplar's size
 _SAVED = ((_VERSION, _VERSION), _SIDE, _SIDE, (2, MOST_PATCH), (1, MOST_PATCH - 1), (0, 1), (0, 1), *[(1, 65536)] * 2)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Grid(Domain):
-    """Where patches lie in the output; a little closer along an axis that wraps, where its size asks for it."""
+    """The places of patches in the output. Along a wrapped axis they are slightly closer to fit its size."""
 
     patch: int  # side, px
-    overlap: int  # of neighbors: at most a third of a patch
+    overlap: int  # of neighbors, at most a third of a patch
 
     def __post_init__(self) -> None:
         for size, wraps, axis in ((self.width, self.wrap_x, "wide"), (self.height, self.wrap_y, "high")):
             if wraps and size < self.patch:
-                raise ImageError(f"a tile must be at least as {axis} as a patch, {self.patch} px; it is {size}")
+                raise ImageError(f"the tile is {size} px {axis}", expected=f"at least {self.patch} px, the patch size")
 
     @property
     def step(self) -> int:
-        """From one patch to the next, at most."""
+        """Maximum distance between neighboring patches."""
         return self.patch - self.overlap
 
     @property
     def xs(self) -> np.ndarray:
-        """Where columns begin."""
+        """First pixels of columns of cells."""
         return _places(self.width, self.step, self.overlap, self.wrap_x)
 
     @property
     def ys(self) -> np.ndarray:
-        """Where rows begin.
+        """First pixels of rows of cells.
 
-        A torus begins `overlap` above the output: then its closing seam lies in the last rows, and the first ones are
-        known before the last.
+        A torus starts `overlap` px above the output: its closing seam then lies in the last rows, and the first rows
+        are known before the last.
         """
         places = _places(self.height, self.step, self.overlap, self.wrap_y)
         return places - self.overlap if self.wrap_y else places
@@ -68,7 +68,7 @@ class Grid(Domain):
         return len(self.ys), len(self.xs)
 
     def waves(self) -> tuple[np.ndarray, np.ndarray]:
-        """Cells in the order in which they are decided, and where in it each wave begins."""
+        """Cells in the order in which they are decided, and the start of each wave in it."""
         rows, columns = self.shape
         i, j = np.divmod(np.arange(rows * columns, dtype=np.uint32), np.uint32(columns))
         wave = j + np.uint32(2) * i
@@ -76,7 +76,7 @@ class Grid(Domain):
         return order, np.append(0, np.bincount(wave).cumsum())
 
     def wave_of(self, window: Window) -> int:
-        """How many waves must be done before a window of the output can be made."""
+        """Number of waves that must be decided before a window of the output can be made."""
         rows, columns = self.shape
         last = int(np.searchsorted(self.ys, window.bottom - 1, "right")) - 1
         if self.wrap_y and window.bottom > self.height - self.overlap:  # where the torus closes
@@ -93,64 +93,64 @@ def _places(size: int, step: int, overlap: int, wraps: bool) -> np.ndarray:
 
 @dataclass
 class Plan:
-    """What the output is made of: it and the exemplar give every pixel.
+    """The plan of the output: together with the exemplar it gives every pixel.
 
-    Pixel (x, y) of a patch shows where x >= vertical[y] and y >= horizontal[x].
+    Pixel (x, y) of a patch is visible where x >= vertical[y] and y >= horizontal[x].
     """
 
     ARRAYS: ClassVar[tuple[str, ...]] = ("facts", "offsets", "vertical", "horizontal")
 
     grid: Grid
-    offsets: np.ndarray  # (rows, columns) uint32: top left of a cell's patch, as `SourceMap.packed`; NONE: none yet
+    offsets: np.ndarray  # (rows, columns) uint32: top left of a cell's patch, as `SourceMap.packed`; NONE: undecided
     vertical: np.ndarray  # (rows, columns, patch) uint8, as horizontal
     horizontal: np.ndarray
 
     @classmethod
     def empty(cls, grid: Grid) -> Plan:
-        """No cell has a patch."""
+        """A plan without patches."""
         cuts = (np.zeros((*grid.shape, grid.patch), np.uint8) for _ in range(2))
         return cls(grid, np.full(grid.shape, NONE, np.uint32), *cuts)
 
     def arrays(self, exemplar: tuple[int, int]) -> dict[str, np.ndarray]:
-        """What a file holds, by name."""
+        """The contents of its file, by name."""
         g = self.grid
         facts = np.array([_VERSION, g.width, g.height, g.patch, g.overlap, *g.wraps, *exemplar], np.int64)
         return {"facts": facts, "offsets": self.offsets, "vertical": self.vertical, "horizontal": self.horizontal}
 
     @classmethod
     def load(cls, path: Path, budget: int) -> tuple[Plan, tuple[int, int]]:
-        """A saved plan, and its exemplar's size; refused where it does not fit, or would read outside of that."""
+        """Read a plan, and its exemplar's size. Files that are inconsistent or would read out of bounds are refused."""
         return cls.of(read_arrays(path, budget), path)
 
     @classmethod
     def of(cls, arrays: Mapping[str, np.ndarray], path: Path, prefix: str = "") -> tuple[Plan, tuple[int, int]]:
-        """As `load`, from a file's arrays, whose names begin with `prefix`."""
+        """As `load`, from a file's arrays whose names begin with `prefix`."""
         try:
             facts, offsets, vertical, horizontal = (arrays[f"{prefix}{name}"] for name in cls.ARRAYS)
         except KeyError as error:
-            raise ImageError(f"{path}: no plan can be read: it has no {error}") from error
+            raise ImageError(f"cannot read a plan from {path}: it has no {error}") from error
         if facts.shape != (len(_SAVED),) or facts.dtype != np.int64 or facts[0] != _VERSION:
-            raise ImageError(f"{path} is a plan of another version")
+            raise ImageError(f"{path} is a plan of another version", hint="write the plan again")
         _, width, height, patch, overlap, wrap_x, wrap_y, *exemplar = values = tuple(map(int, facts))
         sound = all(low <= fact <= high for fact, (low, high) in zip(values, _SAVED, strict=True)) and overlap < patch
         sound &= (offsets.dtype, vertical.dtype, horizontal.dtype) == tuple(map(np.dtype, ("u4", "u1", "u1")))
-        # a grid is made only of what its cells could cover: its places are arrays themselves
+        # check before building a grid: a wrong size would allocate large arrays of places
         if not sound or offsets.ndim != 2 or height > offsets.shape[0] * patch or width > offsets.shape[1] * patch:
-            raise ImageError(f"{path} is no whole plan")
+            raise ImageError(f"{path} is not a complete plan")
         grid = Grid(width, height, bool(wrap_x), bool(wrap_y), patch=patch, overlap=overlap)
         plan = cls(grid, offsets, vertical, horizontal)
         y, x = SourceMap(offsets).yx
         cuts = (*plan.grid.shape, patch)
         fits = offsets.shape == plan.grid.shape and vertical.shape == cuts == horizontal.shape
         if not fits or (y + patch > exemplar[1]).any() or (x + patch > exemplar[0]).any():
-            raise ImageError(f"{path} is no whole plan")
+            raise ImageError(f"{path} is not a complete plan")
         if max(vertical.max(), horizontal.max()) >= overlap:
-            raise ImageError(f"{path} is no whole plan")
+            raise ImageError(f"{path} is not a complete plan")
         return plan, (exemplar[0], exemplar[1])
 
 
 def plan_bytes(grid: Grid, pixels: int) -> dict[str, int]:
-    """Device memory of a plan that is rendered, at most `pixels` at once."""
+    """Device memory of a plan that is rendered, at most `pixels` at a time."""
     cells = math.prod(grid.shape)
     cuts = grid.patch * cells
     return {"offset": 4 * cells, "vertical": cuts, "horizontal": cuts, "source": 4 * pixels}
@@ -162,11 +162,11 @@ class Renderer:
     Parameters
     ----------
     buffers : mapping
-        At least `plan_bytes`.
+        With at least `plan_bytes`.
     facts : sequence of int
-        What the kernels want to know beside the grid.
+        Kernel arguments in addition to the grid.
     pixels : int
-        How many are rendered at once.
+        Maximum number of pixels rendered at a time.
     lock : lock, optional
         Held while the device is used.
     """
@@ -192,7 +192,7 @@ class Renderer:
 
     @classmethod
     def of(cls, device: Device, plan: Plan, budget: int) -> Renderer:
-        """Of a finished plan."""
+        """A renderer of a finished plan."""
         task = f"a plan of {plan.grid.width}x{plan.grid.height}"
         buffers = Buffers(device, plan_bytes(plan.grid, AT_ONCE), budget, task)
         for name, array in (("offset", plan.offsets), ("vertical", plan.vertical), ("horizontal", plan.horizontal)):
@@ -200,7 +200,7 @@ class Renderer:
         return cls(device, buffers, plan.grid, [], AT_ONCE)
 
     def sources(self, window: Window) -> SourceMap:
-        """Which exemplar pixel lies where."""
+        """The exemplar pixel at each pixel of the window."""
         return SourceMap(in_smaller_pieces(lambda pixels: self._in_pieces(window, pixels), self._pixels, window.width))
 
     def _in_pieces(self, window: Window, pixels: int) -> np.ndarray:
@@ -221,7 +221,7 @@ class Renderer:
             return self._device.read(source, (window.height, window.width), np.uint32)
 
     def read(self) -> Plan:
-        """The plan as it is on the device."""
+        """Read the plan back from the device."""
         shape, b = self._grid.shape, self._buffers
         with self._lock:
             cuts = (self._device.read(b[n], (*shape, self._grid.patch), np.uint8) for n in ("vertical", "horizontal"))

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Image quilting (Efros & Freeman 2001) on a stream, its candidates chosen by their content (LSA16 section 6.1).
+"""Image quilting (Efros & Freeman 2001) as a stream, with candidates chosen by content (LSA16 section 6.1).
 
-A regular grid of square patches that overlap is filled from the top left to the bottom right. What is kept is a plan:
-for every cell the patch's offset in the exemplar and two cuts. The source of any output pixel follows from the plan
-alone, so the overlaps of a cell are looked up through it, no pixels are kept, and any window can be made at any time.
+A regular grid of overlapping square patches is filled from the top left to the bottom right. The result is a plan:
+for every cell, the patch's offset in the exemplar and two cuts. The source of any output pixel follows from the plan
+alone, so the overlaps of a cell are read through it, no pixels are kept, and any window can be made at any time.
 
-Cells (i, j) with the same j + 2 i do not see each other: they are decided together, wave by wave. The order is a fact
-of the grid, so no band, budget or thread shows in it.
+Cells (i, j) with the same j + 2 i do not overlap: they are decided together, wave by wave. The order depends on the
+grid only, so bands, budget and threads do not change the result.
 """
 
 from __future__ import annotations
@@ -34,56 +34,56 @@ GUIDE = 4  # samples of the guide along a side of a cell, cl/quilting.cl
 LABEL_STEP, _BINS, _COARSE = 4, 256, 4  # cl/quilting.cl
 MOST_FINER = 3  # cl/quilting.cl, LEVELS
 _WORST = 3 * (SPAN * COARSE_STEPS) ** 2  # largest squared difference of two pixels in grid steps
-_ROWS = 128  # of squares that are added up in 32 bits
-_LOSSES = 1 << 16  # of what is least in step, as numbers of a table
-_OVER = 16  # of a use too much, cl/quilting.cl
-_FLUSH = 64  # waves between two marks in the queue
+_ROWS = 128  # of squares summed in 32 bits
+_LOSSES = 1 << 16  # maximum offset penalty, as integers of a table
+_OVER = 16  # integer steps per excess use, cl/quilting.cl
+_FLUSH = 64  # waves between two flushes of the queue
 
 
 @dataclass(frozen=True)
 class Rules:
-    """How patches are chosen."""
+    """Settings that control the choice of patches."""
 
     seed: int = 0
-    candidates: int = 256  # patches that are tried in a cell, at most
-    reach: int = 4  # px by which the best of them may move to fit better: halved until nothing is left
-    reuse: float = 1.0  # regions cost when shown oftener than twice, and than once more than this times their share
+    candidates: int = 256  # maximum number of patches compared per cell
+    reach: int = 4  # px by which the best candidate may be moved to fit better: halved down to 1
+    reuse: float = 1.0  # free uses of a region, in fair shares: it pays for those above one more, and above two
     finer: float = 0.5  # weight of finer levels' histograms, in units of the exemplar's variance
     guidance: float = 1.0  # weight of pixels whose label is not the guide's, in the same unit
 
 
 @dataclass(frozen=True)
 class QuiltExemplar:
-    """What patches are taken from."""
+    """The source of patches."""
 
     lab: np.ndarray  # (h, w, 3) int16: Lab in steps of `lab_grid.COARSE_STEPS`
-    table: ContentTable  # of windows of the patch's size
+    table: ContentTable  # contents of windows of the patch's size
     finer: tuple[np.ndarray, ...] = ()  # (h, w) uint8, `folded`: at most MOST_FINER maps of finer levels
-    labels: np.ndarray | None = None  # (h, w): the label map that a guide speaks of
+    labels: np.ndarray | None = None  # (h, w): the label map that a guide refers to
 
 
 @dataclass
 class Demand:
-    """What cells ask for."""
+    """Contents demanded for the cells."""
 
-    keys: np.ndarray  # (rows, columns) int32: the number of each cell's key in the content table
-    guide: np.ndarray | None = None  # (rows, columns, GUIDE, GUIDE) uint16, wanted at the middles of pieces; 0: any
+    keys: np.ndarray  # (rows, columns) int32: index of each cell's key in the content table
+    guide: np.ndarray | None = None  # (rows, columns, GUIDE, GUIDE) uint16, labels at the centers of pieces; 0: any
 
 
 def folded(ids: np.ndarray) -> np.ndarray:
-    """Labels as the bins in which they are counted, uint8: of more than 255 some share one; 0 stays apart."""
+    """Labels as histogram bins, uint8. Above 255 labels, some share a bin. 0 stays separate."""
     return np.where(ids > 0, (ids - 1) % (_BINS - 1) + 1, 0).astype(np.uint8)
 
 
 def reduced(lab: np.ndarray) -> np.ndarray:
-    """(h, w, 3) int16 -> means of its whole squares of _COARSE pixels, halves up."""
+    """(h, w, 3) int16 -> means of its complete squares of _COARSE pixels, halves rounded up."""
     h, w = (n // _COARSE for n in lab.shape[:2])
     squares = lab[: h * _COARSE, : w * _COARSE].reshape(h, _COARSE, w, _COARSE, 3)
     return ((squares.sum((1, 3), np.int32) + _COARSE**2 // 2) >> 4).astype(np.int16)
 
 
 def total_variance(lab: np.ndarray) -> float:
-    """The variances of all channels of (h, w, 3) int16, added up."""
+    """Variances of all channels of (h, w, 3) int16, summed."""
     rows = lab.reshape(len(lab), -1)
     count, squares = rows.size // 3, np.zeros(rows.shape[1], np.int64)
     for top in range(0, len(rows), _ROWS):
@@ -95,7 +95,7 @@ def total_variance(lab: np.ndarray) -> float:
 
 
 def cell_memory(grid: Grid, guided: bool) -> int:
-    """Bytes of what grows with the number of patches: to be asked before anything is worked out for them."""
+    """Bytes of all that grows with the number of patches: to be checked before they are computed."""
     cells = math.prod(grid.shape)
     return cells * (4 + 4 + 2 * GUIDE**2 * guided) + sum(plan_bytes(grid, 0).values())
 
@@ -131,25 +131,25 @@ def layout(exemplar: QuiltExemplar, grid: Grid, rules: Rules, guided: bool, pixe
 
 @dataclass
 class Quilt:
-    """A plan as it is made, on the device.
+    """A plan in progress on the device.
 
     Parameters
     ----------
     held : int
-        Bytes that the caller holds beside it.
+        Bytes that the caller holds in addition.
     pixels : int
-        Of the largest window that is rendered at once.
+        Maximum number of pixels rendered at a time.
     plan : Plan, optional
-        Where to begin: cells that have a patch keep it.
+        Initial plan: cells that have a patch keep it.
     in_step : InStep, optional
-        The exemplar's lattice, where the quilt keeps it.
+        The exemplar's lattice, if the quilt keeps it.
     report : callable, optional
-        Called with (waves done, waves in all).
+        Called with (finished waves, total waves).
 
     Raises
     ------
     DeviceError
-        It does not fit; with the figure.
+        It does not fit the budget. The message gives the size.
     """
 
     device: Device
@@ -176,7 +176,7 @@ class Quilt:
         self._flushed: Any = None  # an event
         order, self._waves = g.waves()
         start = self.plan or Plan.empty(g)
-        if self.plan is not None:  # cells that are decided stay
+        if self.plan is not None:  # decided cells are kept
             keep = start.offsets.ravel()[order] == NONE
             self._waves = np.append(0, keep.cumsum())[self._waves]
             order = order[keep]
@@ -205,7 +205,7 @@ class Quilt:
         for name, array in inputs.items():
             if array.size:
                 self.device.write(self._buffers[name], array)
-        self.plan = None  # it lives on the device now
+        self.plan = None  # on the device from now on
         rows, columns = e.lab.shape[0] - g.patch + 1, e.lab.shape[1] - g.patch + 1
         facts = (
             e.lab.shape[1], columns, rows, squares.side, squares.count, squares.before, squares.columns,
@@ -217,14 +217,14 @@ class Quilt:
 
     @property
     def _stride(self) -> int:
-        """px between two samples of a histogram: as many for any patch."""
+        """Distance between two samples of a histogram, px: their number is the same for any patch."""
         return max(LABEL_STEP, self.grid.patch // 16)
 
     def _weights(self, levels: int) -> tuple[np.int64, ...]:
-        """Costs of one sample of a histogram too much, of one sample that is not the guide's, of use and of step."""
+        """Costs of an excess histogram sample, of a sample off the guide, of reuse, and of being out of phase."""
         g, squares = self.grid, PatchSquares.of(self.grid, *self.exemplar.lab.shape[:2])
         variance = total_variance(self.exemplar.lab)
-        overlaps = variance * 2 * g.patch * g.overlap  # usual beside theirs, about
+        overlaps = variance * 2 * g.patch * g.overlap  # typical cost of overlaps, for comparison
         costs = (
             self.rules.finer * variance * self._stride**2 / max(1, levels),
             self.rules.guidance * overlaps / GUIDE**2,
@@ -237,16 +237,16 @@ class Quilt:
 
     @property
     def waves(self) -> int:
-        """How many there are."""
+        """Number of waves."""
         return len(self._waves) - 1
 
     def advance(self, waves: int) -> None:
-        """Decide all cells of the first `waves` waves; nothing is done again."""
+        """Decide all cells of the first `waves` waves that are still undecided."""
         with self._lock:
             while self.waves_decided < min(waves, self.waves):
                 self._wave(int(self._waves[self.waves_decided]), int(self._waves[self.waves_decided + 1]))
                 self.waves_decided += 1
-                if self.waves_decided % _FLUSH == 0:  # the queue is not to grow without end, nor to run empty
+                if self.waves_decided % _FLUSH == 0:  # keep the queue neither unbounded nor empty
                     if self._flushed is not None:
                         self._flushed.wait()
                     self._flushed = self.device.mark()
@@ -275,7 +275,7 @@ class Quilt:
         run("best", (cells,), *plan, *place, *table, *tried, *best, self.rules.reach, group=1)
         use = b["shown"], b["shares"], progress, self._units[2]
         run("assign", (1,), plan[0], b["order"], first, cells, *use, *tried, *best, b["offset"])
-        for number in range(3):  # the last two only where there may be something to the right or below
+        for number in range(3):  # the last two only if decided cells may exist to the right or below
             if number == 0 or self._closes:
                 run("cut", (2, cells), *plan, b["order"], first, cells, b["exemplar"], b["table"], number, group=1)
 
@@ -286,11 +286,11 @@ class Quilt:
     # --- reading ---
 
     def sources(self, window: Window) -> SourceMap:
-        """Which exemplar pixel lies where. Makes what it needs."""
+        """The exemplar pixel at each pixel of the window. Decides the waves that it needs."""
         self.advance(self.grid.wave_of(window))
         return self._renderer.sources(window)
 
     def finished(self) -> Plan:
-        """The whole plan."""
+        """The finished plan."""
         self.advance(self.waves)
         return self._renderer.read()

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How often a quilt shows regions of its exemplar, and how often it should: what showing them again costs.
+"""The reuse penalty of quilts: how often regions of the exemplar appear, compared with their fair share.
 
-Not in LSA16 or Efros & Freeman 2001. The exemplar is cut into squares. A patch shows those that its middle covers, half
-an overlap inside of its border, where cuts lie on the average, so the shown parts of all patches are as large as the
-quilt. Each square has a share: how often it would be shown if all that a key's patches can show were shown alike. Of
-that share a square is due, at any time, the part of the quilt that is laid. Twice, or once more than is due, is free,
-what is above that costs its square (cl/quilting.cl, use_share): what a large quilt shows often it shows all over, and
-every part of the photo has its turn. All of it is whole numbers, so that nothing but the order of cells counts.
+Not in LSA16 or Efros & Freeman 2001. The exemplar is divided into squares. A patch shows those that its middle covers,
+half an overlap inside its border, where cuts lie on average, so the shown areas of all patches add up to the area of
+the quilt. The fair share of a square is its number of uses if all squares that a key's patches can show were used
+equally, times the part of the quilt that is decided. Two uses, or one more than the share, are free. Excess uses cost
+their square (cl/quilting.cl, use_share). So frequent regions are spread over a large quilt, and every part of the
+photo is used. All of it is integer arithmetic, so only the order of cells matters.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from ..deferred import np
 from ..labels.content_table import ContentTable
 from .quilt_plan import Grid
 
-GROWTH = 0.3  # price of a patch that is shown once too often, in exemplar variances of the overlaps' pixels
-OFTEN = 10  # times that patches of one label alone may show the same before mixed ones are taken, too
-UNITS = 256  # of a use, as shares are counted: cl/quilting.cl
-_AT_ONCE = 1 << 18  # offsets that are counted
-_SQUARES = 6  # along the side of what a patch shows, at least
+GROWTH = 0.3  # cost of a patch with one excess use, in exemplar variances of the overlaps' pixels
+OFTEN = 10  # uses of the same region by pure patches of a label above which mixed patches are used
+UNITS = 256  # per use, in which shares are counted: cl/quilting.cl
+_AT_ONCE = 1 << 18  # offsets counted at a time
+_SQUARES = 6  # minimum number along the side of a patch's shown area
 
 
 @dataclass(frozen=True)
 class PatchSquares:
-    """The squares of an exemplar, as patches of a grid show them."""
+    """The squares of an exemplar, as shown by patches of a grid."""
 
     side: int  # px
-    count: int  # Of a patch along a side
-    before: int  # px from a patch's corner to what it shows
-    rows: int  # Of the exemplar
+    count: int  # of a patch along a side
+    before: int  # px from a patch's corner to its shown area
+    rows: int  # of the exemplar
     columns: int
 
     @classmethod
     def of(cls, grid: Grid, height: int, width: int) -> PatchSquares:
-        """Of an exemplar of that size."""
+        """Squares of an exemplar of that size."""
         side = max(1, grid.step // _SQUARES)
         count, before = grid.step // side, grid.overlap // 2
         # of the last patch, rounded up
@@ -45,7 +45,7 @@ class PatchSquares:
         return cls(side, count, before, rows, columns)
 
     def shown(self, offsets: np.ndarray) -> np.ndarray:
-        """How many of the patches at these offsets, packed, show each square: (rows, columns) int32."""
+        """Number of patches, from packed offsets, that show each square: (rows, columns) int32."""
         corners = np.zeros(self.rows * self.columns, np.int64)
         for first in range(0, len(offsets), _AT_ONCE):
             some = SourceMap(offsets[first : first + _AT_ONCE]).yx
@@ -54,12 +54,12 @@ class PatchSquares:
         return _spread(corners, self)
 
     def spans(self, table: ContentTable, keys: np.ndarray, reuse: float) -> np.ndarray:
-        """Where the patches of each key are when cells with these keys are laid: (keys, 4) int64.
+        """Ranges of the patches that serve each key when cells with these keys are laid: (keys, 4) int64.
 
-        Offsets from and up to, and keys from and up to, in the table. They are the key's own, with one exception: a
-        label that is wanted alone takes all patches in which it dominates, if patches of nothing else would each be
-        shown more than `OFTEN` times. A stone of one label holds few squares of a patch's size, and a whole area of it
-        would be rows of these few.
+        First and last offset, and first and last key, in the table. They are the key's own patches, with one exception:
+        a single label uses all patches in which it dominates if each of its pure patches would appear more than `OFTEN`
+        times. A stone of one label covers few squares of a patch's size, and a large area of it would be rows of these
+        few.
         """
         of, numbers = table.keys[:, 0], np.arange(len(table.keys))
         first, last = numbers.copy(), numbers + 1
@@ -71,9 +71,9 @@ class PatchSquares:
         return np.stack([table.starts[first], table.starts[last], first, last], 1)
 
     def shares(self, offsets: np.ndarray, spans: np.ndarray, keys: np.ndarray, reuse: float) -> np.ndarray:
-        """How often each square is due when cells with these keys are laid, `reuse` times: (rows, columns) int32.
+        """Fair share of each square when cells with these keys are laid, times `reuse`: (rows, columns) int32.
 
-        In 1 / `UNITS`. Of a key all squares that its patches, `spans` of all offsets, can show are shown alike.
+        In 1 / `UNITS`. For a key, all squares that its patches, `spans` of all offsets, can show have equal shares.
         """
         cells = np.bincount(keys.ravel(), minlength=len(spans))
         shares = np.zeros((self.rows, self.columns))
@@ -84,12 +84,12 @@ class PatchSquares:
 
 
 def laid(offsets: np.ndarray) -> np.ndarray:
-    """Those of cells that have a patch."""
+    """Offsets of the cells that have a patch."""
     return offsets[offsets != NONE]
 
 
 def _spread(corners: np.ndarray, squares: PatchSquares) -> np.ndarray:
-    """Counts of first squares -> counts of all squares that belong to them."""
+    """Counts of first squares -> counts of all squares that patches show."""
     sums = np.zeros((squares.rows + 1, squares.columns + 1), np.int64)
     sums[1:, 1:] = corners.reshape(squares.rows, squares.columns).cumsum(0).cumsum(1)
     n = squares.count

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is to be made of a folder of photos: materials found by names, lines of a recipe for each. See README.md."""
+"""Finds materials in a folder of photos by file names, and expands a recipe's lines for each. See README.md."""

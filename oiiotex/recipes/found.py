@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Materials in a folder of photos: files and members of archives by their names, what is ambiguous as questions."""
+"""Finds materials in a folder of photos by names of files and archive members; ambiguities become questions."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from ..api.materials import PACKED, PACKED_ROLES, Name, read_name
 from ..errors import Error, ParameterError
 from .recipe import Facts, LibraryRecipe, facts_beside
 
-LIBRARY = "library.sqlite"  # the file by which a library is known
+LIBRARY = "library.sqlite"  # a folder with this file is a library
 _IMAGES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".tga", ".bmp", ".psd", ".dpx"}
 _FLOATS = {".exr", ".hdr"}
-_MOST_MEMBER = 8 << 30  # bytes that a member of an archive may have
-_LARGE = 64 << 20  # bytes from which on a member may not unpack to more than
-_MOST_UNPACKED = 200  # times what it takes in the archive: zeros, which fill disks
+_MOST_MEMBER = 8 << 30  # bytes; largest member of an archive
+_LARGE = 64 << 20  # bytes; larger members must not exceed the compression ratio below
+_MOST_UNPACKED = 200  # compression ratio of zip bombs
 _CHANNELS = "RGB"
-# as zipfile fails on broken archives, which it says nothing of
+# undocumented exceptions of zipfile for broken archives
 _BROKEN_ARCHIVE = (
     OSError, ValueError, KeyError, IndexError, EOFError, RuntimeError, NotImplementedError, struct.error, zlib.error,
     zipfile.BadZipFile,
@@ -36,18 +36,18 @@ _BROKEN_ARCHIVE = (
 
 @dataclass(frozen=True)
 class MapFile:
-    """Where a map lies.
+    """The location of a map.
 
     Attributes
     ----------
     path : str
-        Of the file, or of the archive that it is in; below the folder of photos, with slashes.
+        Path of the file or its archive, relative to the folder of photos, with slashes.
     member : str
-        Its name in the archive.
+        Name in the archive; '': a file.
     hand : str
-        'opengl' or 'directx', of normals.
+        Convention of normals: 'opengl' or 'directx'; '': unknown.
     channel : str
-        The channel that it is; '': all.
+        The channel to use; '': all.
     """
 
     path: str
@@ -57,12 +57,12 @@ class MapFile:
 
     @property
     def suffix(self) -> str:
-        """The extension, in lower case."""
+        """The file extension in lower case."""
         return PurePosixPath(self.member or self.path).suffix.lower()
 
     @property
     def floats(self) -> bool:
-        """Whether its format holds floats."""
+        """Whether the file format stores floats."""
         return self.suffix in _FLOATS
 
     def __str__(self) -> str:
@@ -71,7 +71,7 @@ class MapFile:
 
 @dataclass(frozen=True)
 class Material:
-    """Maps that belong together, what is known of them, and what has to be asked."""
+    """Maps that belong together, with facts and open questions."""
 
     name: str
     maps: dict[str, MapFile]
@@ -91,7 +91,7 @@ def materials(photos: Path, recipe: LibraryRecipe) -> list[Material]:
     Raises
     ------
     Error
-        The folder cannot be read, or the recipe speaks of what is not there.
+        The folder cannot be read, or the recipe names missing materials or files.
     """
     groups: dict[tuple[str, str], list[_Candidate]] = defaultdict(list)
     beside: dict[tuple[str, str], Path] = {}
@@ -138,12 +138,12 @@ def materials(photos: Path, recipe: LibraryRecipe) -> list[Material]:
 
 
 def extract(photos: Path, file: MapFile, target: Path) -> None:
-    """Put a map under a name, out of its archive where it is in one; what is then written there is not the photo.
+    """Link, copy or unpack a map to a path. Replacing the file there does not change the photo.
 
     Raises
     ------
     Error
-        The archive is broken, or the member is not there, too large, or packed as no photo is.
+        The archive is broken, or the member is missing, too large, or suspiciously compressed.
     """
     source = (photos / file.path).resolve()
     try:
@@ -153,10 +153,10 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
         with zipfile.ZipFile(source) as archive:
             info = archive.getinfo(file.member)
             if info.file_size > _MOST_MEMBER:
-                raise Error(f"{file}: larger than {_MOST_MEMBER >> 30} GB")
+                raise Error(f"{file}: file too large: expected up to {_MOST_MEMBER >> 30} GB")
             if info.file_size > max(_LARGE, _MOST_UNPACKED * info.compress_size):
                 raise Error(
-                    f"{file}: unpacks to over {_MOST_UNPACKED} times its size: unpack the archive if you trust it"
+                    f"{file}: unpacks to over {_MOST_UNPACKED} times its size; if you trust the archive, unpack it"
                 )
             with archive.open(file.member) as packed, open(target, "wb") as out:
                 shutil.copyfileobj(packed, out, 1 << 20)
@@ -165,23 +165,23 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
 
 
 def link_or_copy(source: Path, target: Path) -> None:
-    """A file under a second name. Files are replaced by renaming, so either name may go its own way.
+    """Make a hard link or a copy of a file. Files are replaced by renaming, which does not affect the other link.
 
-    A symbolic link would be followed instead, and the file that it leads to be replaced.
+    A symbolic link would not do: replacing it could replace its target.
     """
     try:
         os.link(source, target)
-    except OSError:  # another disk, or one that has no hard links
+    except OSError:  # another disk, or no support for hard links
         shutil.copyfile(source, target)
 
 
 def _files(photos: Path) -> Iterable[str]:
-    """Files below the folder that matter, hidden ones left out; a link that leads nowhere is said where it is read."""
+    """Relevant files below the folder, without hidden ones. Broken links are reported when they are read."""
     if not photos.is_dir():
         raise Error(f"{photos}: no such folder")
     wanted = _IMAGES | {".zip", ".toml"}
     for folder, folders, names in os.walk(photos):
-        if LIBRARY in names:  # a library is made of photos, and is none
+        if LIBRARY in names:  # a library is not a source of photos
             folders.clear()
             continue
         folders[:] = [name for name in folders if not name.startswith(".")]
@@ -193,10 +193,10 @@ def _files(photos: Path) -> Iterable[str]:
 
 
 def _is_file(path: str) -> bool:
-    """Whether it is no pipe, socket or device, which would be waited for."""
+    """Whether it is a regular file; reading a pipe, socket or device would block."""
     try:
         return stat.S_ISREG(os.stat(path).st_mode)
-    except OSError:  # it says why when it is read
+    except OSError:  # reported when it is read
         return True
 
 
@@ -216,13 +216,13 @@ def _images(photos: Path, path: str) -> list[MapFile]:
 
 
 def _key(path: str, recipe: LibraryRecipe) -> tuple[str, str]:
-    """Of which material a NAME.toml speaks; the one without a name, where it is called material.toml."""
+    """The material that a NAME.toml describes; material.toml describes the unnamed one of its folder."""
     stem = PurePosixPath(path).stem
     return str(PurePosixPath(path).parent), "" if stem == "material" else read_name(stem, recipe.words).material
 
 
 def _names(groups: Iterable[tuple[str, str]]) -> dict[tuple[str, str], str]:
-    """A name for every group: the material's, with as many folders before it as tell it from others."""
+    """A unique name for every group: the material's name, prefixed with as many folder names as needed."""
     parts = {key: [*PurePosixPath(key[0]).parts, *([key[1]] if key[1] else [])] or ["material"] for key in groups}
     names, length = {}, 1
     while parts:
@@ -243,7 +243,7 @@ def _safe(text: str) -> str:
 
 
 def _material(name: str, candidates: list[_Candidate], facts: Facts, recipe: LibraryRecipe) -> Material:
-    """The maps of a group, each role by one file, or a question."""
+    """The material of a group: one file per role, or a question."""
     questions = []
     maps: dict[str, MapFile] = {}
     by_role: dict[str, list[_Candidate]] = defaultdict(list)
@@ -253,14 +253,14 @@ def _material(name: str, candidates: list[_Candidate], facts: Facts, recipe: Lib
     if nameless and not by_role and len(nameless) == 1 and recipe.find.photos:
         maps["color"] = nameless[0].file
     elif nameless and not facts.maps:
-        questions.append(f"what is {', '.join(str(c.file) for c in nameless)}? maps = {{ ROLE = FILE }} says it")
+        questions.append(f"which role has {', '.join(str(c.file) for c in nameless)}? Set maps = {{ ROLE = FILE }}")
     for role, several in by_role.items():
         if role in facts.maps:
             continue
         chosen = _one(several, recipe.find.prefer)
         if len(chosen) > 1:
             files = ", ".join(str(c.file) for c in chosen)
-            questions.append(f"which is its {role}: {files}? prefer = [WORD] or maps = {{ {role} = FILE }} says it")
+            questions.append(f"which file is the {role}: {files}? Set prefer = [WORD] or maps = {{ {role} = FILE }}")
         else:
             maps[role] = replace(chosen[0].file, hand=chosen[0].name.hand)
     for role, text in facts.maps.items():
@@ -273,18 +273,18 @@ def _material(name: str, candidates: list[_Candidate], facts: Facts, recipe: Lib
     if "normal" in maps:
         hand = maps["normal"].hand or facts.normals
         if not hand:
-            questions.append('are its normals OpenGL\'s or DirectX\'? normals = "opengl" or "directx" says it')
+            questions.append('which convention do the normals have? Set normals = "opengl" or "directx"')
         maps["normal"] = replace(maps["normal"], hand=hand)
     if "color" not in maps and not questions:
-        questions.append("which is its color? maps = { color = FILE } says it, skip = true leaves it out")
+        questions.append("which file is the color? Set maps = { color = FILE }, or skip = true to ignore the material")
     ordered = {role: maps[role] for role in sorted(maps, key=lambda role: (role != "color", role))}
     return Material(name, ordered, facts, tuple(questions))
 
 
 def _one(several: list[_Candidate], prefer: tuple[str, ...]) -> list[_Candidate]:
-    """The candidates that are left when those that are preferred are taken, word after word."""
+    """The candidates that remain after applying the preferred words in order."""
     hands = {candidate.name.hand for candidate in several}
-    if {"opengl", "directx"} <= hands:  # one surface, told twice
+    if {"opengl", "directx"} <= hands:  # the same surface in both conventions
         several = [candidate for candidate in several if candidate.name.hand == "opengl"]
     for word in prefer:
         wanted = [c for c in several if word.lower() in (*c.name.marks, c.file.suffix[1:])]

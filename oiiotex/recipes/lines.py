@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recipe's lines with their placeholders filled in: what oiiotex is to do for one material, in its folder."""
+"""Expands the placeholders of a recipe's lines into command lines for one material."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from ..errors import Error, ParameterError, within
 from .found import MapFile
 from .recipe import Deliver, LibraryRecipe
 
-SOURCE = "source"  # the folder of a material's maps while lines run
+SOURCE = "source"  # folder of a material's maps while lines run
 _HOLE = re.compile(r"\$(?:(\$)|\{([a-z_0-9.]+)\}|([a-z_0-9]+(?:\.[a-z_0-9]+)?))")
-_FLIP = ("--mulc", "1,-1,1", "--addc", "0,1,0")  # of normals in 0..1: what DirectX has downwards is upwards in OpenGL
-_SPREADS = "`oiiotex-library ingest` spreads materials itself"
-_SHOWS = "nobody looks on while a library is made"
+_FLIP = ("--mulc", "1,-1,1", "--addc", "0,1,0")  # inverts y of normals in 0..1: DirectX to OpenGL
+_SPREADS = "`oiiotex-library ingest` distributes materials itself"
+_SHOWS = "a library is made without a display"
 _NOT_HERE = {
     "--farm": _SPREADS, "--share": _SPREADS, "--join": _SPREADS, "--openjd": _SPREADS, "--texlive": _SHOWS,
-    "--tev": _SHOWS, "--oiioattrib": "it would hold for the lines of other materials, too",
+    "--tev": _SHOWS, "--oiioattrib": "it would affect the lines of other materials",
 }  # fmt: skip
 _EVERY_MAP = {role: MapFile(f"{role}.png", hand="opengl") for role in ROLES}
 _KINDS = {"color": "color", "normal": "normal", "height": "height"}
@@ -42,11 +42,11 @@ class ProductStep(NamedTuple):
     ----------
     product : str
     words : tuple of str
-        Of a command line that runs in the asset's folder.
+        Command line to run in the asset's folder.
     takes : tuple of str
-        Products whose files it reads.
+        Products whose files the line reads.
     outputs : mapping of role to str
-        What `$outputs` writes, by role: below the asset's folder.
+        Files written by `$outputs`, by role, below the asset's folder.
     """
 
     product: str
@@ -58,12 +58,12 @@ class ProductStep(NamedTuple):
 def steps_of(recipe: LibraryRecipe, maps: Mapping[str, MapFile]) -> list[ProductStep]:
     """The lines of a recipe for a material with these maps.
 
-    A line that asks for a map which the material does not have is left out, and what takes its files, too.
+    Lines that require a missing map are skipped, as are lines that read files of a skipped product.
 
     Raises
     ------
     ParameterError
-        A line asks for what no material can have.
+        A placeholder is invalid.
     """
     steps: list[ProductStep] = []
     names = [product.name for product in recipe.products]
@@ -73,10 +73,10 @@ def steps_of(recipe: LibraryRecipe, maps: Mapping[str, MapFile]) -> list[Product
         words = list[str]()
         with within(f"product {product.name}"):
             try:
-                texts = shlex.split(product.line)
+                parts = shlex.split(product.line)
             except ValueError as error:
                 raise ParameterError(f"{error}") from error
-            for text in texts:
+            for text in parts:
                 words += filler.filled(text, words)
         if not filler.lacking:
             steps.append(ProductStep(product.name, tuple(words), tuple(sorted(filler.takes)), filler.outputs))
@@ -85,13 +85,13 @@ def steps_of(recipe: LibraryRecipe, maps: Mapping[str, MapFile]) -> list[Product
 
 
 def require_lines(recipe: LibraryRecipe) -> str:
-    """Refuse what a line alone can show to be wrong; returns the product that is delivered, whose line has `$outputs`.
+    """Check the lines without a material, and return the name of the product with `$outputs`, which is delivered.
 
     Raises
     ------
     ParameterError
-        An option or a modifier is unknown or no library's, a placeholder is none, or not one line has `$outputs`, once
-        and behind all images.
+        An option, a modifier or a placeholder is unknown or not supported in a library, or not exactly one line has
+        `$outputs`, once and after all images.
     """
     steps = steps_of(recipe, _EVERY_MAP)
     for step in steps:
@@ -99,19 +99,20 @@ def require_lines(recipe: LibraryRecipe) -> str:
             _require_deliverable(step)
     delivered = [step.product for step in steps if step.outputs]
     if len(delivered) != 1:
-        raise ParameterError(f"{len(delivered)} products have $outputs: one must, whose files are delivered")
+        raise ParameterError(f"{len(delivered)} products have $outputs: expected exactly one, which is delivered")
     return delivered[0]
 
 
 def require_confined(recipe: LibraryRecipe) -> None:
-    """Refuse files outside of a product's folder, as far as expressions and control flow say it without pixels.
+    """Raise ParameterError for output files outside a product's folder, as far as known without pixels.
 
-    The lines are looked through as a run does it, in a folder like an asset's; what depends on pixels the run refuses.
+    Lines are rehearsed in a folder like an asset's, with expressions and control flow. If a file name depends on
+    pixels, the error occurs during the run.
 
     Raises
     ------
     ParameterError
-        A line would write such a file.
+        A line writes such a file.
     """
     import tempfile
 
@@ -130,46 +131,46 @@ def require_confined(recipe: LibraryRecipe) -> None:
                     rehearsals.foresight(command.steps, Frame(None, step.words))
             except OutsideError:
                 raise
-            except Error:  # whatever else is wrong need not be so for every material
+            except Error:  # other errors can be specific to a material
                 pass
 
 
 def _require_deliverable(step: ProductStep) -> None:
-    """Refuse what would wait for somebody, spread or share the line itself, or read images behind what is delivered."""
+    """Raise ParameterError for interactive or farm options, for files outside, and for images after `$outputs`."""
     command = parse(list(step.words), LANGUAGE)
     named = {*command.settings, *(each.option.name for each in command.steps if each.option)}
     for name in sorted(named & _NOT_HERE.keys()):
-        raise ParameterError(f"{name}: {_NOT_HERE[name]}: leave it out")
+        raise ParameterError(f"{name} cannot be used in a recipe: {_NOT_HERE[name]}; remove it")
     for each in command.steps:
         for said, name in _written(each):
             parts = name.split("/")
-            # what an expression stands for is said below, or by the run
+            # expressions are checked by the rehearsal or the run
             if not (parts[0] == step.product or parts[0].startswith("{")) or ".." in parts:
                 raise ParameterError(f"{said}: {OUTSIDE}")
     places = [place for place, word in enumerate(step.words) if word in step.outputs.values()]
     if len(places) > len(step.outputs):
-        raise ParameterError("$outputs stands twice, or another -o writes the same file")
+        raise ParameterError("$outputs occurs twice, or another -o writes the same file")
     if places:
         before = parse(list(step.words[: places[-1] + 1]), LANGUAGE).steps
         for each in command.steps[len(before) :]:
             if not each.op and not each.option:
-                raise ParameterError(f"'{each.word}' behind $outputs: only options may follow it")
+                raise ParameterError(f"'{each.word}' after $outputs: expected only options there")
 
 
 def _written(step: WrittenStep) -> Iterator[tuple[str, str]]:
-    """Files that a step of a line writes: as the line says them, and their names."""
+    """Files that a step of a line writes: (text in the line, file name)."""
     if step.option and step.option.writes:
         yield f"{step.word} {step.arguments[-1]}", step.arguments[-1]
     if step.op:
         asking = {output.asked_by for output in step.op.outputs}
         for key, value in split_modifiers(step.word)[1].items():
-            if key in asking and value not in ("0", "1"):  # asked for as a part of the result, or not
+            if key in asking and value not in ("0", "1"):  # 0 and 1 request a part of the result, not a file
                 yield f"{step.name}:{key}={value}", value
 
 
 @dataclass
 class _Filler:
-    """Fills in the words of one product's line."""
+    """Expands the words of one product's line."""
 
     product: str
     recipe: LibraryRecipe
@@ -187,13 +188,13 @@ class _Filler:
         }
 
     def filled(self, text: str, before: Sequence[str]) -> list[str]:
-        """The words that a word of the line stands for, behind those that are there."""
+        """Expand a word of the line into words that follow those in `before`."""
         match = _HOLE.fullmatch(text)
         name = match[2] or match[3] if match else None
         if name not in self._whole and name not in ROLES:
             return [_HOLE.sub(self._text, text)]
         if waiting := _waiting(before):
-            raise ParameterError(f"{waiting} would take the first word of {text}: leave it out, or say what it wants")
+            raise ParameterError(f"{waiting} would take the first word of {text}; remove it, or add its argument")
         return self._whole[name]() if name in self._whole else self._read(name)
 
     def _text(self, match: re.Match[str]) -> str:
@@ -216,8 +217,8 @@ class _Filler:
             tile = file in ROLES and f"{product}/{file}{_suffix(self.recipe.deliver)}"
             return tile or f"{product}/{file}.exr"
         if name in ROLES or name in self._whole:
-            raise ParameterError(f"${name} must be a word of its own, not part of '{match.string}'")
-        raise ParameterError(f"${name} is no placeholder: $$ is a dollar, `oiiotex-library recipe` lists them")
+            raise ParameterError(f"${name} must be a separate word, not part of '{match.string}'")
+        raise ParameterError(f"unknown placeholder ${name}; see `oiiotex-library recipe` ($$ is a dollar sign)")
 
     def _read(self, role: str) -> list[str]:
         """The words that read a map."""
@@ -248,7 +249,7 @@ class _Filler:
 
 
 def _waiting(words: Sequence[str]) -> str:
-    """The option at the end of a line that wants further words; '' where there is none."""
+    """The option at the end of a line that lacks arguments; '' if there is none."""
     word, place = "", 0
     while place < len(words):
         word = words[place]
@@ -257,7 +258,7 @@ def _waiting(words: Sequence[str]) -> str:
 
 
 def source_name(role: str, file: MapFile) -> str:
-    """Where a material's map lies while its lines run."""
+    """Path of a material's map while its lines run."""
     return f"{SOURCE}/{role}{file.suffix}"
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The recipe of a library: what is looked for, which lines make its products, what is delivered, what fails it."""
+"""The recipe of a library: how materials are found, made, delivered and judged."""
 
 from __future__ import annotations
 
@@ -26,31 +26,31 @@ def _require_among(what: str, value: str, allowed: tuple[str, ...]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Facts:
-    """What is known of a material; '' and () where nothing is."""
+    """Facts about a material; '' and () if unknown."""
 
     license: str = ""
     author: str = ""
     tags: tuple[str, ...] = ()
     size_m: tuple[float, ...] = ()  # width and height in meters
-    normals: Literal["", "opengl", "directx"] = ""  # what its map of normals is
-    maps: Mapping[str, str] = field(default_factory=dict)  # by role: files below the photos, ARCHIVE.zip!MEMBER in one
-    skip: bool = False  # it is left out
+    normals: Literal["", "opengl", "directx"] = ""  # convention of its normal map
+    maps: Mapping[str, str] = field(default_factory=dict)  # files by role, below the photos, or ARCHIVE.zip!MEMBER
+    skip: bool = False  # whether to ignore it
 
     def __post_init__(self) -> None:
         for role in self.maps:
             _require_among("maps", role, tuple(ROLES))
         if self.size_m and (len(self.size_m) != 2 or min(self.size_m) <= 0):
-            raise ParameterError(f"size_m={list(self.size_m)}: expected width and height in meters")
+            raise ParameterError(f"size_m={list(self.size_m)}: expected width and height in meters, both > 0")
 
     def under(self, own: Facts) -> Facts:
-        """These, where `own` says nothing else; tags of both."""
+        """These facts, overridden by those of `own`; tags are combined."""
         values = {f.name: getattr(own, f.name) or getattr(self, f.name) for f in fields(Facts)}
         return Facts(**{**values, "tags": tuple(dict.fromkeys((*self.tags, *own.tags)))})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Find(Facts):
-    """How materials are found, and what is known of all of them."""
+    """How materials are found, and facts about all of them."""
 
     photos: bool = True
     prefer: tuple[str, ...] = ()
@@ -67,7 +67,7 @@ class Role:
 
 @dataclass(frozen=True, kw_only=True)
 class Product:
-    """What one line makes of a material."""
+    """A product: a line that is run for each material."""
 
     name: str
     line: str
@@ -80,7 +80,7 @@ class Product:
 
 @dataclass(frozen=True, kw_only=True)
 class Deliver:
-    """What an asset holds beside what lines have made."""
+    """Files of an asset in addition to those that lines write."""
 
     format: Literal["exr", "tiff"] = "exr"
     color: str = "lin_rec709_scene"
@@ -93,7 +93,7 @@ class Deliver:
 
 @dataclass(frozen=True, kw_only=True)
 class _Judge:
-    """What a result fails by."""
+    """Limits that send an asset to review."""
 
     limits: tuple[str, ...] = ()
 
@@ -104,9 +104,9 @@ class _Judge:
 
 @dataclass(frozen=True, kw_only=True)
 class _RecipeDocument:
-    """A recipe as it is written."""
+    """The document of a recipe."""
 
-    schema: Annotated[Literal[1], Allowed(words="(what this version reads)")]
+    schema: Annotated[Literal[1], Allowed(words="(the version of the format)")]
     find: Find = Find()
     roles: dict[str, Role] = field(default_factory=dict)
     product: tuple[Product, ...] = ()
@@ -117,7 +117,7 @@ class _RecipeDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class LibraryRecipe:
-    """A recipe, checked."""
+    """A checked recipe."""
 
     products: tuple[Product, ...]
     find: Find = Find()
@@ -127,7 +127,7 @@ class LibraryRecipe:
     assets: Mapping[str, Facts] = field(default_factory=dict)
 
     def space(self, role: str, floats: bool) -> str:
-        """The color space of a role's files: '' as they say."""
+        """The color space of a role's files; '': as tagged in the file."""
         said = self.roles.get(role, Role())
         own = said.space_float if floats else said.space
         if own is not None:
@@ -136,12 +136,12 @@ class LibraryRecipe:
 
     @property
     def words(self) -> dict[str, tuple[str, ...]]:
-        """What else says a role."""
+        """Additional words that denote a role."""
         return {role: said.words for role, said in self.roles.items()}
 
 
 def commented_recipe() -> str:
-    """A recipe with all that one may say, commented."""
+    """An example recipe with all keys, commented."""
     return (Path(__file__).parent / "recipe.toml").read_text()
 
 
@@ -151,21 +151,21 @@ def load_recipe(path: Path) -> LibraryRecipe:
     Raises
     ------
     Error
-        It cannot be read, or something in it is not allowed.
+        The file cannot be read, or its content is invalid.
     """
     return recipe_of(read_toml(path), str(path))
 
 
 def recipe_of(document: Mapping[str, Any], name: str) -> LibraryRecipe:
-    """The recipe that a document is; `name` is for messages."""
+    """Check a document and return its recipe; `name` is for messages."""
     said: _RecipeDocument = read_as(_RecipeDocument, document, name, ParameterError)
     for role in said.roles:
         _require_among(f"{name}: roles", role, tuple(ROLES))
     if not said.product:
-        raise ParameterError(f"{name}: there is no [[product]]: nothing would be made")
+        raise ParameterError(f"{name}: no [[product]]: expected at least one")
     names = [product.name for product in said.product]
     if len(set(names)) < len(names):
-        raise ParameterError(f"{name}: two products have one name")
+        raise ParameterError(f"{name}: product names must be unique")
     return LibraryRecipe(
         find=said.find, roles=said.roles, products=said.product, deliver=said.deliver, assets=said.assets,
         limits=tuple(Limit.read(text, "limits") for text in said.judge.limits),
@@ -173,24 +173,24 @@ def recipe_of(document: Mapping[str, Any], name: str) -> LibraryRecipe:
 
 
 def facts_beside(path: Path) -> Facts:
-    """What a NAME.toml beside a material says of it."""
+    """The facts in a NAME.toml next to a material."""
     facts: Facts = read_as(Facts, read_toml(path), str(path), ParameterError)
     return facts
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """A TOML file of bounded size.
+    """Read a TOML file of at most 4 MB.
 
     Raises
     ------
     Error
-        It is none, too large, or no regular file.
+        The file is not TOML, too large, or not a regular file.
     """
     try:
         if not path.is_file():
             raise Error(f"{path}: no such file")
         if path.stat().st_size > _MOST_BYTES:
-            raise Error(f"{path}: larger than {_MOST_BYTES >> 20} MB")
+            raise Error(f"{path}: file too large: expected up to {_MOST_BYTES >> 20} MB")
         return tomllib.loads(path.read_text())
     except (OSError, UnicodeDecodeError) as error:
         raise Error(f"{path}: {error}") from error

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How alike a texture is to itself at a distance: normalized autocorrelation, and that folded onto a lattice's cell."""
+"""Normalized autocorrelation of a texture, also folded onto a lattice's cell."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from functools import cached_property
 from ..core.elementary import gaussian_taps
 from ..deferred import np
 
-SLOW = 1 / 12  # of the longer side: sigma of what a high-passed texture lacks
-LEAST = 0.25  # of a texture's pixels must lie above others at an offset for their correlation to say something
+SLOW = 1 / 12  # of the longer side: sigma of the high-pass filter
+LEAST = 0.25  # minimum share of a texture's pixels that must overlap at an offset for a valid correlation
 
 
 def _fast_length(n: int) -> int:
-    """The next product of 2, 3 and 5, of which a Fourier transform is quick."""
+    """The next product of 2, 3 and 5, for which a Fourier transform is fast."""
     while True:
         rest = n
         for prime in (2, 3, 5):
@@ -26,7 +26,7 @@ def _fast_length(n: int) -> int:
 
 
 def blurred(planes: np.ndarray, sigma: float, wraps: tuple[bool, bool] = (False, False)) -> np.ndarray:
-    """(height, width, n) planes through a Gaussian; 0 lies beyond the border of an axis, y or x, that does not wrap."""
+    """(height, width, n) planes through a Gaussian, zero-padded along an axis, y or x, that does not wrap."""
     taps = gaussian_taps(sigma, 3.0)
     radius = len(taps) // 2
     for axis, around in enumerate(wraps):
@@ -40,7 +40,7 @@ def blurred(planes: np.ndarray, sigma: float, wraps: tuple[bool, bool] = (False,
 
 
 def high_passed(values: np.ndarray, usable: np.ndarray, wraps: tuple[bool, bool] = (False, False)) -> np.ndarray:
-    """Values less their Gaussian mean over usable pixels, 0 where nothing is usable: (height, width, n) float64."""
+    """Values minus their Gaussian mean over usable pixels, 0 where nothing is usable: (height, width, n) float64."""
     weight = usable[..., None].astype(np.float64)
     both = blurred(np.concatenate([values * weight, weight], -1), SLOW * max(usable.shape), wraps)
     return (values - both[..., :-1] / np.maximum(both[..., -1:], 1e-6)) * weight
@@ -53,9 +53,9 @@ class Autocorrelation:
     Attributes
     ----------
     ncc : (2 reach_y + 1, 2 reach_x + 1) float64
-        Centerd: offset 0 is in the middle. -1 to 1; 0 where too few pixels say anything.
+        Centered: offset 0 is in the middle. -1 to 1. 0 if too few pixels overlap.
     weight : the same
-        Number of pixels that say it; 0 where too few do.
+        Number of overlapping pixels. 0 if too few.
     """
 
     ncc: np.ndarray
@@ -63,12 +63,12 @@ class Autocorrelation:
 
     @property
     def reach(self) -> tuple[int, int]:
-        """The farthest offset along x, along y."""
+        """The largest offset along x, along y."""
         return self.ncc.shape[1] // 2, self.ncc.shape[0] // 2
 
     @property
     def mean(self) -> float:
-        """Over offsets, weighted."""
+        """Weighted mean over offsets."""
         return float((self.ncc * self.weight).sum() / self.weight.sum())
 
     def offsets(self) -> tuple[np.ndarray, np.ndarray]:
@@ -78,22 +78,22 @@ class Autocorrelation:
 
     @cached_property
     def _half(self) -> tuple[np.ndarray, ...]:
-        """x, y, weight and value of offsets that say something; those of the opposite ones are the same."""
+        """x, y, weight and value of valid offsets, without their opposites, which have the same values."""
         x, y = self.offsets()
         half = (self.weight > 0) & ((y > 0) | ((y == 0) & (x > 0)))
         return x[half], y[half], self.weight[half], self.ncc[half]
 
     def folded(self, frequencies: np.ndarray, bins: int, blur: float = 0.0) -> np.ndarray:
-        """The mean over all offsets of equal phase on a lattice, but for those nearest to 0.
+        """The mean over all offsets of equal phase on a lattice, except the nearest to 0.
 
         Parameters
         ----------
         frequencies : (rank, 2) float
             Cycles per pixel along x, y.
         bins : int
-            Of each phase; phase 0 is the middle of bin 0.
+            Number of bins of each phase. Phase 0 is the middle of bin 0.
         blur : float
-            Sigma of a Gaussian that the mean is weighted by, px along each frequency.
+            Sigma of a Gaussian weight of the mean, px along each frequency.
 
         Returns
         -------
@@ -118,7 +118,7 @@ class Autocorrelation:
 
 
 def autocorrelation(values: np.ndarray, usable: np.ndarray) -> Autocorrelation:
-    """Of high-passed values, summed over channels, over all offsets at which enough pixels lie above each other.
+    """Autocorrelation of high-passed values, summed over channels, over all offsets with enough overlap.
 
     Parameters
     ----------
@@ -138,8 +138,8 @@ def autocorrelation(values: np.ndarray, usable: np.ndarray) -> Autocorrelation:
         power = power + spectrum.real**2 + spectrum.imag**2
     mask, energy = transformed(usable.astype(np.float64)), transformed((values * values).sum(2))
     products = np.fft.irfft2(power, shape)
-    first = np.fft.irfft2(energy * np.conj(mask), shape)  # energy of one of the two that lie above each other
-    second = np.roll(np.flip(first), 1, (0, 1))  # and of the other
+    first = np.fft.irfft2(energy * np.conj(mask), shape)  # energy of the first of two overlapping images
+    second = np.roll(np.flip(first), 1, (0, 1))  # and of the second
     overlap = np.fft.irfft2(mask.real**2 + mask.imag**2, shape)
     reach_y, reach_x = height * 3 // 4, width * 3 // 4
     at = np.ix_(np.arange(-reach_y, reach_y + 1), np.arange(-reach_x, reach_x + 1))
@@ -150,7 +150,7 @@ def autocorrelation(values: np.ndarray, usable: np.ndarray) -> Autocorrelation:
 
 
 def wrapped_autocorrelation(values: np.ndarray) -> Autocorrelation:
-    """Of an image on the torus, high-passed there: all offsets up to half its size.
+    """Autocorrelation of an image on the torus, high-passed there: all offsets up to half its size.
 
     Parameters
     ----------

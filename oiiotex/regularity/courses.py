@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Courses of unequal height: straight joints through the whole photo, and the price of leaving them.
+"""Courses of unequal height: straight joints through the whole photo, and the penalty for deviating from them.
 
-Not in MJH17. Rows of ashlar, slates or boards are no lattice, as their heights differ, but every joint between two of
-them is a row of pixels that is darker or lighter throughout. Joints are peaks of the mean of the high-passed photo
-along its rows (or columns), which must be alike in both halves. The phase of a row is its signed distance to the
-nearest joint, in median courses, and a match costs more the more its phase differs from that of the target's row: as
-on a lattice (offset_prices), but phases come from a table instead of a frequency.
+Not in MJH17. Rows of ashlar, slates or boards do not form a lattice, as their heights differ, but every joint between
+two of them is a row of pixels that is consistently darker or lighter. Joints are peaks of the mean of the high-passed
+photo along its rows (or columns), which must be similar in both halves. The phase of a row is its signed distance to
+the nearest joint, in median courses. A match has a penalty that grows with the difference between its phase and that
+of the target's row: as on a lattice (offset_prices), but phases are from a table instead of a frequency.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from ..deferred import np
 from .lattice import texture_of
 from .offset_prices import BITS, MOST, STRENGTH, Prices
 
-ALIKE = 0.85  # the smallest correlation between the profiles of both halves
-LEAST = 5  # the smallest number of joints in a photo
-UNEVEN = 3.5  # the largest ratio of two courses: beyond it, joints are single ledges
+ALIKE = 0.85  # minimum correlation between the profiles of both halves
+LEAST = 5  # minimum number of joints in a photo
+UNEVEN = 3.5  # maximum ratio of two courses: beyond it, joints are single ledges
 THIN = 1.0  # px; sigma of the Gaussian that smooths a profile
-STRONG = 0.5  # the smallest height of a joint in the profile, relative to the mean of the strongest
-NEAR = 0.15  # of a course; at this distance from its phase a match costs the most
+STRONG = 0.5  # minimum height of a joint in the profile, relative to the mean of the strongest
+NEAR = 0.15  # of a course; phase difference at which the penalty is at its maximum
 
 
 @dataclass(frozen=True)
 class Courses:
-    """Where joints lie in the photo.
+    """The joints of a photo.
 
     Attributes
     ----------
     rows : bool
-        Joints are horizontal; else vertical.
+        Joints are horizontal. Otherwise vertical.
     joints : (n,) float64
-        Their places, px from the top (the left), increasing.
+        Their positions, px from the top (the left), increasing.
     extent : int
-        The photo's size across them, px.
+        The photo's size across the joints, px.
     """
 
     rows: bool
@@ -48,13 +48,13 @@ class Courses:
 
     @property
     def heights(self) -> np.ndarray:
-        """From each joint to the next."""
+        """Distances from each joint to the next."""
         return np.diff(self.joints)
 
     def on_torus(self, domain: Domain) -> np.ndarray:
-        """Joints of a tile: the photo's courses in their order, stretched to close where the tile wraps.
+        """Joints of a tile: the photo's courses in order, stretched to close where the tile wraps.
 
-        None lies near the wrap, where it would be taken for a seam; where that allows it, they lie as in the photo.
+        None lies near the wrap, where it would look like a seam. If possible, they are at their places in the photo.
         """
         size, heights = domain.size[self.rows], self.heights
         if not domain.wraps[self.rows]:
@@ -75,7 +75,7 @@ class Courses:
         places = self.joints[first] + ends
         if (np.abs((places + size / 2) % size - size / 2) < low / 4).any():
             places = places + low / 2
-        return np.sort((own + np.rint(places - own)) % size)  # moved by whole pixels: a joint is copied as it is
+        return np.sort((own + np.rint(places - own)) % size)  # moved by whole pixels, without resampling
 
     def __str__(self) -> str:
         low, high = self.heights.min(), self.heights.max()
@@ -85,14 +85,14 @@ class Courses:
 
 
 def find_courses(values: SomeRows, usable: np.ndarray | None = None) -> Courses | None:
-    """The courses of a photo; None where it shows none.
+    """The courses of a photo. None: it has none.
 
     Parameters
     ----------
     values : (height, width, channels) float32
         CIE Lab.
     usable : (height, width) bool or None
-        Pixels that count; None: all.
+        Pixels that count. None: all.
     """
     seen = texture_of(values, usable)
     if seen is None:
@@ -110,20 +110,20 @@ def find_courses(values: SomeRows, usable: np.ndarray | None = None) -> Courses 
 
 
 def _profile(light: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """The mean along rows, less its own mean over a wider range."""
+    """The mean along rows, minus its own mean over a wider range."""
     mean = (light * usable).sum(1) / np.maximum(usable.sum(1), 1)
     return _blurred(mean, THIN) - _blurred(mean, 4 * THIN)
 
 
 def _blurred(line: np.ndarray, sigma: float) -> np.ndarray:
-    """Through a Gaussian, reflected at its ends; np.convolve would sum by BLAS, which differs between CPUs."""
+    """A line through a Gaussian, reflected at its ends. np.convolve would use BLAS, which differs between CPUs."""
     taps = gaussian_taps(sigma, 3.0)
     padded = np.pad(line, len(taps) // 2, "reflect")
     return sum(tap * padded[k : k + len(line)] for k, tap in enumerate(taps))
 
 
 def _joints(light: np.ndarray, usable: np.ndarray) -> tuple[float, np.ndarray]:
-    """How alike the profiles of both halves are, and peaks of the whole one."""
+    """The correlation of the profiles of both halves, and peaks of the whole profile."""
     half = light.shape[1] // 2
     one, other = _profile(light[:, :half], usable[:, :half]), _profile(light[:, half:], usable[:, half:])
     likeness = float((one * other).sum() / max(1e-12, np.sqrt((one * one).sum() * (other * other).sum())))
@@ -142,22 +142,22 @@ def _joints(light: np.ndarray, usable: np.ndarray) -> tuple[float, np.ndarray]:
 
 @dataclass(frozen=True)
 class InCourses:
-    """What a result keeps of its exemplar's courses.
+    """The exemplar's courses, as kept by a result.
 
     Attributes
     ----------
     courses : Courses
-        Of the exemplar.
+        Courses of the exemplar.
     wanted : (n,) float64
-        Joints of the result, as by `Courses.on_torus`.
+        Joints of the result, as from `Courses.on_torus`.
     size : int
-        Of the result across the joints, px.
+        Size of the result across the joints, px.
     wraps : bool
-        The result wraps there.
+        The result wraps in that direction.
     structure : float
         Strength, 0 to 1.
     origin : int
-        Where among `wanted` the result's first pixel lies, px.
+        Position of the result's first pixel in `wanted`, px.
     """
 
     courses: Courses
@@ -169,20 +169,20 @@ class InCourses:
 
     @staticmethod
     def of(courses: Courses, domain: Domain, structure: float) -> InCourses:
-        """On a result."""
+        """Courses for a result on a domain."""
         axis = int(courses.rows)
         return InCourses(courses, courses.on_torus(domain), domain.size[axis], domain.wraps[axis], structure)
 
     def facts(self) -> list[object]:
-        """What a result depends on."""
+        """Everything that a result depends on."""
         return [self.wanted, *vars(self.courses).values()]
 
     def moved(self, x: int, y: int) -> InCourses:
-        """For the part of the result that begins there."""
+        """The same for a part of the result that begins at (x, y)."""
         return replace(self, origin=self.origin + (y if self.courses.rows else x))
 
     def prices(self, own_scale: tuple[float, float], scale: tuple[float, float], patch: int, variance: float) -> Prices:
-        """Prices on a level; arguments as of `InStep.prices`."""
+        """Penalties on a level. Arguments as in `InStep.prices`."""
         axis, bins = int(self.courses.rows), 1 << BITS
         far = np.minimum(np.arange(bins), bins - np.arange(bins)) / bins  # in cycles
         losses = np.minimum(far / NEAR, 1.0) * min(STRENGTH * self.structure * patch**2 * variance, MOST)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A photo's lattice: the one or two frequencies at which it repeats, found by what it has in common with itself.
+"""A photo's lattice: the one or two frequencies at which it repeats, found by autocorrelation.
 
 Candidates are peaks of the normalized autocorrelation: pairs of them span lattices of rank 2, peaks of its spectrum are
-stripes (rank 1). The one that the autocorrelation is highest on, on the average, is refined to a fraction of a pixel by
-least squares over its peaks, farther and farther away. Whether it is more than chance is asked of the photo itself
-(order_significance): rows of cells are shifted against each other at random, and what such a photo shows of the
-lattice must be far below what the photo shows, in the whole photo and in each half.
+stripes (rank 1). The one with the highest mean autocorrelation is refined to a fraction of a pixel by
+least squares over its peaks, at increasing distances. Its significance is tested on the photo itself
+(order_significance): rows of cells are shifted against each other at random, and the lattice must be far stronger in
+the photo than in such shifted photos, in the whole photo and in each half.
 """
 
 from __future__ import annotations
@@ -20,32 +20,32 @@ from ..deferred import np
 from .autocorrelation import Autocorrelation, autocorrelation, high_passed
 from .order_significance import least_of_halves, order_of
 
-SIDE, LARGEST_SIDE = 256, 1024  # px; longer side that a photo is looked at with: half its own, between these
-_BYTES = 355  # of a pixel at that size, held while it is looked at; measured
-SMALLEST = 4.0  # px at that size: a lattice finer than that is inside of every patch
-CELLS, CELLS_OF_PART = 3.0, 2.5  # the smallest number of periods in a photo, along each vector
-SURE = {1: 7.0, 2: 4.5}  # deviations above photos with shifted rows, by rank: of rank 2 along every direction
-OF_HALF = 0.5  # of that in each half of the photo: deviations grow with the number of cells
+SIDE, LARGEST_SIDE = 256, 1024  # px; range of the longer side for the analysis: half of the photo's, between these
+_BYTES = 355  # per pixel at that size, measured
+SMALLEST = 4.0  # px at that size: a finer lattice is inside every patch
+CELLS, CELLS_OF_PART = 3.0, 2.5  # minimum number of periods in a photo, along each vector
+SURE = {1: 7.0, 2: 4.5}  # deviations above photos with shifted rows, by rank; rank 2: along every direction
+OF_HALF = 0.5  # the same in each half of the photo, relative: deviations grow with the number of cells
 BINS = 64  # of a phase
-_BLUR = 0.5  # px of a folded autocorrelation
-_AS_GOOD = 0.85  # of the best one's correlation: a lattice with a smaller cell is as good
+_BLUR = 0.5  # px, of a folded autocorrelation
+_AS_GOOD = 0.85  # relative to the best correlation: from there a lattice with a smaller cell is preferred
 STRETCHED = 0.02  # of a period: a larger strain is visible
-STRAIN, RANGE = 4.0, 0.3  # of sizes that fit
+STRAIN, RANGE = 4.0, 0.3  # weight of the strain, and relative range of tried sizes
 _PEAKS, _TRIED = 24, 4
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """What repeats.
+    """The lattice of a photo.
 
     Attributes
     ----------
     frequencies : (rank, 2) float64
-        Cycles per pixel along x and y; of rank 1 stripes, of rank 2 a reduced pair.
+        Cycles per pixel along x and y. Rank 1: stripes. Rank 2: a reduced pair.
     order : float
-        How far it stands above chance, in deviations.
+        Significance above chance, in deviations.
     likeness : (BINS,) * rank float64
-        The photo's normalized autocorrelation, the mean over all offsets of equal phase.
+        The photo's normalized autocorrelation: mean over all offsets of equal phase.
     """
 
     frequencies: np.ndarray
@@ -54,15 +54,15 @@ class Lattice:
 
     @property
     def rank(self) -> int:
-        """1: it repeats along one direction; 2: in two."""
+        """1: periodic along one direction. 2: along two."""
         return len(self.frequencies)
 
     def vectors(self) -> np.ndarray:
-        """The shortest steps to the same again, px: (rank, 2) float64; x and y."""
+        """The shortest periods, px: (rank, 2) float64, x and y."""
         return np.linalg.pinv(self.frequencies).T
 
     def first_vectors(self) -> np.ndarray:
-        """The three shortest that are no opposites: of stripes one, two and three steps. (3, 2) float64."""
+        """The three shortest vectors without opposites. Stripes: one, two and three periods. (3, 2) float64."""
         vectors = self.vectors()
         if self.rank == 1:
             return vectors * np.arange(1, 4)[:, None]
@@ -74,15 +74,15 @@ class Lattice:
         return np.where(domain.wraps, np.rint(self.frequencies * domain.size) / domain.size, self.frequencies)
 
     def strain(self, domain: Domain) -> float:
-        """How far it must be stretched or sheared for that: a share of the period."""
+        """Stretch or shear required for that, as a share of the period."""
         moved = self.on_torus(domain) - self.frequencies
         return float((np.linalg.norm(moved, axis=1) / np.linalg.norm(self.frequencies, axis=1)).max())
 
     def fitting(self, domain: Domain, multiple: int = 1) -> tuple[int, int]:
-        """The size nearest to that of the domain, of multiples alone, on which it closes with hardly a strain.
+        """The size nearest to the domain's, in multiples of `multiple`, on which it closes with hardly any strain.
 
-        A side on which no strain is visible stays. Otherwise the relative change of the size plus `STRAIN` times the
-        strain is smallest: a slightly nearer multiple of the periods is not worth a stretch.
+        A side without visible strain is kept. Otherwise the relative change of the size plus `STRAIN` times the
+        strain is minimized: a slightly nearer multiple of the periods does not justify a stretch.
         """
 
         def along(axis: int, size: int) -> int:
@@ -98,12 +98,12 @@ class Lattice:
         return width, height
 
     def losses(self) -> np.ndarray:
-        """What each phase is less alike than phase 0, 0 to 1: (BINS,) * rank float64."""
+        """Loss of autocorrelation of each phase compared with phase 0, 0 to 1: (BINS,) * rank float64."""
         loss = np.maximum(0.0, self.likeness.flat[0] - self.likeness)
         return loss / max(float(loss.max()), 1e-12)
 
     def scaled(self, x: float, y: float) -> Lattice:
-        """That of the photo made so many times as wide and high."""
+        """The lattice of the photo scaled by x and y."""
         return Lattice(self.frequencies / [x, y], self.order, self.likeness)
 
     def __str__(self) -> str:
@@ -112,20 +112,20 @@ class Lattice:
 
 
 def bytes_needed(height: int, width: int) -> int:
-    """Memory in which `find_lattice` looks at a photo, whatever lies elsewhere of it."""
+    """Memory that `find_lattice` takes to analyze a photo."""
     small = _looked_at(height, width)
     return _BYTES * small[0] * small[1]
 
 
 def _looked_at(height: int, width: int) -> tuple[int, int]:
-    """Width and height at which a photo is looked at."""
+    """Width and height at which a photo is analyzed."""
     longer = max(height, width)
     factor = min(1.0, min(LARGEST_SIDE, max(SIDE, longer / 2)) / longer)
     return round(width * factor), round(height * factor)
 
 
 def texture_of(values: SomeRows, usable: np.ndarray | None) -> tuple[np.ndarray, np.ndarray] | None:
-    """The high-passed photo at the size it is looked at, and its usable pixels; None where too little is left."""
+    """The high-passed photo at the size of the analysis, and its usable pixels. None: too few are left."""
     height, width = values.shape[:2]
     small = _looked_at(height, width)
     if min(small) < 4 * SMALLEST:
@@ -149,16 +149,16 @@ def texture_of(values: SomeRows, usable: np.ndarray | None) -> tuple[np.ndarray,
 
 
 def find_lattice(values: SomeRows, usable: np.ndarray | None = None, of_part: bool = False) -> Lattice | None:
-    """The lattice of a photo; None where it shows none.
+    """The lattice of a photo. None: it has none.
 
     Parameters
     ----------
     values : (height, width, channels) float32
         CIE Lab.
     usable : (height, width) bool or None
-        Pixels that count; None: all.
+        Pixels that count. None: all.
     of_part : bool
-        A part of a photo that has been found to have one: fewer periods are enough, and halves are not asked.
+        The image is a part of a photo that has a lattice: fewer periods suffice, and halves are not tested.
     """
     seen = texture_of(values, usable)
     if seen is None:
@@ -178,7 +178,7 @@ def find_lattice(values: SomeRows, usable: np.ndarray | None = None, of_part: bo
 
 
 def _near_maxima(values: np.ndarray, radius: int) -> np.ndarray:
-    """The largest value within a square around each."""
+    """The largest value within a square around each pixel."""
     for axis in (0, 1):
         padded = np.pad(values, [(radius, radius) if a == axis else (0, 0) for a in (0, 1)], constant_values=-np.inf)
         values = np.lib.stride_tricks.sliding_window_view(padded, 2 * radius + 1, axis).max(-1)
@@ -186,7 +186,7 @@ def _near_maxima(values: np.ndarray, radius: int) -> np.ndarray:
 
 
 def _smoothed(ncc: np.ndarray) -> np.ndarray:
-    """By a binomial filter: peaks between pixels are as high as those on them."""
+    """Smooth by a binomial filter: peaks between pixels become as high as those on pixels."""
     for axis in (0, 1):
         ncc = 0.5 * ncc + 0.25 * (np.roll(ncc, 1, axis) + np.roll(ncc, -1, axis))
     return ncc
@@ -204,7 +204,7 @@ def _reduced(vectors: np.ndarray) -> np.ndarray:
 
 
 def _points(vectors: np.ndarray, reach: tuple[int, int], most: int) -> np.ndarray:
-    """Steps (n, 2) of the lattice points within reach, of each and its opposite one."""
+    """Indices (n, 2) of the lattice points within reach, one of each pair of opposites."""
     corners = np.array([[reach[0], reach[1]], [reach[0], -reach[1]]])
     most = min(most, int(np.ceil(np.abs(corners @ np.linalg.inv(vectors)).max())))
     steps = np.stack(np.meshgrid(np.arange(-most, most + 1), np.arange(0, most + 1)), -1).reshape(-1, 2)
@@ -233,14 +233,14 @@ def _near_heights(pairs: np.ndarray, maxima: np.ndarray, weight: np.ndarray) -> 
 
 
 def _fits(vectors: np.ndarray, longest: float) -> bool:
-    """Whether both periods, across the other vector, are neither too small nor too large."""
+    """Whether both periods, perpendicular to the other vector, are neither too small nor too large."""
     area = abs(np.linalg.det(vectors))
     lengths = np.linalg.norm(vectors, axis=1)
     return bool(area / lengths.max() >= SMALLEST and lengths.max() <= longest)
 
 
 def _plane_lattice(likeness: Autocorrelation, longest: float) -> np.ndarray | None:
-    """Frequencies of the best lattice of rank 2."""
+    """Frequencies of the best lattice of rank 2. None: there is none."""
     ncc, weight = _smoothed(likeness.ncc), likeness.weight
     reach_x, reach_y = likeness.reach
     x, y = likeness.offsets()
@@ -281,13 +281,13 @@ def _plane_lattice(likeness: Autocorrelation, longest: float) -> np.ndarray | No
 
 
 def _splits(vectors: np.ndarray, longest: float) -> list[np.ndarray]:
-    """Lattices with a half or a third of the cell that have all points of this one."""
+    """Lattices with a half or a third of the cell that contain all points of this one."""
     matrices = [[[1 / n, 0], [0, 1]] for n in (2, 3)] + [[[k / n, 1 / n], [1, 0]] for n in (2, 3) for k in range(n)]
     return [v for matrix in matrices if _fits(v := _reduced(np.array(matrix) @ vectors), longest)]
 
 
 def _refined(vectors: np.ndarray, ncc: np.ndarray, weight: np.ndarray) -> np.ndarray | None:
-    """By least squares over the peaks near the points, first the nearest, at last the farthest."""
+    """Refine by least squares over the peaks near the lattice points, from the nearest to the farthest."""
     reach = np.array([ncc.shape[1] // 2, ncc.shape[0] // 2])
     for most in (1, 2, 4, 8, 16):
         near = int(np.clip(np.linalg.norm(vectors, axis=1).min() / 5, 1, 4))
@@ -313,13 +313,13 @@ def _refined(vectors: np.ndarray, ncc: np.ndarray, weight: np.ndarray) -> np.nda
 
 
 def _parabola(before: np.ndarray, peak: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Where between its neighbors a peak lies, -0.5 to 0.5."""
+    """Subpixel position of a peak between its neighbors, -0.5 to 0.5."""
     bend = np.minimum(before - 2 * peak + after, -1e-12)
     return np.clip(0.5 * (before - after) / bend, -0.5, 0.5)
 
 
 def _stripes(likeness: Autocorrelation, longest: float) -> np.ndarray | None:
-    """The frequency of the best lattice of rank 1."""
+    """The frequency of the best lattice of rank 1. None: there is none."""
     weighted = (likeness.ncc - likeness.mean) * likeness.weight
     x, y = likeness.offsets()
     weighted[x * x + y * y < 9] = 0.0
@@ -337,7 +337,7 @@ def _stripes(likeness: Autocorrelation, longest: float) -> np.ndarray | None:
     heights = [_over_floor(likeness, c) for c in candidates]
     good = [c for c, h in zip(candidates, heights, strict=True) if h >= 0.9 * max(heights)]
     best = max(good, key=lambda c: float(np.hypot(*c)))
-    step = 0.25 / max(weighted.shape)  # a quarter of what the photo's extent tells apart
+    step = 0.25 / max(weighted.shape)  # a quarter of the frequency resolution
     for _ in range(3):
         ahead = step * best / np.hypot(*best)
         aside = ahead[::-1] * [1, -1]

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What it costs to copy from a place of the photo that does not lie on its lattice as the target's place does.
+"""The offset penalty: the cost of copying from a place of the photo that is out of phase with the target.
 
-Not in MJH17. A target patch at x and its match at e are in step where e - x is a vector of the lattice. How much they
-are out of step is the phase of e - x, and what a phase costs is what the photo's normalized autocorrelation, folded
-onto one cell of the lattice, loses against phase 0, in units of the most that any phase loses. All vectors of the
-lattice cost nothing, 0 among them, so a place of the photo is as near as another: neither uniformity nor the way out
-of a stain is dearer than before. On a torus the lattice of the result is the nearest that closes.
+Not in MJH17. A target patch at x and its match at e are in phase if e - x is a vector of the lattice. Otherwise the
+penalty depends on the phase of e - x: it is the loss of the photo's normalized autocorrelation, folded onto one cell
+of the lattice, compared with phase 0, relative to the maximum loss. All vectors of the lattice have no penalty,
+including 0, so near and far places of the photo are equal: neither uniformity nor leaving a stain costs more than
+before. On a torus the lattice of the result is the nearest that closes.
 
-Phases are unsigned 32-bit integers that wrap at a whole cycle, prices integers out of a table: no device decides
-otherwise than another.
+Phases are unsigned 32-bit integers that wrap at a whole cycle, and penalties are integers from a table: all devices
+decide the same.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from ..deferred import np
 from .lattice import Lattice
 
 BITS = 6  # cl/lattice.h, PHASE_BITS
-MOST = 100_000_000  # of a price
-RESOLVED = 3.0  # px between equal things: what is finer is not seen
-STRENGTH = 2.0  # what is least in step costs so many patch variances at structure 1
+MOST = 100_000_000  # maximum penalty
+RESOLVED = 3.0  # px per period: finer lattices are not resolved
+STRENGTH = 2.0  # maximum penalty in patch variances at structure 1
 
 
 @dataclass(frozen=True)
 class Prices:
-    """On one level, as cl/lattice.h reads them.
+    """Offset penalties on one level, in the format of cl/lattice.h.
 
     Attributes
     ----------
     phases : (10,) uint32
-        Of u and v, in cycles / 2^32: per pixel of the exemplar along x, y, then of the target, then at the corner.
+        Of u and v, in cycles / 2^32: per pixel of the exemplar along x, y, per pixel of the target, at the corner.
     table : (2^BITS, 2^BITS) int32
-        Over v and u; of stripes all rows are alike.
+        Over v and u. Stripes: all rows are equal.
     vectors : (rank, 2) float64
-        Of the exemplar's lattice there, px; x and y. Of courses: the median one.
+        Vectors of the exemplar's lattice on the level, px, x and y. Courses: the median one.
     warped : bool
-        Both are those of courses instead, as cl/lattice.h, price_of_courses, reads them.
+        Phases and table are those of courses, in the format of cl/lattice.h, price_of_courses.
     """
 
     phases: np.ndarray
@@ -47,20 +47,20 @@ class Prices:
 
     @property
     def resolved(self) -> bool:
-        """Whether the level has pixels enough to show the lattice."""
+        """Whether the level's resolution is sufficient for the lattice."""
         return float(np.linalg.norm(self.vectors, axis=1).min()) >= RESOLVED
 
     def nearest_in_step(
         self, x: np.ndarray, y: np.ndarray, own_x: np.ndarray, own_y: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The columns and rows of the exemplar nearest to (own_x, own_y) that are in step with (x, y), to a pixel.
+        """The columns and rows of the exemplar nearest to (own_x, own_y) that are in phase with (x, y), to a pixel.
 
         Parameters
         ----------
         x, y : array of int64
-            Of the result.
+            Places in the result.
         own_x, own_y : array of int64
-            Of the exemplar, of one shape; x and y are of shapes that go with it.
+            Places in the exemplar, all of one shape, which broadcasts with that of x and y.
         """
         move_x, move_y = np.zeros(own_x.shape), np.zeros(own_x.shape)
         for n, (step_x, step_y) in enumerate(self.vectors):
@@ -70,7 +70,7 @@ class Prices:
         return own_x + np.rint(move_x).astype(np.int64), own_y + np.rint(move_y).astype(np.int64)
 
     def _cycles(self, n: int, x: np.ndarray, y: np.ndarray, own_x: np.ndarray, own_y: np.ndarray) -> np.ndarray:
-        """Phase n of the offset and half a bin, in cycles / 2^32, as the kernels have it."""
+        """Phase n of the offset plus half a bin, in cycles / 2^32, as computed by the kernels."""
         p = self.phases.astype(np.int64)
         if self.warped:
             own, at = (own_y, y) if p[0] else (own_x, x)
@@ -81,7 +81,7 @@ class Prices:
         return along_x * own_x + along_y * own_y - wanted_x * x - wanted_y * y + p[8 + n]
 
     def at(self, x: int, y: int, own_x: np.ndarray, own_y: np.ndarray) -> np.ndarray:
-        """Of copying to (x, y) from columns and rows of the exemplar, (rows, columns) int32; as cl/lattice.h has it."""
+        """Penalties of copying to (x, y) from columns and rows of the exemplar: (rows, columns) int32, cl/lattice.h."""
         p = self.phases.astype(np.int64)
         u, v = (
             (p[n] * own_x + p[n + 1] * own_y[:, None] - p[n + 4] * x - p[n + 5] * y + p[8 + n // 2]) % (1 << 32)
@@ -92,18 +92,18 @@ class Prices:
 
 @dataclass(frozen=True)
 class InStep:
-    """What a result keeps of its exemplar's lattice.
+    """The exemplar's lattice, as kept by a result.
 
     Attributes
     ----------
     lattice : Lattice
-        Of the exemplar.
+        Lattice of the exemplar.
     wanted : (rank, 2) float64
-        Its frequencies on the result, as by `Lattice.on_torus`.
+        Its frequencies on the result, as from `Lattice.on_torus`.
     structure : float
-        How dear it is to be out of step, 0 to 1.
+        Weight of the offset penalty, 0 to 1.
     origin : (int, int)
-        Where in the exemplar's plane the result's first pixel lies, px.
+        Position of the result's first pixel in the exemplar's plane, px.
     """
 
     lattice: Lattice
@@ -112,39 +112,39 @@ class InStep:
     origin: tuple[int, int] = (0, 0)
 
     def facts(self) -> list[object]:
-        """What a result depends on."""
+        """Everything that a result depends on."""
         return [self.wanted, *vars(self.lattice).values()]
 
     def moved(self, x: int, y: int) -> InStep:
-        """For the part of the result that begins there."""
+        """The same for a part of the result that begins at (x, y)."""
         return replace(self, origin=(self.origin[0] + x, self.origin[1] + y))
 
     def prices(self, own_scale: tuple[float, float], scale: tuple[float, float], patch: int, variance: float) -> Prices:
-        """Prices on a level.
+        """Offset penalties on a level.
 
         Parameters
         ----------
         own_scale, scale : (float, float)
-            Of the level along x, y: of the exemplar, of the result.
+            Scales of the level along x, y: of the exemplar, of the result.
         patch : int
             Side of a patch, px: phases are compared at its middle.
         variance : float
-            Of the exemplar's pixels there, summed over channels.
+            Variance of the exemplar's pixels on the level, summed over channels.
         """
         table = self.table(self.most(patch**2 * variance))
         return Prices(self.phases(own_scale, scale, patch), table, self.lattice.vectors() * own_scale)
 
     def most(self, variance: float) -> float:
-        """The price of what is least in step, beside sums of squares whose variance is that."""
+        """Maximum penalty, compared with sums of squares of that variance."""
         return STRENGTH * self.structure * variance
 
     def table(self, most: float) -> np.ndarray:
-        """As `Prices.table`, where what is least in step costs so much."""
+        """As `Prices.table`, with `most` as the maximum penalty."""
         price = np.rint(np.minimum(most * self.lattice.losses(), MOST)).astype(np.int32)
         return np.ascontiguousarray(np.broadcast_to(price.T, (1 << BITS, 1 << BITS)))
 
     def steps(self) -> np.ndarray:
-        """How far to move where a phase is a whole cycle off, by phase u and v: (2, 2) int32, x and y, 1/256 px."""
+        """The step, in 1/256 px, x and y, for a whole cycle of phase u and v: (2, 2) int32."""
         steps = np.zeros((2, 2), np.int32)
         steps[: self.lattice.rank] = np.rint(256 * self.lattice.vectors())
         return steps
@@ -152,7 +152,7 @@ class InStep:
     def phases(
         self, own_scale: tuple[float, float] = (1, 1), scale: tuple[float, float] = (1, 1), patch: int = 0
     ) -> np.ndarray:
-        """As `Prices.phases`; the arguments are those of `prices`."""
+        """As `Prices.phases`. The arguments are those of `prices`."""
         rank = self.lattice.rank
         own, wanted = (np.zeros((2, 2)) for _ in range(2))
         own[:rank], wanted[:rank] = self.lattice.frequencies / own_scale, self.wanted / scale

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a lattice is more than chance: a permutation test on the photo itself.
+"""Whether a lattice is significant: a permutation test on the photo itself.
 
-The photo is cut into the lattice's cells, and the mean of all cells is taken: where they are alike, it varies as they
-do; where they are not, it is flat. Then whole rows of cells are shifted against each other at random, which keeps all
-that is inside of a row (ledges, streaks, stones of like size) and takes only the order away. The variance of the mean
-cell must stand far above that of such photos, along both directions of the lattice.
+The photo is divided into the lattice's cells, and the mean of all cells is computed: if they are alike, it varies as
+they do, otherwise it is flat. Then whole rows of cells are shifted against each other at random, which keeps everything
+inside a row (ledges, streaks, stones of similar size) and destroys only the order. The variance of the mean
+cell must be far above that of such photos, along both directions of the lattice.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ import math
 
 from ..deferred import np
 
-SHIFTED = 64  # photos whose rows are shifted
-_BIN = 1.5  # px at least that a part of a cell is wide
-_BINS = 4, 32  # of a cell, at least and at most
+SHIFTED = 64  # number of photos with shifted rows
+_BIN = 1.5  # minimum width of a part of a cell, px
+_BINS = 4, 32  # minimum and maximum number of parts of a cell
 
 
 def order_of(texture: np.ndarray, usable: np.ndarray, frequencies: np.ndarray, enough: float) -> float:
-    """By how many deviations the mean cell's variance stands above that of shifted photos, where it does so least.
+    """The significance of a lattice: deviations of the mean cell's variance above that of shifted photos, the minimum.
 
-    Of a lattice of rank 2 rows are shifted along each of its short vectors in turn: stripes do not change where they
-    are shifted along themselves, and so are no such lattice.
+    For rank 2, rows are shifted along each of the short vectors in turn: stripes do not change when
+    shifted along themselves, and so are not such a lattice.
 
     `texture` (height, width, channels) float64; `usable` (height, width) bool; `frequencies` (rank, 2) float.
     """
@@ -39,7 +39,7 @@ def order_of(texture: np.ndarray, usable: np.ndarray, frequencies: np.ndarray, e
 
 
 def least_of_halves(texture: np.ndarray, usable: np.ndarray, frequencies: np.ndarray, enough: float) -> float:
-    """The smallest order in the left, right, upper and lower half, which a lattice that bends or ends does not have."""
+    """The smallest significance in the left, right, upper and lower half: low for a lattice that bends or ends."""
     least = math.inf
     for axis in (0, 1):
         counts = np.cumsum(usable.sum(1 - axis))
@@ -55,7 +55,7 @@ def least_of_halves(texture: np.ndarray, usable: np.ndarray, frequencies: np.nda
 
 
 def _order_along(texture: np.ndarray, usable: np.ndarray, frequencies: np.ndarray) -> float:
-    """The same for rows that are shifted along the first vector alone."""
+    """The same for rows that are shifted along the first vector only."""
     bins = [int(np.clip(1 / (_BIN * np.hypot(*f)), *_BINS)) for f in frequencies]
     random = np.random.Generator(np.random.PCG64(0x0DE5))
     sums, counts = _cell_rows(texture, usable, frequencies, bins)
@@ -87,7 +87,7 @@ def _cell_rows(
 
 
 def _variance(sums: np.ndarray, counts: np.ndarray) -> float:
-    """Of the mean cell, over its parts and summed over channels."""
+    """Variance of the mean cell, over its parts and summed over channels."""
     mean = sums.sum(tuple(range(counts.ndim))) / counts.sum()
     part = sums / np.maximum(counts, 1)[..., None]
     return float((((part - mean) ** 2) * counts[..., None]).sum() / counts.sum())

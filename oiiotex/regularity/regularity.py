@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How regular a photo or a tile is on a lattice."""
+"""The regularity of a photo or a tile on a lattice."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from .lattice import Lattice
 
 
 def peaks_over_floor(values: np.ndarray, lattice: Lattice, wraps: bool, usable: np.ndarray | None = None) -> np.ndarray:
-    """The normalized autocorrelation at the lattice's first three vectors, less its mean over the cell around each.
+    """The normalized autocorrelation at the lattice's first three vectors, minus its mean over the cell around each.
 
     Parameters
     ----------
     values : (height, width, channels) float32
         CIE Lab.
     lattice : Lattice
-        Of these pixels.
+        Lattice of these pixels.
     wraps : bool
         The image is a torus.
     usable : (height, width) bool or None
-        Pixels that count where it is none; None: all.
+        Pixels that count, if it is not a torus. None: all.
 
     Returns
     -------
@@ -36,7 +36,7 @@ def peaks_over_floor(values: np.ndarray, lattice: Lattice, wraps: bool, usable: 
 
 
 def _peak_over_floor(likeness: Autocorrelation, lattice: Lattice, vector: np.ndarray) -> float:
-    """At the pixels nearest to a vector, as its fraction is not told apart."""
+    """The value at the pixels nearest to a vector: fractions of a pixel are not resolved."""
     x, y = (grid - at for grid, at in zip(likeness.offsets(), vector, strict=True))
     phases = [np.abs(x * fx + y * fy) for fx, fy in lattice.frequencies]
     if lattice.rank == 1:  # a square around it

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clique partitioning: vertices grouped so that the weights inside the groups add up to as much as possible.
+"""Clique partitioning: grouping of vertices with the largest sum of weights inside the groups.
 
 CZF02 section III: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised Texture Segmentation by clique partitioning.
-Weights above 0 say that two vertices belong together, weights below that they do not, and how many groups there are
-follows from them. The exact problem is NP-hard; here are the paper's heuristic and a refinement by single moves.
+Positive weights attract two vertices, negative weights repel them, and the number of groups follows from the weights.
+The exact problem is NP-hard; this is the paper's heuristic, with a refinement by single moves.
 
-Departures from the paper: ties, which it does not mention, go to the lower vertex, so that some pair of cliques always
-has chosen each other; and after its heuristic has stopped, vertices move one by one where that raises the score.
+Departures from the paper: ties, which it does not mention, go to the lower vertex, so that some pair of cliques is
+always mutually best; and after the heuristic, single vertices move as long as that increases the score.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.sparse import csr_array, issparse
 
-Weights: TypeAlias = Any  # an array, or one of scipy's sparse ones
+Weights: TypeAlias = Any  # a numpy array or a scipy sparse array
 
-SWEEPS = 50  # of the refinement, at most: each raises the score, so it ends by itself
-_WIDE = 8192  # vertices of a dense matrix beyond which its copy is one of float32
-_ROWS = 256  # of a dense matrix that are looked at together
-_COLUMNS = 1024  # of it that are added up together
-_NEAR = 16  # choices of a clique that are kept in case the best ones go
-_LEAST = 1e-9  # of the largest weight: a gain below it is a rounding error, not a gain
+SWEEPS = 50  # maximum of the refinement; it also ends by itself, since each sweep increases the score
+_WIDE = 8192  # vertices above which the copy of a dense matrix is float32
+_ROWS = 256  # rows of a dense matrix per block
+_COLUMNS = 1024  # columns of it that are summed at once
+_NEAR = 16  # candidates kept for each clique in case the best ones are removed
+_LEAST = 1e-9  # of the largest weight: a smaller gain is a rounding error
 
 
 def partition(weights: Weights, refine: bool = True) -> np.ndarray:
@@ -32,20 +32,20 @@ def partition(weights: Weights, refine: bool = True) -> np.ndarray:
     Parameters
     ----------
     weights : (n, n) array or scipy sparse array
-        Symmetric; above 0 where two vertices should be in one clique, below 0 where not. What a sparse one does not
-        hold is 0. The diagonal is not looked at. A dense one needs memory for a copy, a sparse one twice its size.
+        Symmetric; positive if two vertices should be in one clique, negative if not. Missing entries of a sparse array
+        are 0. The diagonal is ignored. Needs memory for a copy of a dense array, or twice the size of a sparse one.
     refine : bool
-        Move single vertices and merge cliques until no such step raises the score; False: the paper's heuristic alone.
+        Move single vertices and merge cliques until the score no longer increases. False: only the paper's heuristic.
 
     Returns
     -------
     (n,) int64
-        The clique of every vertex, 0, 1, ... by their first vertices.
+        The clique of each vertex, numbered from 0 by first vertices.
 
     Raises
     ------
     ValueError
-        Not square, not symmetric, or not finite.
+        The weights are not square, not symmetric, or not finite.
 
     References
     ----------
@@ -65,9 +65,9 @@ def partition(weights: Weights, refine: bool = True) -> np.ndarray:
 
 
 def joined_to(weights: Weights, labels: np.ndarray, count: int) -> np.ndarray:
-    """Cliques joined, the pair of the largest mean weight first, until there are no more than `count`.
+    """Merge cliques, the pair with the largest mean weight first, until at most `count` are left.
 
-    Not in the paper, which finds the number: weights and labels as `partition` takes and gives them.
+    Not in the paper, which finds the number. Weights and labels are those of `partition`.
     """
     while (left := int(labels.max(initial=-1)) + 1) > count:
         between = contracted(weights, labels)
@@ -81,7 +81,7 @@ def joined_to(weights: Weights, labels: np.ndarray, count: int) -> np.ndarray:
 
 
 def contracted(weights: Weights, labels: np.ndarray) -> Weights:
-    """The weights between cliques: of two, the sum over pairs of their vertices; the diagonal is 0."""
+    """Weights between cliques: sums over pairs of their vertices; the diagonal is 0."""
     count = int(labels.max(initial=-1)) + 1
     if issparse(weights):
         entries = weights.tocoo()
@@ -98,7 +98,7 @@ def contracted(weights: Weights, labels: np.ndarray) -> Weights:
 
 
 def _summed(matrix: np.ndarray, labels: np.ndarray, count: int) -> np.ndarray:
-    """The rows of each clique, added up in their order: (count, columns) float64; some columns at a time."""
+    """Sums of the rows of each clique in their order, (count, columns) float64; by blocks of columns."""
     member = csr_array((np.ones(len(labels)), (labels, np.arange(len(labels)))), shape=(count, len(labels)))
     sums = np.empty((count, matrix.shape[1]))
     for first in range(0, matrix.shape[1], _COLUMNS):
@@ -109,7 +109,7 @@ def _summed(matrix: np.ndarray, labels: np.ndarray, count: int) -> np.ndarray:
 
 def _checked(weights: Weights) -> Weights:
     if weights.ndim != 2 or weights.shape[0] != weights.shape[1]:
-        raise ValueError(f"weights of pairs are a square matrix, not {weights.shape}")
+        raise ValueError(f"weights have shape {weights.shape}: expected a square matrix")
     if issparse(weights):
         matrix = csr_array(weights, dtype=np.float64)
         matrix.sum_duplicates()
@@ -118,17 +118,17 @@ def _checked(weights: Weights) -> Weights:
         return matrix
     matrix = np.asarray(weights)
     matrix = matrix if matrix.dtype in (np.float32, np.float64) else matrix.astype(np.float64)
-    blocks = [slice(first, first + 512) for first in range(0, len(matrix), 512)]  # that fit caches: no second matrix
+    blocks = [slice(first, first + 512) for first in range(0, len(matrix), 512)]  # fit the cache, without a second copy
     for n, rows in enumerate(blocks):
         for columns in blocks[n:]:
             here, there = matrix[rows, columns], matrix[columns, rows].T
-            if not (np.abs(here - there) <= 1e-6 * (1 + np.abs(there))).all():  # what is not finite is not, either
+            if not (np.abs(here - there) <= 1e-6 * (1 + np.abs(there))).all():  # false also for NaN and Inf
                 raise ValueError("weights must be finite and symmetric")
     return matrix
 
 
 def numbered(labels: np.ndarray) -> np.ndarray:
-    """The same groups, numbered by their first vertices."""
+    """The same groups, numbered by first vertices."""
     _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
     rank = np.empty(len(first), np.int64)
     rank[np.argsort(first)] = np.arange(len(first))
@@ -139,13 +139,13 @@ def numbered(labels: np.ndarray) -> np.ndarray:
 
 
 def _merged(weights: Weights) -> np.ndarray:
-    """CZF02 section III B: all pairs of cliques merge that (1, 2) are each other's best choice and (3) gain by it."""
+    """CZF02 section III B: merge all pairs of cliques that (1, 2) are each other's best choice and (3) gain by it."""
     return _merged_sparse(weights) if issparse(weights) else _merged_dense(weights)
 
 
 def _merged_dense(weights: np.ndarray) -> np.ndarray:
     count = len(weights)
-    clique = np.arange(count)  # of every vertex: a row of `cost`
+    clique = np.arange(count)  # for each vertex, its row of `cost`
     if count < 2:
         return clique
     state = _Cost(weights)
@@ -167,11 +167,11 @@ def _merged_dense(weights: np.ndarray) -> np.ndarray:
 
 
 class _Cost:
-    """c(a, b) of the paper for all pairs of cliques, and of every clique the best choice.
+    """c(a, b) of the paper for all pairs of cliques, and the best choice of each clique.
 
-    A row that has changed is written as a row alone: its column, which lies all over memory, is stale, and what reads
-    other rows takes its values from the row. Beside the best choice the next ones are kept: all that cost more than
-    `floor` are among `near`, so a row is looked through again only when all of these have gone.
+    Updates write only rows: columns are scattered over memory, so they become stale, and readers of other rows take the
+    current value from the changed row. In addition to the best choice the next ones are kept: all with a cost above
+    `floor` are in `near`, so a row is searched again only when all of these have been removed.
     """
 
     def __init__(self, cost: np.ndarray):
@@ -181,14 +181,14 @@ class _Cost:
         self.choice, self.best = np.empty(count, np.int64), np.empty(count)
         self.near = np.zeros((count, min(_NEAR, count)), np.int64)
         self.near_cost, self.floor = np.full(self.near.shape, -np.inf), np.empty(count)
-        for first in range(0, count, _ROWS):  # the best alone, which is far quicker: many will not be asked again
+        for first in range(0, count, _ROWS):  # only the best, which is much faster: many rows are not searched again
             which = np.arange(first, min(first + _ROWS, count))
             rows = self._choose(which)
             rows[np.arange(len(which)), self.choice[which]] = -np.inf
             self._keep(which, self.choice[which, None], self.best[which, None], rows.max(1))
 
     def rows(self, which: np.ndarray) -> np.ndarray:
-        """Rows as they should be; nothing chooses itself, or what has gone."""
+        """Rows with current values, without the diagonal and removed cliques."""
         rows = self.cost[which]
         rows[:, self.stale] = self.cost[np.ix_(self.stale, which)].T
         rows[:, ~self.alive] = -np.inf
@@ -196,28 +196,28 @@ class _Cost:
         return rows
 
     def _choose(self, which: np.ndarray) -> np.ndarray:
-        """Look for the best choice of some; their rows."""
+        """Find the best choice of some cliques; returns their rows."""
         rows = self.rows(which)
         self.choice[which] = rows.argmax(1)
         self.best[which] = rows[np.arange(len(which)), self.choice[which]]
         return rows
 
     def _choose_several(self, which: np.ndarray) -> None:
-        """Look for the best choices of some."""
+        """Find the best choices of some cliques."""
         rows, size = self._choose(which), self.near.shape[1]
         near = np.argpartition(rows, -size, 1)[:, -size:]
         cost = np.take_along_axis(rows, near, 1)
         self._keep(which, near, cost, cost.min(1))
 
     def _keep(self, which: np.ndarray, near: np.ndarray, cost: np.ndarray, floor: np.ndarray) -> None:
-        """Keep those of (rows, choices) that cost more than all others, which `floor` says of each row."""
+        """Keep choices (rows, choices) with a cost above all others, which is at most `floor` in each row."""
         self.floor[which] = floor
         self.near[which, : near.shape[1]] = near
         self.near_cost[which] = -np.inf
         self.near_cost[which, : near.shape[1]] = np.where(cost > floor[:, None], cost, -np.inf)
 
     def _sums(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """The incremental update, of rows: c(a + b, k) = c(a, k) + c(b, k)."""
+        """Incremental update of rows: c(a + b, k) = c(a, k) + c(b, k)."""
         self.alive[b] = True
         rows = self.rows(np.concatenate([a, b]))
         self.alive[b] = False
@@ -227,7 +227,7 @@ class _Cost:
         return sums
 
     def join(self, a: np.ndarray, b: np.ndarray) -> None:
-        """Add b to a; only what looked at them and lost by it chooses anew."""
+        """Merge b into a; only rows whose choices get worse are searched again."""
         rows = self._sums(a, b)
         self.stale = np.union1d(self.stale[self.alive[self.stale]], a)
         self.cost[a] = rows
@@ -239,13 +239,13 @@ class _Cost:
         self._offer(offered, a, rows[:, offered].T)
         self.best = self.near_cost.max(1)
         highest = self.near_cost == self.best[:, None]
-        self.choice = np.where(highest, self.near, len(self.cost)).min(1)  # of equal ones the lowest
+        self.choice = np.where(highest, self.near, len(self.cost)).min(1)  # ties to the lowest
         lost = self.alive & np.isneginf(self.best)
         lost[a] = True
         self._choose_several(np.flatnonzero(lost))
 
     def _offer(self, which: np.ndarray, a: np.ndarray, cost: np.ndarray) -> None:
-        """Take `a` among the choices of some, where they cost (which, a) more than what is not kept."""
+        """Add `a` to the choices of some cliques where its cost exceeds that of all choices that are not kept."""
         cost = np.where(cost > self.floor[which, None], cost, -np.inf)
         cost = np.concatenate([self.near_cost[which], cost], 1)
         near = np.concatenate([self.near[which], np.broadcast_to(a, (len(which), len(a)))], 1)
@@ -256,7 +256,7 @@ class _Cost:
         self._keep(which, near, cost, np.maximum(self.floor[which], gone))
 
     def joined(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """A new matrix of what is left when b has been added to a, by blocks of rows."""
+        """New matrix of the remaining cliques after merging b into a, by blocks of rows."""
         kept = np.flatnonzero(self.alive)
         matrix = np.empty((len(kept), len(kept)), np.float32 if len(self.cost) > _WIDE else np.float64)
         place, partner = np.searchsorted(kept, a), np.full(len(self.cost), -1)
@@ -302,7 +302,7 @@ def _merged_sparse(weights: csr_array) -> np.ndarray:
 
 
 def _best_sparse(cost: csr_array) -> tuple[np.ndarray, np.ndarray]:
-    """Of every row its largest entry, and the first column that has it; 0 and the row itself where it is empty."""
+    """Largest entry of each row, and the first column that has it; 0 and the row itself for an empty row."""
     count = cost.shape[0]
     best, choice = np.zeros(count), np.arange(count)
     filled = np.flatnonzero(np.diff(cost.indptr))
@@ -318,9 +318,9 @@ def _best_sparse(cost: csr_array) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _moved(weights: Weights, labels: np.ndarray) -> int:
-    """One sweep of single vertices to the clique that they gain most by, or to one of their own; `labels` changes.
+    """One sweep: single vertices move to the clique with the largest gain, or to a new one; modifies `labels`.
 
-    Who may gain is asked of all at once; before a vertex moves it is asked again, so that the score only rises.
+    Candidates are found for all vertices at once, and checked again before each move, so the score only increases.
     """
     count = len(labels)
     if count == 0:
@@ -341,7 +341,7 @@ def _moved(weights: Weights, labels: np.ndarray) -> int:
     moved = 0
     for v in np.flatnonzero(most > own + least).tolist():
         near, strength = _row(weights, v)
-        gain = np.bincount(labels[near], strength, free + 1)  # the last: alone
+        gain = np.bincount(labels[near], strength, free + 1)  # last: a new clique
         to = int(gain.argmax())
         if gain[to] > gain[labels[v]] + least:
             labels[v] = to
@@ -351,7 +351,7 @@ def _moved(weights: Weights, labels: np.ndarray) -> int:
 
 
 def _row(weights: Weights, v: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices that v has weights to, and these, without itself."""
+    """Vertices with weights to v, and these weights, without v itself."""
     if issparse(weights):
         entries = slice(weights.indptr[v], weights.indptr[v + 1])
         near, strength = weights.indices[entries], weights.data[entries]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Regions of too fine a segmentation merged by evidence, until no two are likelier one texture than two.
+"""Merging of an oversegmentation by evidence, until all pairs of regions are more likely two textures than one.
 
-Not in CZF02, whose discs mix what lies in patches narrower than they are. Three things say whether two regions are one
-texture: how alike their textons are; how finely they lie among each other, as stones and joints do; and how small the
-smaller one is, for small regions differ by chance. A logistic regression over 1400 merges weighs them: of mosaics (the
-half "tune" of benchmarks.shared.mosaics), of quarters of mosaics, and of single textures of 128 to 512 px.
+Not in CZF02, whose discs mix textures in patches narrower than they are. Three measures say whether two regions are one
+texture: the similarity of their textons; how finely they are interspersed, like stones and joints; and the size of the
+smaller one, since small regions differ by chance. Their weights are a logistic regression over 1400 merges: of mosaics
+(the half "tune" of benchmarks.shared.mosaics), of quarters of mosaics, and of single textures of 128 to 512 px.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from ..labels.filter_bank import blurred_layers, codebook
 from ..labels.products import gram
 from ..session.resources import Resources
 
-_MOST = 20  # regions before any are merged
-_ROOM = 32.0**2  # px: of each, at least, in the mean
-_POOLED = 14.0  # px: the Gaussian whose textons describe a place at first
-_AMONG = 64.0  # px: the Gaussian within which regions lie among each other
-_POOLED_PART, _AMONG_PART = 8, 4  # of the shorter side: no more than that
-_SAMPLE = 4096  # places that the first regions are learned from
-_TRIALS = 4  # draws for each of their centers: with one, covering hangs on it (.625 to .642)
-_ROOTS = 2047  # steps of a root of a share: products of two histograms are whole numbers that a float32 holds
-_REACH = 2.5  # of Gaussians, sigmas
+_MOST = 20  # initial regions
+_ROOM = 32.0**2  # px: least mean area of an initial region
+_POOLED = 14.0  # px: sigma over which textons are pooled for the initial regions
+_AMONG = 64.0  # px: sigma over which interspersed regions are measured
+_POOLED_PART, _AMONG_PART = 8, 4  # limits: shorter side divided by these
+_SAMPLE = 4096  # places from which the initial regions are learned
+_TRIALS = 4  # candidates for each of their centers: with one, covering depends on the draw (.625 to .642)
+_ROOTS = 2047  # steps of a root of a proportion: products of two histograms are integers that a float32 holds exactly
+_REACH = 2.5  # radius of Gaussians, sigmas
 _WEIGHTS = (2.7, -3.6, 0.48)  # of `_Regions.evidence`, nats
 _BIAS = 6.5
 _WIDE = 512.0**2  # px: the unit of areas
-_LEAST = 1e-3  # of a distance between distributions
+_LEAST = 1e-3  # least distance between distributions
 
 
 def fine_regions(values: np.ndarray, side: int, resources: Resources, least: int = 1) -> np.ndarray:
-    """A segmentation by k-means over roots of pooled textons, which is meant to be too fine.
+    """Oversegmentation by k-means of the roots of pooled textons.
 
-    `values` (h, w, k) float32; `side`: of a cell, px; returns (h, w) int64.
+    `values` (h, w, k) float32; `side`: side of a cell, px; returns (h, w) int64.
     """
     height, width = values.shape[:2]
     sigma = min(_POOLED, min(height, width) * side / _POOLED_PART) / side
@@ -52,10 +52,10 @@ def fine_regions(values: np.ndarray, side: int, resources: Resources, least: int
 def merged(
     values: np.ndarray, labels: np.ndarray, side: int, threshold: float, resources: Resources, count: int | None = None
 ) -> np.ndarray:
-    """The likeliest pair becomes one, again and again.
+    """Merge the most likely pair of regions repeatedly.
 
-    `values` (h, w, k) float32; `labels` (h, w) int64; `side`: of a cell, px; `threshold`: probability, 0 to 1, that two
-    regions are one texture above which they become one; returns (h, w) int64.
+    `values` (h, w, k) float32; `labels` (h, w) int64; `side`: side of a cell, px; `threshold`: least probability, 0 to
+    1, that two regions are one texture; returns (h, w) int64.
     """
     seen = values.any(-1)
     names, inverse = np.unique(labels[seen], return_inverse=True)
@@ -80,7 +80,7 @@ def merged(
 
 
 class _Regions:
-    """What is known of every region: sums, so that of two regions they add up."""
+    """Measures of all regions: additive sums."""
 
     def __init__(self, values: np.ndarray, regions: np.ndarray, count: int, side: int, resources: Resources):
         self.side = side
@@ -94,7 +94,7 @@ class _Regions:
         self.among = gram(around, around, resources).astype(np.float64)
 
     def evidence(self, a: int, b: int) -> float:
-        """That two regions are two textures: the logarithm of the odds, nats."""
+        """Logarithm of the odds that two regions are two textures, nats."""
         p, q = self.textons[a], self.textons[b]
         apart = 1.0 - float(np.sqrt(p * q).sum()) / math.sqrt(p.sum() * q.sum())  # CZF02 eq. 3
         among = self.among[a, b] / math.sqrt(self.among[a, a] * self.among[b, b])
@@ -103,7 +103,7 @@ class _Regions:
         return (unlike * _WEIGHTS[0] + float(among) * _WEIGHTS[1]) + (small * _WEIGHTS[2] + _BIAS)
 
     def join(self, a: int, b: int) -> None:
-        """Add b to a."""
+        """Merge b into a."""
         self.areas[a] += self.areas[b]
         self.textons[a] = self.textons[a] + self.textons[b]
         self.among[a] += self.among[b]

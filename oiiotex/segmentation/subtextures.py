@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An image decomposed into subtextures: CZF02 whole, and the way that does better by default.
+"""Decomposition of an image into subtextures: CZF02, and by default a more accurate method.
 
-By default textons come from a filter bank, too fine a segmentation is merged (`region_merging`), and the subtextures
-compete for pixels with their texton distributions, before and after; the paper groups samples by clique partitioning
-and compares every pixel's histogram with those of the samples around it.
+By default, textons are from a filter bank, an oversegmentation is merged (`region_merging`), and before and after that
+the subtextures compete for pixels by their texton distributions. The paper groups samples by clique partitioning and
+compares the histogram of each pixel with those of the samples around it.
 """
 
 from __future__ import annotations
@@ -40,30 +40,30 @@ from .textons import (
     weighted_counts,
 )
 
-_CELL = 4  # px, of filter bank textons
+_CELL = 4  # px; cell of filter bank textons
 _LEAST = 0.02  # of the image: smaller subtextures lose their pixels in the competition
-_COUPLINGS = (2, 4, 6, 8, 8)  # of a cell with its surroundings in each round, nats; its own textons: nats per pixel
+_COUPLINGS = (2, 4, 6, 8, 8)  # of a cell to its surroundings in each round, nats; its own textons: nats per pixel
 _UPDATES = 4  # of the memberships in a round
-_NEAR = 1 / 4  # sigma of the surroundings per radius
-_PRIOR = 5  # px of every texton that a subtexture is thought to have before it is looked at
-_SMOOTH = 1.0  # cells, of the last vote
-_REACH = 2.5  # of Gaussians, sigmas
+_NEAR = 1 / 4  # sigma of the surroundings, in radii
+_PRIOR = 5  # pixels of each texton in the prior of a subtexture
+_SMOOTH = 1.0  # sigma in cells, of the last vote
+_REACH = 2.5  # radius of Gaussians, sigmas
 
 
 @dataclass(frozen=True)
 class DecompositionSettings:
-    """How an image is decomposed; px are those of the (reduced) image.
+    """Settings of a decomposition; px are those of the (reduced) image.
 
     Attributes
     ----------
     features : str
         "bank" or "haar".
     bins : int
-        Textons; of color and structure each with "haar".
+        Number of textons; with "haar" for color and structure each.
     radius, shift : float
-        Of the disc, and how far to look for the best match, px.
+        Radius of the disc, and of the search for the best match, px.
     scales : int
-        Radii at which the second place is looked at, half an octave apart.
+        Number of radii at which the second place is compared, half an octave apart.
     search : str
         "grid" or "meanshift".
     group : str
@@ -71,11 +71,11 @@ class DecompositionSettings:
     threshold : float
         Similarity of places, or probability of regions, above which two belong together.
     count : int or None
-        Of subtextures; None: found.
+        Number of subtextures; None: found.
     step : int
-        Between samples, px.
+        Spacing of samples, px.
     refine : bool
-        Of the clique partition.
+        Refine the clique partition.
     assign : str
         "competition" or "neighbors".
     """
@@ -96,12 +96,12 @@ class DecompositionSettings:
 
 @dataclass(frozen=True)
 class Decomposition:
-    """What was found."""
+    """Result of a decomposition."""
 
-    labels: np.ndarray  # (h, w) int32: of the reduced image, 1 .. count by first pixel; 0 where nothing is seen
+    labels: np.ndarray  # (h, w) int32: of the reduced image, from 1 by first pixel; 0 at invalid pixels
     count: int
-    samples: int  # Regions, or vertices of the clique partition, that were grouped
-    groups: int  # Before the competition
+    samples: int  # Regions, or vertices of the clique partition, before grouping
+    groups: int  # Groups before the competition
 
 
 def decomposed(
@@ -118,7 +118,7 @@ def decomposed(
     advance : callable
         Called with (done, total).
     texture : callable, optional
-        Gives the pixels' texture, where it is known from elsewhere.
+        Gives the texture of pixels if it is already known.
     """
     if not pixels.seen.any():
         advance(2, 4)
@@ -151,7 +151,7 @@ def decomposed(
 
 
 def _merged_regions(counts: Counts, settings: DecompositionSettings, resources: Resources) -> tuple[np.ndarray, int]:
-    """Labels (h, w) of cells by merging of regions that have competed, and how many there were."""
+    """Labels (h, w) of cells by merging of regions after a competition, and the number of these regions."""
     cells = _gathered(counts, _CELL // counts.side)
     values = cells.values.astype(np.float32) / (FULL * cells.side**2)
     start = fine_regions(values, cells.side, resources, 2 * (settings.count or 1))
@@ -160,7 +160,7 @@ def _merged_regions(counts: Counts, settings: DecompositionSettings, resources: 
 
 
 def _cliques(counts: Counts, settings: DecompositionSettings, resources: Resources) -> tuple[np.ndarray, int]:
-    """Labels (h, w) of cells by clique partitioning (CZF02 sections II B and III), and how many samples there are."""
+    """Labels (h, w) of cells by clique partitioning (CZF02 sections II B and III), and the number of samples."""
     from .clique_partition import joined_to, partition  # scipy is not loaded before it is needed
 
     side = counts.side
@@ -168,7 +168,7 @@ def _cliques(counts: Counts, settings: DecompositionSettings, resources: Resourc
     roots = [histogram_roots(disc_sums(counts.values, r, resources)) for r in scales]
     seen = np.logical_or.reduce(counts.values, -1)
     samples = sample_grid(seen, max(1, round(settings.step / side)))
-    if not len(samples.places):  # islands between the samples
+    if not len(samples.places):  # small islands between the samples
         samples = Samples(np.arange(seen.shape[0]), np.arange(seen.shape[1]), np.flatnonzero(seen)[:1])
     shift = settings.shift / side
     if settings.search == "meanshift" and shift > 0:
@@ -188,7 +188,7 @@ def _octaves(scales: int) -> list[int]:
 
 
 def _nearest_samples(roots: np.ndarray, samples: Samples, cliques: np.ndarray) -> np.ndarray:
-    """The clique of the sample, of the nine around a cell, whose histogram is most alike: CZF02 section II B."""
+    """Clique of the sample, among the nine around a cell, with the most similar histogram: CZF02 section II B."""
     height, width = roots.shape[:2]
     down, across = len(samples.rows), len(samples.columns)
     index = np.full(down * across, -1)
@@ -209,7 +209,7 @@ def _nearest_samples(roots: np.ndarray, samples: Samples, cliques: np.ndarray) -
             best[rows][better] = likeness[better]
             labels[rows][better] = cliques[sample[better]]
     lonely = best < 0
-    if lonely.any():  # no sample near: the first one, then the competition or nothing else decides
+    if lonely.any():  # no sample nearby: start with the first one, which the competition may replace
         labels[lonely] = cliques[0]
     return labels
 
@@ -218,7 +218,7 @@ def _nearest_samples(roots: np.ndarray, samples: Samples, cliques: np.ndarray) -
 
 
 def _gathered(counts: Counts, times: int) -> Counts:
-    """Cells `times` as wide."""
+    """Counts in cells `times` as wide."""
     if times <= 1:
         return counts
     values = counts.values
@@ -230,7 +230,7 @@ def _gathered(counts: Counts, times: int) -> Counts:
 def _competed(
     counts: Counts, labels: np.ndarray, radius: float, shape: tuple[int, int], resources: Resources
 ) -> np.ndarray:
-    """Subtextures compete for cells: (h, w) labels of pixels."""
+    """Labels (h, w) of pixels after the competition of subtextures for cells."""
     values = counts.values.astype(np.float32) / (FULL * counts.side**2)
     height, width = values.shape[:2]
     if labels.shape != (height, width):
@@ -240,11 +240,11 @@ def _competed(
 
 
 def _members(values: np.ndarray, labels: np.ndarray, side: int, radius: float, resources: Resources) -> np.ndarray:
-    """Shares (n, h, w) that cells have in subtextures, the largest first at the start; small ones are gone.
+    """Memberships (n, h, w) of cells in subtextures, by initial size; small subtextures are removed.
 
-    In every round a subtexture has the texton distribution of its cells. A cell is a member of each by a share: the
-    likelihood of its textons times what its surroundings are members of (the mean field of a Potts model with
-    Gaussian neighborhoods). Surroundings count for more from round to round, so that borders settle late.
+    In each round a subtexture has the texton distribution of its cells. The membership of a cell is the likelihood of
+    its textons times the membership of its surroundings (the mean field of a Potts model with Gaussian neighborhoods).
+    The weight of the surroundings increases from round to round, so that borders settle late.
     """
     height, width, bins = values.shape
     cells, seen = values.reshape(-1, bins), values.any(-1).ravel()
@@ -270,7 +270,7 @@ def _members(values: np.ndarray, labels: np.ndarray, side: int, radius: float, r
 
 
 def _numbered(labels: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, int]:
-    """1 .. count in the order of first pixels, 0 where nothing is seen."""
+    """Labels from 1 in the order of first pixels, 0 at invalid pixels; and their number."""
     numbers = np.zeros(labels.shape, np.int32)
     _, first, inverse = np.unique(labels[seen], return_index=True, return_inverse=True)
     numbers[seen] = (first.argsort().argsort() + 1)[inverse]
@@ -278,7 +278,7 @@ def _numbered(labels: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def memory_needed(pixels: int, settings: DecompositionSettings) -> int:
-    """Bytes that a decomposition holds at its height, of so many pixels of the reduced image."""
+    """Peak memory of a decomposition, in bytes, for a number of pixels of the reduced image."""
     kinds = 2 * settings.bins if settings.features == "haar" else 0
     per_pixel = 400 if settings.features == "bank" else 60 + 14 * kinds * (1 + settings.scales // 2)
     vertices = pixels / settings.step**2
@@ -288,13 +288,13 @@ def memory_needed(pixels: int, settings: DecompositionSettings) -> int:
 def label_map_of(like: Part, pixels: LabPixels, split: Decomposition) -> LabelMap:
     """The label map in the image's windows."""
     spec = label_spec(like.spec)
-    spec.attribute("oiiotex:samples", split.samples)  # regions or places that were grouped
+    spec.attribute("oiiotex:samples", split.samples)  # regions or places before grouping
     part = pixels.part("label.1", spec, split.labels.astype(np.uint32)[..., None])
     return LabelMap.of(part, 1, [0] * split.count)
 
 
 def facts_of(labels: Part, split: Decomposition, settings: DecompositionSettings, factor: int) -> dict[str, Any]:
-    """What there is to say, for `json`."""
+    """Facts for `json`."""
     areas = np.zeros(split.count + 1, np.int64)
     for band in bands(labels):
         areas += np.bincount(labels.read(band).ravel(), minlength=split.count + 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subtextures of an image that has been cut into superpixels: every superpixel has the one that most of it shows."""
+"""Subtextures of superpixels: the one that covers most of each."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .subtextures import DecompositionSettings, decomposed
 def superpixel_subtextures(
     superpixels: Superpixels, small: SmallLab, resources: Resources, count: int | None = None
 ) -> np.ndarray:
-    """The subtexture of every superpixel, (n,) int64 from 0 on.
+    """Subtexture of each superpixel, (n,) int64 from 0.
 
     Parameters
     ----------
     small : SmallLab
-        The squares that they are described by: the image is not looked at again.
+        The reduced image: the original is not read again.
     count : int, optional
-        So many, if there are so many.
+        Maximum number of subtextures.
     """
     height, width = small.ids.shape
     pixels = LabPixels(small.lab, small.ids > 0, small.factor, None, width, height)

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Texton histograms of neighborhoods, and how alike two places are when both may look a little aside.
+"""Texton histograms of neighborhoods, and the similarity of two places under small shifts.
 
 CZF02 section II: Caenen, Zalesny, Ferrari, Van Gool. Color and Haar details are quantized to 8 textons each; a pixel
 belongs to all of them by weights (eq. 1); a place has the mean of the weights over a disc (eq. 2); two places are
-compared by the Bhattacharyya coefficient (eq. 3), the second with the best of its surroundings (section II B).
+compared by the Bhattacharyya coefficient (eq. 3), the second at the best shift (section II B).
 
-Weights are kept in steps of 1 / 255 and roots of histograms in steps of 1 / `UNIT`, so that sums and products are
-exact whole numbers, in whatever order they are added.
+Weights are in steps of 1 / 255 and roots of histograms in steps of 1 / `UNIT`, so that sums and products are exact
+integers, independent of the order of summation.
 """
 
 from __future__ import annotations
@@ -21,39 +21,39 @@ from ..labels.filter_bank import Texture, texton_map
 from ..session.resources import Resources
 
 UNIT = 4000  # steps of a root of a histogram: the product of two fits the 24 bits of a float32
-BINS = 8  # of color, and as many of structure: CZF02 section II A
+BINS = 8  # of color and of structure each: CZF02 section II A
 FULL = 255  # steps of a weight
-_COLOR = 2.2  # weight of L, a and b each against each of 21 responses in filter bank textons
-_LEARNED = 4000  # pixels that these are learned from: twice as many change no score and take .1 s longer
-_SAMPLE = 16384  # pixels that bins are learned from
-_LLOYD = 12  # rounds of a bisection
+_COLOR = 2.2  # weight of L, a and b relative to each of 21 responses in filter bank textons
+_LEARNED = 4000  # pixels from which these are learned: twice as many change no score and take .1 s longer
+_SAMPLE = 16384  # pixels from which bins are learned
+_LLOYD = 12  # iterations of a bisection
 _BLOCK = 1 << 15
-_STARTS = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))  # of a mean shift search, in half of its reach
-_SHIFTS = 12  # steps of a mean shift search, at most
+_STARTS = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))  # starts of a mean shift search, in halves of its radius
+_SHIFTS = 12  # maximum number of steps of a mean shift search
 
 
 @dataclass(frozen=True)
 class Counts:
-    """How much of every texton there is in every cell."""
+    """Amount of each texton in each cell."""
 
-    values: np.ndarray  # (h, w, k) int32: in steps of 1 / 255 of a pixel; 0 where nothing is seen
-    side: int  # Of a cell, in pixels of the reduced image
+    values: np.ndarray  # (h, w, k) int32: in steps of 1 / 255 of a pixel; 0 at invalid pixels
+    side: int  # Side of a cell, in pixels of the reduced image
 
 
 # --- textons ---
 
 
 def weighted_counts(pixels: LabPixels, resources: Resources, bins: int = BINS) -> Counts:
-    """CZF02 section II A: weights (eq. 1) of color bins, then of Haar bins, of every pixel."""
+    """CZF02 section II A: weights (eq. 1) of color bins, then of Haar bins, for each pixel."""
     groups = [pixels.lab, haar_details(pixels.lab[..., 0])]
     values = np.concatenate([_weights(group, pixels.seen, bins, resources) for group in groups], axis=-1)
     return Counts(values * pixels.seen[..., None], 1)
 
 
 def bank_counts(texture: Texture, resources: Resources, bins: int, side: int) -> Counts:
-    """Counts of filter bank textons in cells; a departure from the paper that costs a pixel its softness.
+    """Counts of filter bank textons in cells; unlike in the paper, a pixel belongs to one texton only.
 
-    `side`: of a cell, px.
+    `side`: side of a cell, px.
     """
     textons = texton_map(texture, resources, bins, _COLOR, _LEARNED)
     height, width = textons.shape
@@ -67,7 +67,7 @@ def bank_counts(texture: Texture, resources: Resources, bins: int, side: int) ->
 def haar_details(light: np.ndarray) -> np.ndarray:
     """Horizontal, vertical and diagonal detail of an undecimated Haar wavelet: (h, w) -> (h, w, 3) float32.
 
-    Undecimated, because the paper wants a vector of every pixel; the last row and column see themselves again.
+    Undecimated, because the paper needs a vector for each pixel; the last row and column are repeated.
     """
     a = np.pad(light, ((0, 1), (0, 1)), mode="edge").astype(np.float32)
     a, b, c, d = a[:-1, :-1], a[:-1, 1:], a[1:, :-1], a[1:, 1:]
@@ -77,7 +77,7 @@ def haar_details(light: np.ndarray) -> np.ndarray:
 def bisected(points: np.ndarray, bins: int) -> np.ndarray:
     """Centers (at most bins, d) float32 of a hierarchical clustering of points (n, d).
 
-    The cluster of the largest error is halved until there are `bins`, or none has an error.
+    The cluster with the largest error is bisected until there are `bins` clusters, or none has an error.
     """
     points = points.astype(np.float64)
     clusters = [points]
@@ -91,7 +91,7 @@ def bisected(points: np.ndarray, bins: int) -> np.ndarray:
 
 
 def _halves(points: np.ndarray) -> list[np.ndarray]:
-    """Two clusters by Lloyd's rounds that begin on both sides of the mean, along the widest direction."""
+    """Two clusters by Lloyd's algorithm, from starts on both sides of the mean along the principal axis."""
     away = points - points.mean(0)
     widest = np.linalg.eigh(away.T @ away)[1][:, -1]
     upper = away @ widest > 0
@@ -107,8 +107,8 @@ def _halves(points: np.ndarray) -> list[np.ndarray]:
 def _weights(values: np.ndarray, seen: np.ndarray, bins: int, resources: Resources) -> np.ndarray:
     """CZF02 eq. 1, (h, w, bins) int32 in steps of 1 / 255.
 
-    sigma, which the paper leaves open, is the root of the mean squared distance to the nearest center. The weights of
-    a pixel are brought to a sum of 1, so that no pixel counts more than another.
+    sigma, which the paper does not give, is the root mean squared distance to the nearest center. The weights of a
+    pixel are normalized to a sum of 1, so that all pixels count the same.
     """
     points = values.reshape(-1, values.shape[-1])
     known = np.flatnonzero(seen)
@@ -120,7 +120,7 @@ def _weights(values: np.ndarray, seen: np.ndarray, bins: int, resources: Resourc
 
     def weigh(first: int) -> np.ndarray:
         here = points[first : first + _BLOCK]
-        away = squares - 2 * here @ centers.T  # up to a constant of the pixel, which the sum takes out
+        away = squares - 2 * here @ centers.T  # up to a constant per pixel, which normalization cancels
         away -= away.min(1, keepdims=True)
         weight = np.exp(away / np.float32(-2 * variance))
         return np.rint(weight * (FULL / weight.sum(1, keepdims=True))).astype(np.int32)
@@ -133,7 +133,7 @@ def _weights(values: np.ndarray, seen: np.ndarray, bins: int, resources: Resourc
 
 
 def disc_sums(values: np.ndarray, radius: float, resources: Resources) -> np.ndarray:
-    """CZF02 eq. 2 but for the division: (h, w, k) int32 -> sums over discs, (h, w, k) int32; discs end at borders."""
+    """CZF02 eq. 2 without the division: (h, w, k) int32 -> sums over discs, clipped at borders, (h, w, k) int32."""
     height, width = values.shape[:2]
     reach = int(radius)
     x = np.arange(width)
@@ -153,7 +153,7 @@ def disc_sums(values: np.ndarray, radius: float, resources: Resources) -> np.nda
 
 
 def histogram_roots(sums: np.ndarray) -> np.ndarray:
-    """Roots of histograms in steps of 1 / `UNIT`, (..., k) int16: their product is eq. 3 in steps of 1 / `UNIT`^2."""
+    """Roots of histograms in steps of 1 / `UNIT`, (..., k) int16; their products are eq. 3 in steps of 1 / `UNIT`^2."""
     total = sums.sum(-1, keepdims=True, dtype=np.int64)
     return np.rint(np.sqrt(sums / np.maximum(total, 1)) * UNIT).astype(np.int16)
 
@@ -163,19 +163,19 @@ def histogram_roots(sums: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Samples:
-    """A regular grid of places: indices into `down` x `across`, those that are seen."""
+    """A regular grid of places; samples are those with valid pixels."""
 
-    rows: np.ndarray  # (down,), (across,) int: cells that the grid stands on
+    rows: np.ndarray  # (down,), (across,) int: cells of the grid's rows and columns
     columns: np.ndarray
-    places: np.ndarray  # (n,) int: which of its points are samples, counted row by row
+    places: np.ndarray  # (n,) int: indices of the samples on the grid, row by row
 
     def cells(self) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column of every sample's cell."""
+        """Row and column of each sample's cell."""
         return self.rows[self.places // len(self.columns)], self.columns[self.places % len(self.columns)]
 
 
 def sample_grid(seen: np.ndarray, step: int) -> Samples:
-    """Places `step` cells apart (CZF02 section II B): neighbors would find each other, shifted, and say nothing."""
+    """Places `step` cells apart (CZF02 section II B): shifted neighbors would match each other trivially."""
     height, width = seen.shape
     rows = np.arange(min(step // 2, height - 1), height, step)
     columns = np.arange(min(step // 2, width - 1), width, step)
@@ -185,10 +185,10 @@ def sample_grid(seen: np.ndarray, step: int) -> Samples:
 def similarities(
     roots: np.ndarray, samples: Samples, shift: float, others: tuple[np.ndarray, ...] = (), steps: int = 2
 ) -> np.ndarray:
-    """CZF02 section II B: max(s'_ij, s'_ji), s'_ij the best Bhattacharyya coefficient of i with what is near j.
+    """CZF02 section II B: max(s'_ij, s'_ji), s'_ij the best Bhattacharyya coefficient of i with places near j.
 
-    The paper climbs by mean shift; here all shifts of a grid are matrix products, which finds more and takes less
-    time (`mean_shift_similarities` climbs).
+    The paper uses mean shift (`mean_shift_similarities`). Here all shifts on a grid are evaluated as matrix products,
+    which finds better matches in less time.
 
     `roots` (h, w, k) int16; `others` tuple of (h, w, k) int16; returns (n, n) float32.
     """
@@ -210,11 +210,11 @@ def similarities(
 def mean_shift_similarities(
     counts: Counts, radii: tuple[float, ...], samples: Samples, shift: float, resources: Resources
 ) -> np.ndarray:
-    """As `similarities`, but by mean shift (CZF02 section II B, after Comaniciu, Ramesh, Meer, CVPR 2000).
+    """The same as `similarities` by mean shift (CZF02 section II B, after Comaniciu, Ramesh, Meer, CVPR 2000).
 
-    From five starts and at every scale, a window near j moves to the mean of its pixels, each weighed by the sum over
-    textons of weight * sqrt(q / p), q the histogram at i and p that of the window. The mean needs three sums over the
-    disc for every texton, which are taken once for all windows.
+    From five starts and at each scale, a window near j moves to the mean of its pixels, each weighted by the sum over
+    textons of weight * sqrt(q / p), with q the histogram at i and p that of the window. The mean requires three sums
+    over the disc for each texton, which are computed once for all windows.
 
     Returns (n, n) float32.
     """

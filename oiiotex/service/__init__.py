@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The resident process: one device, warm kernels and analyzes, jobs with priority, results as windows."""
+"""The resident process: one device, warm kernels, cached analysis, prioritized jobs, windowed results."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Started by `client.connect`."""
+"""The resident process, started by `client.connect`."""
 
 import sys
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A client of the resident process: starts it on demand, has it make and read images."""
+"""A client of the resident process, which starts it on demand and requests images from it."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from .settings import ResidentSettings
 if TYPE_CHECKING:
     from subprocess import Popen
 
-_START = 30.0  # s that a process may take until it listens
-BRUSH, TILES, LOOKS, EXPORT = 0, 2, 5, 9  # priorities: what a hand waits for, what is in sight, what may come, the rest
+_START = 30.0  # s; timeout for the start of a process
+BRUSH, TILES, LOOKS, EXPORT = 0, 2, 5, 9  # priorities: interactive, visible tiles, previews, files
 
 Reply = tuple[dict[str, Any], list["np.ndarray"]]
 OnLook = Callable[["np.ndarray", bool], object]
 
 
 class Request(Future[Reply]):
-    """Something asked for: its result are the reply's facts and arrays.
+    """A pending request. Its result are the reply's facts and arrays.
 
     Parameters
     ----------
@@ -49,12 +49,12 @@ class Request(Future[Reply]):
         self, client: Client, number: int, on_look: OnLook | None, on_progress: Callable[[int, int], object] | None
     ):
         super().__init__()
-        self.set_running_or_notify_cancel()  # `stop` cancels, and the process says when it has
+        self.set_running_or_notify_cancel()  # `stop` cancels; the process confirms it
         self._client, self._number = client, number
         self.on_look, self.on_progress = on_look, on_progress
 
     def stop(self) -> None:
-        """Cancel it: its result is then a CancelledError, unless it was there before."""
+        """Cancel the request: its result becomes a CancelledError, unless it is already done."""
         if not self.done():
             self._client.tell({"do": "cancel", "job": self._number})
 
@@ -77,16 +77,16 @@ class Client:
 
     @property
     def ended(self) -> bool:
-        """Whether the process is gone."""
+        """Whether the process has ended."""
         return self._ended
 
     def put(self, image: Image) -> int:
-        """Hand an image over; its number."""
+        """Send an image, and return its number."""
         pixels = [np.ascontiguousarray(part.pixels()) for part in image.parts]
         return int(self._ask({"do": "put", "image": image_facts(image)}, pixels).result()[0]["number"])
 
     def drop(self, number: int) -> None:
-        """Let an image be forgotten."""
+        """Delete an image in the process."""
         self.tell({"do": "drop", "image": number})
 
     def make(
@@ -95,58 +95,58 @@ class Client:
         until: str | None = None, read: str | None = None, keep: bool = True, on_look: OnLook | None = None,
         on_progress: Callable[[int, int], object] | None = None,
     ) -> Request:  # fmt: skip
-        """Have an op used, as `work.Bench.make` says.
+        """Run an op in the process (`work.Bench.make`).
 
         Parameters
         ----------
         op : str
-            Name of its function.
+            Name of the op's function.
         images : sequence of int
-            Numbers of the images that it always takes.
+            Numbers of the required images.
         values : mapping
-            By modifier: as text, or what prints as it.
+            Values by modifier: strings, or objects that print as such.
         optional : mapping
-            Further images, by modifier: a number, or the name of a part of the first image.
+            Optional images by modifier: a number, or the name of a part of the first image.
         priority : int
-            0 is done first, and in between what is less urgent.
+            0 is the most urgent, and interrupts less urgent jobs.
         measure : bool
-            As -v.
+            Whether to measure the result, as -v does.
         until : str, optional
-            'look': end with the first look at the result, whose pixels are the reply's array.
+            'look': stop at the first preview of the result, whose pixels are the reply's array.
         read : str, optional
-            The part whose pixels are the reply's array; '' is the first.
+            The part whose pixels are the reply's array; '': the first.
         keep : bool
-            The images can be asked for later, until they are dropped.
+            Whether the process keeps the resulting images until they are dropped.
         on_look, on_progress : callable, optional
-            As of `Request`.
+            As in `Request`.
         """
-        texts = {key: f"{int(v) if isinstance(v, bool) else v}" for key, v in (values or {}).items()}
+        modifiers = {key: f"{int(v) if isinstance(v, bool) else v}" for key, v in (values or {}).items()}
         facts = {
-            "do": "make", "op": op, "images": list(images), "values": texts, "optional": dict(optional or {}),
+            "do": "make", "op": op, "images": list(images), "values": modifiers, "optional": dict(optional or {}),
             "priority": priority, "measure": measure, "until": until, "read": read, "keep": keep,
             "look": on_look is not None,
         }  # fmt: skip
         return self._ask(facts, (), on_look, on_progress)
 
     def read(self, image: int, window: Window | None = None, part: str = "", priority: int = LOOKS) -> Request:
-        """Have pixels of a window computed: the reply's array, (height, width, channels) of the part's own type."""
+        """Request the pixels of a window; the reply's array is (height, width, channels), of the part's pixel type."""
         facts = {"do": "read", "image": image, "part": part, "priority": priority}
         return self._ask(facts | {"window": None if window is None else list(window)})
 
     def hello(self) -> dict[str, Any]:
-        """What the process says of itself."""
+        """The facts of the process (`Resident.facts`)."""
         return self._ask({"do": "hello"}).result()[0]
 
     def end(self) -> None:
-        """Have the process end."""
+        """Ask the process to end."""
         self.tell({"do": "end"})
 
     def close(self) -> None:
-        """Hang up: images and jobs of this client are forgotten."""
+        """Disconnect: the process drops images and jobs of this client."""
         self._link.close()
 
     def tell(self, facts: dict[str, Any]) -> None:
-        """Say something that needs no answer."""
+        """Send a request and ignore the answer."""
         try:
             self._ask(facts)
         except LinkError:
@@ -205,12 +205,12 @@ class Client:
 
 
 def connect(settings: ResidentSettings) -> Client:
-    """A client of the process of these settings, started where there is none.
+    """A client of the process with these settings, which is started if needed.
 
     Raises
     ------
     Error
-        It cannot be started.
+        The process cannot be started.
     """
     path = str(settings.socket())
     process, until = None, time.monotonic() + _START
@@ -219,7 +219,7 @@ def connect(settings: ResidentSettings) -> Client:
         try:
             connection.connect(path)
             client = Client(Link(connection))
-            client.hello()  # one that is about to end may have taken the call
+            client.hello()  # fails if the process is about to end
             return client
         except (OSError, LinkError) as error:
             connection.close()
@@ -228,7 +228,7 @@ def connect(settings: ResidentSettings) -> Client:
         if process is None:
             process = _started(settings)
         elif process.poll() not in (None, 0):
-            lines = _log_of(settings).read_text(errors="replace").strip().splitlines() or ["without a word"]
+            lines = _log_of(settings).read_text(errors="replace").strip().splitlines() or ["no error message"]
             raise Error(f"the resident process cannot be started: {lines[-1]}")
         time.sleep(0.02)
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m oiiotex.service.door`: whom a program without our package asks for the resident process.
+"""`python -m oiiotex.service.door`: starts the resident process for programs that are not written in Python.
 
-Its one word is JSON: {"name": "wall.oiiotex?seed=7"}; {"texture": TEXT} for one that was opened before;
-{"device": NAME} or {"device": null} for the process alone. It prints {"socket": PATH, "texture": TEXT}, once that
-process listens, or {"error": TEXT, "facts": FIELDS}.
+Its argument is JSON: {"name": "wall.oiiotex?seed=7"}, or {"texture": TEXT} for a texture that was opened before, or
+{"device": NAME} or {"device": null} for the process without a texture. When the process listens, it prints
+{"socket": PATH, "texture": TEXT}; on failure, {"error": TEXT, "facts": FIELDS}.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .texture_file import TextureFile, read_texture_file
 
 
 def answer(word: str) -> dict[str, Any]:
-    """What is printed."""
+    """The answer to print."""
     try:
         asked = json.loads(word)
         if "device" in asked:
@@ -33,7 +33,7 @@ def answer(word: str) -> dict[str, Any]:
     except Error as error:
         return {"error": str(error), "facts": error.facts()}
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return {"error": "what the door was asked is malformed"}
+        return {"error": "malformed request"}
     return {"socket": str(settings.socket()), "texture": file.text()}
 
 

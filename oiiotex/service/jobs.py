@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is to be done: by priority, one at a time, because there is one device; more urgent jobs come in between.
+"""The job queue: one job at a time, because there is one device, ordered and preempted by priority.
 
-A job is asked for leave whenever it reports progress. There it ends if it was canceled, and there jobs of higher
-priority are done, on its thread: so an export of an hour holds up no brush, and kernels are never set up twice at once.
+A job can be interrupted whenever it reports progress: it ends there if it was canceled, and more urgent jobs run there,
+on its thread. Thus a long export does not delay brush strokes, and kernels are used by one thread only.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from typing import Any
 
 from ..errors import OUT_OF_MEMORY, Error, Interrupted
 
-REPORT_EVERY = 0.05  # s, at most, between two reports of progress
+REPORT_EVERY = 0.05  # s; minimum time between two progress reports
 _numbers = itertools.count()
 
 
 @dataclass(eq=False)
 class DeviceJob:
-    """Something to be done.
+    """A job.
 
-    `report`: called with (state, value): 'progress' (done, total), 'done' what `work` gave, 'failed' an Error,
-    'canceled'.
+    `report` is called with a state and a value: 'progress' with (done, total), 'done' with the result of `work`,
+    'failed' with an Error, 'canceled' with None.
     """
 
-    priority: int  # 0 first; among equals who came first
-    work: Callable[[DeviceJob], Any]  # Is called with the job
+    priority: int  # 0 is the most urgent; equal ones run in order of arrival
+    work: Callable[[DeviceJob], Any]  # Called with the job
     report: Callable[[str, Any], None]
     canceled: bool = False
     log: list[tuple[str, str]] = field(default_factory=list)
@@ -42,7 +42,7 @@ class DeviceJob:
         return (self.priority, self._number) < (other.priority, other._number)
 
     def advance(self, done: int, total: int) -> bool:
-        """As a session's `progress`: False where the job was canceled."""
+        """The progress callback of a session: False if the job was canceled."""
         now = time.monotonic()
         if now - self._told >= REPORT_EVERY:
             self._told = now
@@ -53,34 +53,34 @@ class DeviceJob:
 
 
 class Jobs:
-    """Jobs that wait, and the thread that does them."""
+    """Waiting jobs, and the thread that runs them."""
 
     def __init__(self) -> None:
         self._waiting: list[DeviceJob] = []
-        self._running: list[DeviceJob] = []  # the last one works, those before it wait for it
+        self._running: list[DeviceJob] = []  # the last one runs; the others are suspended
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._work, name="oiiotex-jobs", daemon=True)
         self._thread.start()
 
     @property
     def running(self) -> DeviceJob | None:
-        """The job that works."""
+        """The running job, or None."""
         return self._running[-1] if self._running else None
 
     @property
     def count(self) -> int:
-        """How many wait or run."""
+        """Number of waiting, suspended and running jobs."""
         return len(self._waiting) + len(self._running)
 
     def add(self, job: DeviceJob) -> None:
-        """Have a job done."""
+        """Queue a job."""
         job._jobs = self
         with self._changed:
             heapq.heappush(self._waiting, job)
             self._changed.notify()
 
     def cancel(self, job: DeviceJob) -> None:
-        """Leave a job undone, or end it where it next reports progress."""
+        """Remove a waiting job, or stop a running one at its next progress report."""
         with self._changed:
             job.canceled = True
             waited = job in self._waiting
@@ -91,7 +91,7 @@ class Jobs:
             job.report("canceled", None)
 
     def let_in(self, job: DeviceJob) -> None:
-        """Do what is more urgent than a job that runs."""
+        """Run the waiting jobs that are more urgent than a running one."""
         while not job.canceled:
             with self._changed:
                 if not (self._waiting and self._waiting[0].priority < job.priority):
@@ -117,8 +117,8 @@ class Jobs:
             job.report("failed", error)
         except MemoryError:
             job.report("failed", Error(OUT_OF_MEMORY))
-        except Exception as error:  # a fault of ours: the process goes on
-            job.report("failed", Error(f"internal, {type(error).__name__}: {error}"))
+        except Exception as error:  # a bug must not end the process
+            job.report("failed", Error(f"internal error: {type(error).__name__}: {error}"))
         else:
             job.report("done", result)
         finally:

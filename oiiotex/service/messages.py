@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages between the resident process and its clients: JSON on a Unix socket, arrays as shared memory beside it.
+"""Messages between the resident process and its clients: JSON on a Unix socket, with arrays in shared memory.
 
-A message is 8 bytes (`MAGIC` with the version, length of the text), the text, and a file descriptor for each array:
-sealed memory that belongs to nobody's name, so that nothing is left behind whoever dies.
+A message is 8 bytes (magic with version, length of the JSON), the JSON, and a file descriptor for each array. Arrays
+are sealed anonymous memory, which the system frees even if both processes are killed.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ VERSION = 1
 _MAGIC = b"oxs" + bytes([VERSION])
 _HEADER = struct.Struct("<4sI")
 _MOST_TEXT = 16 << 20  # bytes
-_MOST_ARRAYS = 64  # of a message
-_AT_ONCE = 1 << 16  # bytes of a text that are received at a time: what a header says is believed when it has come
-_PATIENCE = struct.pack("ll", 10, 0)  # s that the other side may take no message
+_MOST_ARRAYS = 64  # per message
+_AT_ONCE = 1 << 16  # bytes per recv: a header's length is not allocated before the data arrive
+_PATIENCE = struct.pack("ll", 10, 0)  # s; send timeout
 _TYPE = re.compile(r"[<>|=]?[biuf]\d{1,2}")
 _SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_WRITE
 
 
 class LinkError(Error):
-    """The other side has ended, or speaks another version."""
+    """The other side has ended, or uses another protocol version."""
 
 
 class Link:
-    """One end of a connection. Any thread may send; one receives."""
+    """One end of a connection. Any thread can send; one thread receives."""
 
     def __init__(self, connection: socket.socket):
         self._socket = connection
@@ -50,7 +50,7 @@ class Link:
         layout = [{"type": array.dtype.str, "shape": list(array.shape)} for array in arrays]
         text = json.dumps(facts | {"arrays": layout}).encode()
         if len(text) > _MOST_TEXT or len(arrays) > _MOST_ARRAYS:
-            raise ImageError("the message is too large for the resident process")
+            raise ImageError("message too large for the resident process")
         memories: list[int] = []
         try:
             for array in arrays:
@@ -61,14 +61,14 @@ class Link:
                     raise LinkError("the connection to the resident process is broken")
                 self._socket.sendall(text)
         except OSError as error:
-            self.hang_up()  # half a message may have gone
+            self.hang_up()  # part of a message may have been sent
             raise LinkError(f"the resident process has ended: {error.strerror}") from error
         finally:
             for memory in memories:
                 os.close(memory)
 
     def receive(self) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """Wait for a message: its facts and its arrays, which cannot be written."""
+        """Wait for a message: its facts and its read-only arrays."""
         memories: list[int] = []
         try:
             header = b""
@@ -80,18 +80,18 @@ class Link:
                 header += piece
             magic, length = _HEADER.unpack(header)
             if magic != _MAGIC or length > _MOST_TEXT:
-                raise LinkError("the resident process is of another version of oiiotex: end it and try again")
+                raise LinkError("the resident process is another version of oiiotex: end that process and try again")
             facts = json.loads(self._exactly(length))
             if not isinstance(facts, dict):
                 raise ValueError(type(facts))
             layout = facts.pop("arrays")
             if len(layout) != len(memories):
-                raise LinkError("a message of the resident process has lost its arrays")
+                raise LinkError("a message of the resident process lacks its arrays")
             return facts, [_array(m, one["type"], one["shape"]) for m, one in zip(memories, layout, strict=True)]
         except OSError as error:
             raise LinkError(f"the resident process has ended: {error.strerror}") from error
         except (ValueError, KeyError, TypeError, RecursionError) as error:
-            raise LinkError("what came from the resident process is no message") from error
+            raise LinkError("invalid message from the resident process") from error
         finally:
             for memory in memories:
                 os.close(memory)
@@ -106,18 +106,18 @@ class Link:
         return text
 
     def hang_up(self) -> None:
-        """End the connection: who receives, on either side, is told."""
-        with contextlib.suppress(OSError):  # the other side was first
+        """Shut the connection down: `receive` raises LinkError on both sides."""
+        with contextlib.suppress(OSError):  # already shut down
             self._socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Hang up, and forget the connection."""
+        """Shut down and close the connection."""
         self.hang_up()
         self._socket.close()
 
 
 def _shared(array: np.ndarray) -> int:
-    """A descriptor of sealed memory that holds the array's bytes."""
+    """The file descriptor of sealed memory that contains the array's bytes."""
     memory = os.memfd_create("oiiotex", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     try:
         left = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
@@ -131,13 +131,13 @@ def _shared(array: np.ndarray) -> int:
 
 
 def _array(memory: int, kind: str, shape: list[int]) -> np.ndarray:
-    """The array in sealed memory, which lives as long as the array."""
+    """The array in sealed memory, which is freed with the array."""
     if not isinstance(kind, str) or not _TYPE.fullmatch(kind) or any(type(n) is not int or n < 0 for n in shape):
         raise ValueError(kind)
     dtype = np.dtype(kind)
     size = dtype.itemsize * int(np.prod(shape, dtype=object)) if shape else dtype.itemsize
     if os.fstat(memory).st_size != size or fcntl.fcntl(memory, fcntl.F_GET_SEALS) & _SEALS != _SEALS:
-        raise ValueError(size)  # who could cut it short could kill who reads
+        raise ValueError(size)  # truncating unsealed memory would crash the reader
     if not size:
         return np.empty(shape, dtype)
     return np.frombuffer(mmap.mmap(memory, size, prot=mmap.PROT_READ), dtype).reshape(shape)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Images as messages carry them: facts of parts as JSON, pixels as arrays."""
+"""Images in messages: facts of parts as JSON, pixels as arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PLACE = ("x", "y", "width", "height", "full_x", "full_y", "full_width", "full_h
 
 
 def facts_of(part: Part) -> dict[str, Any]:
-    """What a part says of itself, but its pixels."""
+    """The facts of a part: everything but its pixels."""
     spec = part.spec
     return {
         "name": part.name,
@@ -28,12 +28,12 @@ def facts_of(part: Part) -> dict[str, Any]:
 
 
 def image_facts(image: Image) -> dict[str, Any]:
-    """The same of all parts of an image."""
+    """The facts of an image and all its parts."""
     return {"source": image.source, "parts": [facts_of(part) for part in image.parts]}
 
 
 def image_of(facts: dict[str, Any], arrays: list[np.ndarray]) -> Image:
-    """The image of these facts and of its parts' pixels, (height, width, channels) each."""
+    """The image with these facts, and the pixels of its parts, (height, width, channels) each."""
     parts = []
     for one, pixels in zip(facts["parts"], arrays, strict=True):
         spec = spec_of(one)
@@ -47,12 +47,12 @@ def image_of(facts: dict[str, Any], arrays: list[np.ndarray]) -> Image:
 
 
 def window_of(numbers: list[int] | None, part: Part) -> Window:
-    """The window that a message says, inside the part's data window; all of it where it says none."""
+    """The window in a message, clipped to the part's data window; None means the data window."""
     return part.window if numbers is None else Window(*map(int, numbers)) & part.window
 
 
 def spec_of(facts: dict[str, Any]) -> oiio.ImageSpec:
-    """The spec that the facts of a part say."""
+    """The spec described by the facts of a part."""
     names = tuple(map(str, facts["channels"]))
     spec = oiio.ImageSpec(1, 1, len(names), oiio.TypeDesc(facts["type"]))
     for name, value in zip(_PLACE, facts["place"], strict=True):
@@ -64,7 +64,7 @@ def spec_of(facts: dict[str, Any]) -> oiio.ImageSpec:
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether JSON holds it: arrays of bytes, such as profiles of scanners, stay behind."""
+    """Whether JSON can hold an attribute; byte arrays, such as ICC profiles, are omitted."""
     return isinstance(value, (int, float, str)) or (
         isinstance(value, tuple) and all(isinstance(one, (int, float, str)) for one in value)
     )

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The resident process itself: `python -m oiiotex.service`, which a client starts when it needs one.
+"""The resident process, `python -m oiiotex.service`, which clients start on demand.
 
-One process to a user and a set of settings, on a Unix socket in a folder that is the user's alone. It ends when it has
-had nothing to do and nobody connected for a while, or by SIGTERM, SIGHUP or SIGINT; a client that dies takes its
-images and jobs with it.
+There is one process per user and settings, on a Unix socket in a private folder. It ends after a time without clients
+and jobs, or on SIGTERM, SIGHUP or SIGINT. When a client disconnects, its images and jobs are dropped.
 """
 
 from __future__ import annotations
@@ -34,16 +33,16 @@ from .pictures import image_of
 from .settings import ResidentSettings
 from .work import Bench
 
-MOST_JOBS = 256  # of a client, that wait or run
-MOST_CLIENTS = 128  # each has a thread, and a message of 16 MB at most
-MEMORY_SHARE = 4  # of the budget: analyzes of photos and planes that are kept
+MOST_JOBS = 256  # waiting or running, per client
+MOST_CLIENTS = 128  # each has a thread, and a message of up to 16 MB
+MEMORY_SHARE = 4  # 1 / share of the memory budget that caches analysis results of photos and planes
 _CREDENTIALS = struct.Struct("3i")
 
 log = logging.getLogger("oiiotex")
 
 
 class Resident:
-    """What all clients share."""
+    """The state that all clients share."""
 
     def __init__(self, settings: ResidentSettings):
         self._settings = settings
@@ -57,14 +56,14 @@ class Resident:
         log.addHandler(_ToJob(self.jobs))
 
     def serve(self) -> None:
-        """Answer until there is nothing more to do; returns at once where another process does."""
+        """Serve clients until idle; return at once if another process serves these settings."""
         path = self._settings.socket()
         with open(path.with_suffix(".lock"), "w") as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 return
-            path.unlink(missing_ok=True)  # of one that was killed
+            path.unlink(missing_ok=True)  # left by a killed process
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listening:
                 listening.bind(str(path))
                 os.chmod(path, 0o600)
@@ -85,8 +84,8 @@ class Resident:
                 elif time.monotonic() - self._busy > self._settings.idle:
                     return
                 continue
-            except OSError as error:  # no file descriptor is left, or who called has hung up
-                log.error("the resident process takes no client: %s", error.strerror)
+            except OSError as error:  # no free file descriptor, or the client has disconnected
+                log.error("the resident process cannot accept a client: %s", error.strerror)
                 time.sleep(0.1)
                 continue
             connection.setblocking(True)
@@ -98,16 +97,16 @@ class Resident:
             threading.Thread(target=client.serve, name="oiiotex-client", daemon=True).start()
 
     def leave(self, client: _Connection) -> None:
-        """Forget a client."""
+        """Remove a client."""
         self._clients.discard(client)
         self._busy = time.monotonic()
 
     def end(self) -> None:
-        """Answer nobody new."""
+        """Stop accepting clients."""
         self._end = True
 
     def facts(self) -> dict[str, Any]:
-        """What it is, and what it does."""
+        """Version, process id, device, and numbers of clients and jobs."""
         device = self._session.resources.device.info.name if self._session.resources.has_device else None
         return {
             "version": __version__, "pid": os.getpid(), "device": device,
@@ -122,7 +121,7 @@ class _Connection:
         self._jobs: dict[int, DeviceJob] = {}
 
     def serve(self) -> None:
-        """Answer until the client hangs up, dies or talks nonsense."""
+        """Serve the client until it disconnects, dies or violates the protocol."""
         try:
             while True:
                 asked, arrays = self._link.receive()
@@ -131,13 +130,13 @@ class _Connection:
                     self._take(number, asked, arrays)
                 except Error as error:
                     self._answer(number, "failed", error.facts())
-                except Exception as error:  # whatever a stranger's message leads to
-                    malformed = Error(f"the request is malformed: {str(error)[:300]}")
+                except Exception as error:  # a malformed message can raise anything
+                    malformed = Error(f"malformed request: {str(error)[:300]}")
                     self._answer(number, "failed", malformed.facts())
         except LinkError:
             pass
         except MemoryError:
-            log.error("a client was let go: its message is larger than the memory that is free")
+            log.error("a client was disconnected: out of memory for its message")
         finally:
             for job in list(self._jobs.values()):
                 self._resident.jobs.cancel(job)
@@ -164,11 +163,11 @@ class _Connection:
             self._resident.end()
             self._answer(number, "done", {})
         else:
-            raise ValueError(f"nobody can do '{do}'")
+            raise ValueError(f"unknown request '{do}'")
 
     def _begin(self, number: int, asked: dict[str, Any]) -> None:
         if len(self._jobs) >= MOST_JOBS:
-            raise Error(f"more than {MOST_JOBS} jobs of one client: wait for some")
+            raise Error(f"too many jobs of one client: expected up to {MOST_JOBS}; wait until some have finished")
 
         def look(pixels: Any, whole: bool) -> None:
             self._answer(number, "look", {"whole": whole}, [pixels])
@@ -196,40 +195,40 @@ class _Connection:
     def _answer(self, number: Any, state: str, facts: dict[str, Any], arrays: list[Any] | tuple[()] = ()) -> None:
         try:
             self._link.send(facts | {"re": number, "state": state}, arrays)
-        except LinkError:  # who receives is told, and ends it all
+        except LinkError:  # the receiving thread sees it and cleans up
             pass
-        except Exception as error:  # what was made cannot be sent: too large, or no JSON
-            failed = Error(f"the answer cannot be sent: {str(error)[:300]}")
+        except Exception as error:  # the result is too large, or not JSON
+            failed = Error(f"cannot send the answer: {str(error)[:300]}")
             with contextlib.suppress(LinkError):
                 self._link.send(failed.facts() | {"log": [], "re": number, "state": "failed"})
 
 
 class _ToJob(logging.Handler):
-    """What is logged belongs to the job that works."""
+    """Adds log records to the running job."""
 
     def __init__(self, jobs: Jobs):
         super().__init__()
         self._jobs = jobs
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Add a line."""
+        """Add a record."""
         job = self._jobs.running
         if job is not None:
             job.log.append((record.levelname.lower(), record.getMessage()))
 
 
 def _user_of(connection: socket.socket) -> int:
-    """Who is on the other side."""
+    """The user id of the other side."""
     packed = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     return int(_CREDENTIALS.unpack(packed)[1])
 
 
 def main(text: str) -> None:
-    """Be the resident process that settings, as JSON, ask for."""
+    """Run the resident process with `ResidentSettings` as JSON."""
     settings = ResidentSettings(**json.loads(text))
-    for name in ("threads", "exr_threads"):  # OpenImageIO counts the machine's, not those that the process may use
+    for name in ("threads", "exr_threads"):  # OpenImageIO ignores CPU affinity and cgroup limits
         oiio.attribute(name, settings.threads or usable_threads())
-    os.environ["OIIOTEX_RESIDENT"] = "1"  # the plugin of hosts/openimageio asks this process, which must not ask itself
+    os.environ["OIIOTEX_RESIDENT"] = "1"  # tells the plugin of hosts/openimageio not to call this process
     os.chdir("/")
     resident, numbers = Resident(settings), list[int]()
 
@@ -240,6 +239,6 @@ def main(text: str) -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, end)
     resident.serve()
-    if numbers or resident.jobs.count:  # a thread that is at a job: Python that ends would abort it, and the process
+    if numbers or resident.jobs.count:  # a job still runs: a normal exit of Python would abort
         discard_all()
         os._exit(128 + numbers[0] if numbers else 0)

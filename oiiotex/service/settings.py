@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a resident process is started with, and where it listens: other settings are another process."""
+"""Settings of a resident process and its socket. Each set of settings has a separate process."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from ..opencl.cache_folders import require_private
 from ..session import Session
 from ..session.settings import Settings
 
-IDLE = 600.0  # s without a client after which it ends
+IDLE = 600.0  # s without a client until the process ends
 
 
 @dataclass(frozen=True, kw_only=True)
 class ResidentSettings(Settings):
-    """Those of a run that outlast it.
+    """The settings of a run that also apply to later ones.
 
     Attributes
     ----------
     idle : float
-        Seconds without a client after which it ends.
+        Seconds without a client until the process ends.
     """
 
     idle: float = IDLE
 
     @classmethod
     def of(cls, session: Session) -> ResidentSettings:
-        """Those of a session, but for what belongs to one line; the environment's color config becomes a word."""
+        """The settings of a session, without those of a single command line, and with $OCIO as `colorconfig`."""
         config = session.settings.colorconfig or os.environ.get("OCIO")
         if config and os.path.exists(config):
             config = os.path.abspath(config)
@@ -42,16 +42,16 @@ class ResidentSettings(Settings):
         return cls(**asdict(of_all))
 
     def text(self) -> str:
-        """As JSON."""
+        """The settings as JSON."""
         return json.dumps(asdict(self))
 
     def socket(self) -> Path:
-        """Where its process listens, in a folder that is the user's alone.
+        """The path of the socket, in a private folder.
 
         Raises
         ------
         Error
-            The folder is somebody else's, or open to others.
+            The folder belongs to another user or is accessible to others.
         """
         facts = self.text(), __version__, str(Path(__file__).parent), os.environ.get("OIIOTEX_DEVICE")
         name = hashlib.sha256(repr(facts).encode()).hexdigest()[:16]
@@ -59,35 +59,35 @@ class ResidentSettings(Settings):
 
 
 def runtime_folder() -> Path:
-    """A folder of the user alone, in memory where the system has such a one ($XDG_RUNTIME_DIR)."""
+    """A private folder of the user, in memory if the system provides one ($XDG_RUNTIME_DIR)."""
     import platformdirs
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that there is no $XDG_RUNTIME_DIR: what stands in for it is looked at below
+        warnings.simplefilter("ignore")  # no $XDG_RUNTIME_DIR: the substitute is checked below
         folder = Path(platformdirs.user_runtime_dir("oiiotex"))
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     try:
         require_private(folder, others=0o077)
     except Error as error:
-        raise Error(f"{error}; set XDG_RUNTIME_DIR to one") from None
+        raise Error(f"{error}; set XDG_RUNTIME_DIR to a private folder") from None
     return folder
 
 
 def reserved_folder(path: Path) -> Path:
-    """A folder in memory of a file that this process alone works on; another's again when it ends.
+    """A folder in memory for work on a file, reserved for this process until it ends.
 
     Raises
     ------
     Error
-        Another process has reserved it, or as by `runtime_folder`.
+        Another process has reserved it, or `runtime_folder` fails.
     """
     name = hashlib.sha256(str(path.resolve()).encode(errors="surrogateescape")).hexdigest()[:16]
     folder = runtime_folder() / f"live-{name}"
     folder.mkdir(mode=0o700, exist_ok=True)
-    lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)  # held as long as the process lives
+    lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)  # held until the process ends
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         os.close(lock)
-        raise Error(f"{path} is open in another --texlive: end that one, or name another file by document=") from None
+        raise Error(f"{path} is open in another --texlive: end it, or choose another file with document=") from None
     return folder

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`wall.oiiotex`: a small document that stands for an endless texture, which hosts open as an image.
+"""`wall.oiiotex`: a small JSON document that hosts open as an unbounded texture image.
 
     {"oiiotex": 1, "photo": "gravel.exr", "size": "1048576x1048576", "seed": 7, "colorspace": "ACEScg"}
 
-`oiiotex` is the version of the format. `photo` is the one exemplar, or `graph` an exemplar graph. These files and those
-that the graph names lie in the document's folder, or below it: a document from a stranger shows no other picture of its
-reader. Links count as what they lead to. Folders in $OIIOTEX_TEXTURE_PATH, separated as in $PATH, are allowed, too.
-`size` is that of the image, `level` the octaves of --texsynth that it shows (the finest when left out),
-`colorspace` says what space an untagged photo is in, `autocc` lets the names of files say it, `device` is as --device.
-Behind the file's name `?seed=7&size=4096x4096` says another seed, size, level, colorspace or device.
+`oiiotex` is the version of the format. `photo` is the exemplar, or `graph` an exemplar graph. All these files must be
+inside the document's folder or a folder in $OIIOTEX_TEXTURE_PATH (separated as in $PATH), with symbolic links resolved:
+an untrusted document cannot show other files of its reader. `size` is the size of the image, `level` the level of
+--texsynth (default: the finest), `colorspace` the color space of an untagged photo. `autocc` derives color spaces from
+file names. `device` is as in --device. A query after the file name, such as `?seed=7&size=4096x4096`, overrides seed,
+size, level, colorspace or device.
 
-With `plan`, an archive of --texquilt:plan, it is that quilt of the photo instead, or of any map of the photo's size.
-With `tiles` instead of a photo, a file of --texstationarize:variants, these tiles lie beside each other as `seed` says.
+With `plan`, a file of --texquilt:plan, the texture is that quilt of the photo, or of another map of the same size. With
+`tiles` instead of a photo, a file of --texstationarize:variants, `seed` arranges these tiles over the plane.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ from .settings import ResidentSettings
 
 SUFFIX = ".oiiotex"
 FOLDERS = "OIIOTEX_TEXTURE_PATH"
-MOST_NAME, MOST_QUERY, MOST_TEXT = 4096, 1000, 1000  # letters of a file's name, of what is behind '?', of a value
-MOST_SIDE = 2**31 - 1024  # px: OpenImageIO counts them by 32 bits, with a tile on top
-_TILES = (64, 128, 256, 512, 1024)  # px, sides that hosts are told to ask for
-_MOST_TILES = 1 << 28  # of a level: OpenImageIO's cache holds a bit for each, and counts them by 32 bits
+MOST_NAME, MOST_QUERY, MOST_TEXT = 4096, 1000, 1000  # characters of a file name, of the query, of a value
+MOST_SIDE = 2**31 - 1024  # px: OpenImageIO uses 32-bit integers, and adds a tile
+_TILES = (64, 128, 256, 512, 1024)  # px; tile sizes reported to hosts
+_MOST_TILES = 1 << 28  # per level: OpenImageIO's cache keeps a bit for each tile, with 32-bit indices
 _FILES = ("photo", "graph", "tiles", "plan")
 _QUERY = ("seed", "size", "level", "colorspace", "device")
 _SIZE = re.compile(r"([1-9]\d{0,9})x([1-9]\d{0,9})", re.ASCII)
 
 
 _LinkedText = Annotated[
-    str, Allowed(most=MOST_TEXT, pattern=r"(?s)[^\0]+", words=f"of 1 to {MOST_TEXT} letters, none of them NUL")
+    str, Allowed(most=MOST_TEXT, pattern=r"(?s)[^\0]+", words=f"of 1 to {MOST_TEXT} characters without NUL")
 ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class _TextureDocument:
-    """What a document says, with what stands behind '?'."""
+    """A document, with the values of the query."""
 
     oiiotex: Annotated[Literal[1], Allowed(words="(the version of the format)")]
     photo: _LinkedText | None = None
@@ -62,65 +62,63 @@ class _TextureDocument:
     colorspace: _LinkedText | None = None
     autocc: bool = False
     device: _LinkedText | None = None
-    title: Any = None  # for people
+    title: Any = None  # comments
     note: Any = None
 
 
 def tile_side(width: int, height: int) -> int:
-    """The side of an image's tiles, px: 64, more where they would be too many; 0 where they always are."""
+    """The tile size of an image in pixels: 64, or larger to limit the number of tiles; 0 if there is none."""
     fits = (n for n in _TILES if -(-width // n) * -(-height // n) <= _MOST_TILES)
     return next(fits, 0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TextureFile:
-    """A checked document. Paths are absolute: one of the first three, and a plan with a photo alone."""
+    """A checked document. Paths are absolute. Exactly one of photo, graph and tiles is set; plan requires photo."""
 
-    name: str  # the file's, for messages
+    name: str  # of the file, for messages
     photo: str | None
     graph: str | None
     tiles: str | None
     plan: str | None
-    stamp: tuple[int, ...]  # when these files were last changed, ns, and their bytes: changed, it is another texture
-    width: int  # px, 1 to 2^31 - 1024; 0 where a plan says them
+    stamp: tuple[int, ...]  # modification time (ns) and size of each file; a change makes another texture
+    width: int  # px, 1 to 2^31 - 1024; 0 with a plan, which defines them
     height: int
-    seed: int | None = None  # as of --texsynth, and the level
+    seed: int | None = None  # of --texsynth, as is level
     level: int | None = None
     colorspace: str | None = None
     device: str | None = None
     autocc: bool = False
 
     def text(self) -> str:
-        """As JSON, by which the resident process knows it."""
+        """The texture as JSON, its key in the resident process."""
         return json.dumps(asdict(self), sort_keys=True)
 
     @classmethod
     def of_text(cls, text: str) -> TextureFile:
-        """What `text` has written."""
+        """The texture that `text` has written."""
         facts = json.loads(text)
         return cls(**facts | {"stamp": tuple(facts["stamp"])})
 
     def settings(self) -> ResidentSettings:
-        """Those of the resident process that makes it."""
+        """The settings of the resident process that renders it."""
         return ResidentSettings.of(Session(device_name=self.device, autocc=self.autocc))
 
     def require_unchanged(self) -> None:
-        """Refuse to go on with other pixels than those that a host has seen."""
+        """Raise ImageError if a file has changed since the host opened the texture."""
         files = list(filter(None, (getattr(self, key) for key in _FILES)))
         if _stamp(self.name, files) != self.stamp:
-            raise ImageError(f"{self.name}: {' or '.join(files)} has changed since it was opened: open it again")
+            raise ImageError(f"{self.name}: {' or '.join(files)} has changed since it was opened; open it again")
 
 
 def read_texture_file(name: str) -> TextureFile:
-    """The texture that a file's name stands for, with what stands behind '?' in it."""
+    """Read a texture file; its name can end with a query."""
     query = ""
     if "?" in name and not _exists(name):
         name, _, query = name.partition("?")
-    for text, most, called in ((name, MOST_NAME, "a file's name"), (query, MOST_QUERY, "what is behind '?'")):
+    for text, most, called in ((name, MOST_NAME, "the file name"), (query, MOST_QUERY, "the query after '?'")):
         if len(text) > most or "\0" in text:
-            raise ImageError(
-                f"{name[:300]}: {called} has {len(text)} letters: expected {most} at most, none of them NUL"
-            )
+            raise ImageError(f"{name[:300]}: {called} has {len(text)} characters: expected up to {most}, without NUL")
     path = Path(name)
     where = str(path)
     document = read_document(path)
@@ -130,7 +128,7 @@ def read_texture_file(name: str) -> TextureFile:
 
 
 def _asked(query: str, where: str) -> dict[str, Any]:
-    """What stands behind '?': numbers and texts by name."""
+    """The values of a query by name: integers and strings."""
     values: dict[str, Any] = {}
     for word in filter(None, query.split("&")):
         key, _, value = word.partition("=")
@@ -148,12 +146,12 @@ def _checked(document: _TextureDocument, path: Path) -> TextureFile:
     if document.plan is not None:
         for key in ("graph", "tiles", "size", "seed", "level"):
             if getattr(document, key) is not None:
-                raise ImageError(f"{where}: {key} conflicts with plan: a plan is of a photo, and says the rest")
+                raise ImageError(f"{where}: {key} conflicts with plan, which requires a photo and defines the rest")
         given.append("plan")
     if document.tiles is not None and document.level is not None:
-        raise ImageError(f"{where}: level conflicts with tiles: they have one")
+        raise ImageError(f"{where}: level conflicts with tiles, which have one level")
     if document.graph is not None and document.colorspace is not None:
-        raise ImageError(f"{where}: colorspace is a photo's; the files of a graph say theirs, or autocc lets names do")
+        raise ImageError(f"{where}: colorspace requires photo; tag the files of the graph, or use autocc")
     files = {key: os.path.abspath(path.parent / getattr(document, key)) for key in given}
     _require_allowed(files, path)
     width, height = (0, 0) if "plan" in given else _size(document.size, where)
@@ -172,8 +170,8 @@ def _size(size: str | None, where: str) -> tuple[int, int]:
     width, height = map(int, match.groups())
     if not tile_side(width, height):
         raise ImageError(
-            f"{where}: size={size}: OpenImageIO's cache holds no more than {_MOST_TILES} tiles of {_TILES[-1]} px:"
-            " expected at most 2^48 px in all, such as 16777216x16777216"
+            f"{where}: size={size}: too many tiles for OpenImageIO's cache (at most {_MOST_TILES} of {_TILES[-1]} px):"
+            " expected up to 2^48 px in total, such as 16777216x16777216"
         )
     return width, height
 
@@ -181,13 +179,13 @@ def _size(size: str | None, where: str) -> tuple[int, int]:
 def _exists(name: str) -> bool:
     try:
         os.stat(name)
-    except (OSError, ValueError):  # one that is too long is none
+    except (OSError, ValueError):  # such as a name that is too long
         return False
     return True
 
 
 def _require_allowed(files: dict[str, str], path: Path) -> None:
-    """Refuse files elsewhere than in the document's folder and those that the user has allowed."""
+    """Raise ImageError for files outside the document's folder and the folders of $OIIOTEX_TEXTURE_PATH."""
     folders = [path.parent, *map(Path, filter(os.path.isabs, os.environ.get(FOLDERS, "").split(os.pathsep)))]
     allowed = [Path(os.path.realpath(folder)) for folder in folders]
 
@@ -195,8 +193,8 @@ def _require_allowed(files: dict[str, str], path: Path) -> None:
         real = Path(os.path.realpath(file))
         if not any(real.is_relative_to(folder) for folder in allowed):
             raise ImageError(
-                f"{path}: {key}={file}: lies outside the document's folder{f' ({real})' if str(real) != file else ''}:"
-                f" expected a file in it, or in a folder that ${FOLDERS} lists"
+                f"{path}: {key}={file} is outside the document's folder{f' ({real})' if str(real) != file else ''}:"
+                f" expected a file in it, or in a folder of ${FOLDERS}"
             )
 
     for key, file in files.items():

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Endless textures as hosts read them: tiles of levels, each level half as large as the one before.
+"""Textures for hosts: tiles of MIP levels, each half the size of the previous one.
 
-A level is one of --texsynth, a tile a window of it, to the bit; the one level of a plan is what --texquilt makes of it,
-that of tiles is them beside each other.
-They are made in blocks of several tiles, which are kept for a while, because what comes before a window on coarser
-levels costs more than a small window itself.
+Levels are those of --texsynth, and tiles are windows of them, bit for bit. A plan has one level, the result of
+--texquilt. A set of tiles has one level, the tiles arranged side by side. Pixels are computed and cached in blocks of
+several tiles, because the coarser levels of a window cost more than a small window itself.
 """
 
 from __future__ import annotations
@@ -26,15 +25,15 @@ from ..session.progress import Progress
 from .texture_file import TextureFile, tile_side
 from .tile_plane import TilePlane
 
-_BLOCK = 256  # px, the side of what is made at once, at least
-_MOST = 1 << 24  # px of a window that is asked for
+_BLOCK = 256  # px; smallest block size
+_MOST = 1 << 24  # px; largest window of a request
 _PLANE = Window(-(1 << 40), -(1 << 40), 1 << 40, 1 << 40)
 
 
 class OpenTexture:
-    """A texture file that has been opened.
+    """An open texture file.
 
-    `spec`: of the finest level; `levels`: how many there are.
+    `spec`: spec of the finest level; `levels`: number of levels.
     """
 
     def __init__(self, text: str, session: Session):
@@ -49,15 +48,15 @@ class OpenTexture:
         self._side = max(_BLOCK, tile)
 
     def tile(self, level: int, window: Window, session: Session) -> np.ndarray:
-        """(height, width, channels) of the spec's pixel type: pixels of a level, 0 the finest.
+        """Pixels of a level (0: the finest), (height, width, channels) of the spec's pixel type.
 
-        Beyond the border an endless texture goes on, a quilt is black.
+        Outside the image, an unbounded texture continues; a quilt is black.
         """
         size = f"{window.width}x{window.height}"
         if window.empty or window.width * window.height > _MOST or (window & _PLANE) != window:
-            raise ImageError(f"window {size}{window.left:+d}{window.top:+d}: expected up to {_MOST} px, near")
+            raise ImageError(f"window {size}{window.left:+d}{window.top:+d}: expected 1 to {_MOST} px, near the origin")
         if not 0 <= level < self.levels:
-            raise ImageError(f"level {level}: there are {self.levels}")
+            raise ImageError(f"level {level}: expected 0 to {self.levels - 1}")
 
         def block(place: Window) -> np.ndarray:
             made = self._made
@@ -67,7 +66,7 @@ class OpenTexture:
 
 
 class _EndlessTexture:
-    """A plane of --texsynth. Beyond its level 0, where a pixel is as large as the exemplar, there is one color."""
+    """A plane of --texsynth. Levels coarser than its level 0, whose pixels cover an exemplar, have a single color."""
 
     def __init__(self, file: TextureFile, session: Session):
         photo = None if file.photo is None else _opened(file.photo, file, session)
@@ -79,7 +78,7 @@ class _EndlessTexture:
         self.levels = max(file.width, file.height).bit_length()  # down to one pixel
 
     def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
-        """Those of a window of a level."""
+        """The pixels of a window of a level."""
         if level > self._finest:
             pixel = self.pixels(self._finest, Window(0, 0, 1, 1), session)
             return np.broadcast_to(pixel, (place.height, place.width, pixel.shape[2]))
@@ -93,21 +92,21 @@ class _EndlessTexture:
 
 
 class _QuiltTexture:
-    """What --texquilt:render=1 makes of a plan. It has one level: hosts that want more make them."""
+    """A plan, rendered as by --texquilt:render=1. It has one level; hosts can make further ones."""
 
     levels = 1
 
     def __init__(self, file: TextureFile, session: Session):
-        quiet = session.telling(Progress())  # outlives the job that opens it
+        quiet = session.telling(Progress())  # the part outlives the job that opens it
         exemplar = _opened(file.photo or "", file, session)
         op = _use("quilt", exemplar=exemplar, plan=Path(file.plan or ""), render=True)
         self._part: Part = op.compute(quiet)["quilt"]
         self.spec = oiio.ImageSpec(self._part.spec)
         if not tile_side(self.spec.width, self.spec.height):
-            raise ImageError(f"{file.plan}: expected 2^48 px in all")
+            raise ImageError(f"{file.plan}: too large: expected up to 2^48 px in total")
 
     def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
-        """Those of a window, black beyond the border."""
+        """The pixels of a window, black outside the image."""
         inside = place & self._part.window
         out = np.zeros((place.height, place.width, self.spec.nchannels), dtype_of(self.spec))
         if not inside.empty:
@@ -116,7 +115,7 @@ class _QuiltTexture:
 
 
 class _TilesTexture:
-    """Tiles beside each other. They have one level, as a quilt has."""
+    """Tiles arranged side by side. They have one level."""
 
     levels = 1
 
@@ -126,7 +125,7 @@ class _TilesTexture:
         self.spec = _spec_of(tiles.first, file)
 
     def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
-        """Those of a window."""
+        """The pixels of a window."""
         return self._plane.pixels(place)
 
 
@@ -135,7 +134,7 @@ def _use(name: str, **values: Any) -> Any:
 
 
 def _spec_of(part: Part, file: TextureFile) -> oiio.ImageSpec:
-    """Of an image as large as the file says, of pixels like a part's."""
+    """The spec of an image of the file's size, with pixels like the part's."""
     spec = oiio.ImageSpec(part.spec)
     for name in (WINDOW, EDGES, "oiio:subimagename"):
         spec.erase_attribute(name)
@@ -147,12 +146,12 @@ def _spec_of(part: Part, file: TextureFile) -> oiio.ImageSpec:
 
 
 def opened(text: str, session: Session) -> OpenTexture:
-    """The texture of that text, which is remembered."""
+    """The texture with that key, cached."""
     return session.resources.remembered(("texture", text), lambda: OpenTexture(text, session))
 
 
 def _opened(path: str, file: TextureFile, session: Session) -> Image:
-    """An image of the file's, one for all textures of it, so that it is analyzed once."""
+    """An image of the file, shared by all its textures, so that it is analyzed only once."""
 
     def read_and_tagged() -> Image:
         image = read(path, session.resources.cache)

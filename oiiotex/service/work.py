@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a client can have done: ops on its images, windows of what they make."""
+"""Requests of a client: ops on its images, and windows of the results."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from .jobs import DeviceJob
 from .pictures import image_facts, window_of
 from .textures import opened
 
-MOST_IMAGES = 4096  # that a client holds
+MOST_IMAGES = 4096  # per client
 
 log = logging.getLogger("oiiotex")
 
 
 class Bench:
-    """A client's images by number, and what is made of them."""
+    """A client's images by number, and the requests on them."""
 
     def __init__(self, session: Session):
         self._session = session
@@ -35,25 +35,25 @@ class Bench:
         self._numbers = itertools.count(1)
 
     def keep(self, image: Image) -> int:
-        """The number of an image from now on."""
+        """Keep an image, and return its number."""
         if len(self._images) >= MOST_IMAGES:
-            raise ImageError(f"a client holds {MOST_IMAGES} images at most: drop some")
+            raise ImageError(f"too many images of one client: expected up to {MOST_IMAGES}; drop some")
         number = next(self._numbers)
         self._images[number] = image
         return number
 
     def drop(self, number: int) -> None:
-        """Forget an image."""
+        """Delete an image."""
         self._images.pop(number, None)
 
     def image(self, number: int) -> Image:
-        """The image of that number."""
+        """The image with that number."""
         if number not in self._images:
-            raise ImageError(f"there is no image {number}")
+            raise ImageError(f"unknown image {number}: it may have been dropped")
         return self._images[number]
 
     def make(self, job: DeviceJob, asked: dict[str, Any], look: Any) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """Use an op."""
+        """Run an op."""
         said = list[str]()
         only_look = asked.get("until") == "look"
         seen: list[np.ndarray] = []
@@ -83,17 +83,17 @@ class Bench:
         return {"images": images, "said": said, "log": job.log, "failed": failed}, arrays
 
     def read(self, job: DeviceJob, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """Pixels of a window: number of the image, name of the part ('' is the first), left, top, right, bottom."""
+        """Pixels of a window (left, top, right, bottom; None: all) of an image's part ('': the first)."""
         return {}, [_pixels(self.image(asked["image"]), asked.get("part", ""), asked.get("window"))]
 
     def texture(self, job: DeviceJob, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """What a host must know of a texture file: its spec, as XML of OpenImageIO, and how many levels it has."""
+        """The spec of a texture file, as OpenImageIO XML, and its number of levels."""
         session = self._session.telling(Progress(job.advance))
         texture = session.resources.on_a_device(lambda: opened(asked["texture"], session))
         return {"spec": texture.spec.to_xml(), "levels": texture.levels}, []
 
     def tile(self, job: DeviceJob, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """Pixels of a level of a texture file: left, top, right, bottom."""
+        """Pixels of a window (left, top, right, bottom) of a level of a texture file."""
         session, window = self._session.telling(Progress(job.advance)), Window(*map(int, asked["window"]))
 
         def made() -> np.ndarray:
@@ -102,10 +102,10 @@ class Bench:
         return {}, [session.resources.on_a_device(made)]
 
     def _bound(self, asked: dict[str, Any]) -> Op:
-        op, texts = op_named(asked["op"]), {key: str(text) for key, text in asked.get("values", {}).items()}
+        op, words = op_named(asked["op"]), {key: str(text) for key, text in asked.get("values", {}).items()}
         name = op.name
-        values = {p.attribute: p.parse(texts.pop(p.name)) for p in op.arguments() if p.name in texts}
-        values |= parse_modifiers(op, texts)
+        values = {p.attribute: p.parse(words.pop(p.name)) for p in op.arguments() if p.name in words}
+        values |= parse_modifiers(op, words)
         given = [self.image(number) for number in asked.get("images", ())]
         declared, further = op.taken(values), op.further_images()
         bound: dict[str, Any] = {i.attribute: None for i in (*op.images(), *op.optional_images())}
@@ -121,7 +121,7 @@ class Bench:
         slots = {i.name: i for i in op.optional_images()}
         for key, what in asked.get("optional", {}).items():
             if key not in slots:
-                raise ParameterError(f"{name}: there is no image '{key}'{nearest(key, slots)}")
+                raise ParameterError(f"{name}: unknown image parameter '{key}'{nearest(key, slots)}")
             bound[slots[key].attribute] = self._optional(what, given)
         return op(**bound | values)
 
@@ -135,7 +135,7 @@ class Bench:
 
 
 def op_named(name: str) -> type[Op]:
-    """The op that the program knows by that name, without what stands before it on a command line."""
+    """The op with that name, which is its flag without --tex or --."""
     shelves = (*filters.SHELVES, *host.SHELVES)
     flags = {flag.removeprefix("--tex"): (flag, shelf) for shelf in reversed(shelves) for flag in shelf.names}
     flags = {key.lstrip("-"): found for key, found in flags.items()}
@@ -144,7 +144,7 @@ def op_named(name: str) -> type[Op]:
         return next(op for op in shelf.declarations if flag in (op.flag(), *op.aliases))
     others = {op.name: op for op in filters.further()}
     if name not in others:
-        raise ParameterError(f"there is no op '{name}'{nearest(name, [*flags, *others])}")
+        raise ParameterError(f"unknown op '{name}'{nearest(name, [*flags, *others])}")
     return others[name]
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stationary means, measured (MJH17 section 3), beside how faithful a texture is.
+"""Stationarity as a cost (MJH17 section 3), and the texture cost compared with an exemplar.
 
-Plain numpy on rows that may lie in a file: these are reports, not steps of a synthesis.
+Plain numpy on rows that may be in a file: these are measures, not steps of a synthesis.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from .steerable import ORIENTATIONS, RADIUS, responses
 
 BINS = 64
 RANGES = ((0.0, 100.0), (-60.0, 60.0), (-60.0, 60.0))  # of L, a, b; fixed, so that costs of different images compare
-RESPONSE_RANGES = ((-24.0, 23.25), (-12.0, 11.625), (-12.0, 11.625))  # of responses to them; a bin stands at 0
-SITES = 32  # per axis, where local statistics are compared
+RESPONSE_RANGES = ((-24.0, 23.25), (-12.0, 11.625), (-12.0, 11.625))  # of filter responses to L, a, b; 0 is a bin
+SITES = 32  # per axis, at which local statistics are compared
 POWER_VARIANCES = (0.0, 1.0, 2.0, 15.0, 96.0)  # of x^p for a normal x: (2p - 1)!! - E[x^p]^2
-FLAT = 1e-6  # Lab; a deviation that is rounding
-PATCHES = 1 << 18  # that a texture cost compares; of 2^18 the mean has a standard error far below its last digit
+FLAT = 1e-6  # Lab; a smaller deviation is rounding
+PATCHES = 1 << 18  # patches of a texture cost; the standard error of the mean is then far below its last digit
 PATCHES_AT_ONCE = 1 << 15
-_EXEMPLAR_BYTES = 16 << 20  # of an exemplar's rows that are held at once
+_EXEMPLAR_BYTES = 16 << 20  # of the exemplar's rows in memory at a time
 
 
 def stationarity_cost(
@@ -35,16 +35,16 @@ def stationarity_cost(
     order: int = 2,
     like: SomeRows | None = None,
 ) -> float:
-    """MJH17 eq. 1: 0 where a texture looks the same everywhere.
+    """MJH17 eq. 1: 0 for a stationary texture.
 
-    The mean over all pairs of `SITES` x `SITES` places of the difference between what is seen there through a Gaussian:
-    the earth mover's distance between histograms of colors (eq. 3) or of the responses of steerable filters (eq. 4),
-    or the squared difference of moments (eq. 2), summed over channels, filters and orders.
+    The mean, over all pairs of `SITES` x `SITES` places, of the difference between their statistics in a Gaussian
+    window: the earth mover's distance between histograms of colors (eq. 3) or of the responses of steerable filters
+    (eq. 4), or the squared difference of moments (eq. 2), summed over channels, filters and orders.
 
-    Moments of different order have units that do not add, and are ruled by where zero lies. So they are taken of values
-    less their overall mean in units of their overall deviation, and squared differences are divided by the variance
-    that the power has under a normal distribution and multiplied by the overall one (departure): every order counts in
-    squared Lab units, and as much. A channel of variance 0 costs nothing.
+    Moments of different order have different units and depend on the origin. So they are computed from values less
+    their overall mean, in units of the overall deviation. Squared differences are divided by the variance of the power
+    under a normal distribution and multiplied by the overall variance (departure): every order counts in squared Lab
+    units, with equal weight. A channel of variance 0 costs nothing.
 
     Parameters
     ----------
@@ -53,18 +53,18 @@ def stationarity_cost(
     sigma : float
         Standard deviation of the Gaussian window, px.
     domain : Domain or None
-        Of the image: windows end at the border of an axis that does not wrap. None: it is a torus.
+        Domain of the image. Windows end at the border of an axis that does not wrap. None: a torus.
     measure : str
         histogram, moments or steerable.
     order : int
-        Moments up to this one.
+        Highest order of moments.
     like : (n, m, 3) float or None
-        Whose overall mean and deviation moments are measured by, so that costs compare; the image's own when left out.
+        Image whose overall mean and deviation normalize moments, so that costs compare. None: `lab` itself.
 
     Returns
     -------
     float
-        In Lab units; moments in squared Lab units.
+        In Lab units. Moments: in squared Lab units.
     """
     height, width = lab.shape[:2]
     wrap_x, wrap_y = (True, True) if domain is None else domain.wraps
@@ -94,14 +94,14 @@ def _histogram_cost(
     In one dimension it is the area between the cumulatives; per bin, the mean over all pairs is a Gini mean
     difference, which sorting gives exactly in N log N.
     """
-    from scipy.sparse import csc_array  # when it is needed: it is slow to import
+    from scipy.sparse import csc_array  # slow to import
 
     n = down.shape[0] * right.shape[0]
     local = np.zeros((len(ranges), down.shape[0], BINS * right.shape[0]))  # histograms
     for band in bands:
         for k, (plane, (low, high)) in enumerate(zip(planes(band), ranges, strict=True)):
             place = np.clip((plane.T - low) / ((high - low) / (BINS - 1)), 0.0, BINS - 1.0)
-            first = np.minimum(place.astype(np.int32), BINS - 2)  # what lies between two bins is shared by them
+            first = np.minimum(place.astype(np.int32), BINS - 2)  # a value between two bins is shared by them
             share, width, height = place - first, *place.shape
             bins = (first + np.arange(height, dtype=np.int32) * BINS)[..., None] + np.arange(2, dtype=np.int32)
             shares = np.stack([1.0 - share, share], -1).astype(np.float64)
@@ -130,7 +130,7 @@ def _moment_cost(lab: SomeRows, unit: SomeRows, order: int, down: np.ndarray, ri
 
 
 def _mean_and_deviation(rows: SomeRows) -> tuple[np.ndarray, np.ndarray]:
-    """Of each channel, float64; of a constant one the deviation is 0 to the bit."""
+    """Mean and deviation of each channel, float64. A constant channel has deviation 0 exactly."""
     count, start = rows.shape[0] * rows.shape[1], rows[0:1][0, 0].astype(np.float64)
     sums, squares = np.zeros((2, 3))
     for band in row_bands(rows):
@@ -143,21 +143,21 @@ def _mean_and_deviation(rows: SomeRows) -> tuple[np.ndarray, np.ndarray]:
 def texture_cost(
     lab: np.ndarray, exemplar: SomeRows, matches: SourceMap, patch: int = 11, most: int = PATCHES
 ) -> float:
-    """MJH17 eq. 5 for a given field of matches: how unlike the exemplar the texture is, seen through patches.
+    """MJH17 eq. 5 for a given field of matches: mean distance of the texture's patches from the exemplar's.
 
-    With matches found by PatchMatch it is an upper bound of the cost, which takes the best ones.
+    With matches found by PatchMatch this is an upper bound of the cost, which takes the best matches.
 
     Parameters
     ----------
     lab : (height, width, 3) float
     exemplar : (h, w, 3) float
     matches : SourceMap
-        (rows, columns): top-left pixel of the exemplar patch matched to the texture patch whose top-left pixel is
-        there. Patches that cross the border of the texture wrap.
+        (rows, columns): top-left pixel of the exemplar patch matched to the texture patch with the top-left pixel at
+        that place. Patches across the border of the texture wrap.
     patch : int
         Side of a patch.
     most : int
-        Of so many patches or more, those on a grid are compared.
+        If there are at least that many patches, only those on a grid are compared.
 
     Returns
     -------
@@ -182,7 +182,7 @@ def texture_cost(
 
 
 def _windows(size: int, sigma: float, wrap: bool) -> np.ndarray:
-    """Normalized Gaussian weights of all pixels of one axis, a row for every site: (sites, size) float64."""
+    """Normalized Gaussian weights of all pixels of one axis, one row per site: (sites, size) float64."""
     sites = np.arange(min(SITES, size)) * size / min(SITES, size)
     away = np.abs(np.arange(size)[None, :] - sites[:, None])
     if wrap:

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Coarse grids of cells on which statistics of an image stand, and smooth surfaces read from such a grid.
+"""Coarse grids of cells that hold statistics of an image, and smooth surfaces evaluated from such a grid.
 
-`Cells` are those of an image that is scanned: of whole pixels. What is summed in them are whole numbers, so neither
-their order nor the cut into pieces can be seen in the sums. A `CellGrid` fills a domain evenly, as on a torus it must.
-Grids are smoothed by a Gaussian that counts pixels: what lies beyond the border, or under alpha 0, is missing and not
-black. Surfaces are cubic B-splines over cells: no creases, no overshoot, and the same bits for a pixel whatever window
-it is asked in.
+`Cells` of a scanned image cover whole pixels. Their sums are integers, so neither the order of the summands nor the
+division into pieces changes them. A `CellGrid` fills a domain evenly, as a torus requires.
+Grids are smoothed by a Gaussian normalized by the pixel count: pixels beyond the border, or with alpha 0, are missing,
+not black. Surfaces are cubic B-splines over cells, without creases or overshoot, and bit-identical for a pixel in any
+window.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from ..core.window import Domain, Window
 from ..deferred import np
 
 CELLS_PER_SIGMA = 2.5
-_ROUNDING = 1e-2  # of a place that kernels find in floats, in cells or px: more than it can be
-MARGIN = 2  # cells beyond each border: a B-spline looks that far
-# in squared cells: of a cubic B-spline, of a cell, and of the tents by which a `CellGrid` gathers and is read, together
+_ROUNDING = 1e-2  # bound of the error of places that kernels compute in floats, in cells or px
+MARGIN = 2  # cells beyond each border: the support of a B-spline
+# in squared cells: of a cubic B-spline, of a cell, and of the tents by which a `CellGrid` is gathered and read
 _SPLINE_VARIANCE, _BOX_VARIANCE, _TENTS_VARIANCE = 1.0 / 3.0, 1.0 / 12.0, 1.0 / 3.0
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Cells from the data window's top left corner on.
+    """Cells from the top left corner of the data window.
 
-    Along an axis that does not wrap each is `side` long, the last one cut. Around a torus they are as nearly as long
-    as whole pixels allow, so that the grid closes.
+    Along an axis that does not wrap, each has the length `side`, and the last one is cropped. Around a torus their
+    lengths are as equal as whole pixels allow, so that the grid closes.
 
     Attributes
     ----------
     window : Window
         The data window.
     side : int
-        Of a cell, px; around a torus about that.
+        Side of a cell, px. Around a torus: approximate.
     wraps : (bool, bool)
         The image is a torus along y, along x.
     """
@@ -55,7 +55,7 @@ class Cells:
         cls, window: Window, sigma: float, largest: int, per_sigma: float = CELLS_PER_SIGMA,
         wraps: tuple[bool, bool] = (False, False),
     ) -> Cells:  # fmt: skip
-        """So many to a sigma (px), but each from 1 to `largest` px.
+        """`per_sigma` cells per sigma, each from 1 to `largest` px.
 
         Parameters
         ----------
@@ -64,40 +64,40 @@ class Cells:
         largest : int
             px.
         wraps : (bool, bool)
-            As of the cells.
+            As in `Cells`.
         """
         return cls(window, max(1, min(largest, round(sigma / per_sigma))), wraps)
 
     @property
     def across(self) -> int:
-        """How many columns of cells."""
+        """Number of columns of cells."""
         return self._count(self.window.width, self.wraps[1])
 
     @property
     def down(self) -> int:
-        """How many rows of cells."""
+        """Number of rows of cells."""
         return self._count(self.window.height, self.wraps[0])
 
     @property
     def steps(self) -> tuple[float, float]:
-        """Px from a cell's center to the next along y, along x."""
+        """Distance between centers of neighboring cells along y, along x, px."""
         sizes, counts = (self.window.height, self.window.width), (self.down, self.across)
         y, x = (size / n if wraps else self.side for size, n, wraps in zip(sizes, counts, self.wraps, strict=True))
         return y, x
 
     def row_of(self, y: int) -> int:
-        """The row of cells in which a row of pixels lies."""
+        """The row of cells of a row of pixels."""
         return int(np.searchsorted(self._tops, y - self.window.top, "right")) - 1
 
     def rows(self, window: Window) -> Iterator[Window]:
-        """The pieces of a full-width window that lie in one row of cells each."""
+        """The pieces of a full-width window, each within one row of cells."""
         tops = self._tops + self.window.top
         inner = tops[(tops > window.top) & (tops < window.bottom)].tolist()
         for top, bottom in itertools.pairwise([window.top, *inner, window.bottom]):
             yield Window(window.left, top, window.right, bottom)
 
     def add(self, sums: np.ndarray, window: Window, sums_of_rows: list[np.ndarray]) -> None:
-        """Add what was summed in the `rows` of a window to the `sums` (down, ...) of all rows of cells."""
+        """Add the sums from the `rows` of a window to the `sums` (down, ...) of all rows of cells."""
         for piece, sums_of_row in zip(self.rows(window), sums_of_rows, strict=True):
             sums[self.row_of(piece.top)] += sums_of_row
 
@@ -125,14 +125,14 @@ class Cells:
 
 @dataclass(frozen=True, kw_only=True)
 class CellGrid(Domain):
-    """Cells that fill a domain evenly, as far apart as a Gaussian asks for: the grid of cl/grid.h.
+    """Cells that fill a domain evenly, spaced for a Gaussian: the grid of cl/grid.h.
 
     Attributes
     ----------
     sigma : float
-        Of the Gaussian that its statistics are seen through, px.
+        Sigma of the Gaussian window of its statistics, px.
     across, down : int
-        Cells: at least four, and a pixel wide.
+        Number of cells along x, y. At least four, each at least a pixel wide.
     """
 
     sigma: float
@@ -141,14 +141,14 @@ class CellGrid(Domain):
 
     @classmethod
     def of(cls, domain: Domain, sigma: float) -> CellGrid:
-        """`CELLS_PER_SIGMA` to a sigma."""
+        """With `CELLS_PER_SIGMA` cells per sigma."""
         pitch = max(1.0, sigma / CELLS_PER_SIGMA)
         across, down = (max(4, min(n, round(n / pitch))) for n in domain.size)
         return cls(*domain.size, *domain.wraps, sigma=sigma, across=across, down=down)
 
     @property
     def arguments(self) -> tuple[int, ...]:
-        """What kernels are told of it: cl/grid.h, GRID_ARGS."""
+        """Kernel arguments: cl/grid.h, GRID_ARGS."""
         return *self.size, self.across, self.down, *self.wraps
 
     @property
@@ -157,19 +157,19 @@ class CellGrid(Domain):
         return self.across, self.down
 
     def cells_around(self, y: int) -> tuple[int, int]:
-        """The rows of cells that a row of pixels lies between; beyond the border they are counted on."""
+        """The rows of cells above and below a row of pixels. Beyond the border the numbering continues."""
         above = math.floor((y + 0.5) * self.down / self.height - 0.5 - _ROUNDING)
         return above, math.floor((y + 0.5) * self.down / self.height - 0.5 + _ROUNDING) + 1
 
     def rows_of_cells(self, first: int, last: int) -> tuple[int, int]:
-        """The rows of pixels that rows of cells are gathered from; beyond a border that wraps they are counted on."""
+        """The rows of pixels that rows of cells are gathered from. Beyond a wrapped border the numbering continues."""
         pitch = self.height / self.down
         begin = math.floor((first - 0.5) * pitch - 0.5 - _ROUNDING)
         end = math.ceil((last + 0.5) * pitch - 0.5 + _ROUNDING) + 1
         return (begin, end) if self.wrap_y else (max(0, begin), min(self.height, end))
 
     def taps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Gaussian weights over cells along x and y: with the tents it comes to `sigma`."""
+        """Gaussian weights over cells along x and y: together with the tents they give `sigma`."""
         in_cells = (self.sigma * n / size for n, size in zip((self.across, self.down), self.size, strict=True))
         sigmas = (math.sqrt(max(1e-4, sigma**2 - _TENTS_VARIANCE)) for sigma in in_cells)
         x, y = (gaussian_taps(sigma, 3.2) for sigma in sigmas)
@@ -180,7 +180,7 @@ class CellGrid(Domain):
 
 
 def smoothing_taps(sigma: float, side: float) -> np.ndarray:
-    """Gaussian weights over cells, (2 radius + 1,): with the cells' own width and the spline it comes to `sigma` px."""
+    """Gaussian weights over cells, (2 radius + 1,): together with cell width and spline they give `sigma` px."""
     in_cells = math.sqrt(max(0.0, (sigma / side) ** 2 - _SPLINE_VARIANCE - _BOX_VARIANCE))
     return gaussian_taps(max(in_cells, 1e-3), 3.5)
 
@@ -191,7 +191,7 @@ def padded(grid: np.ndarray) -> np.ndarray:
 
 
 def close_margins(grid: np.ndarray, wraps: tuple[bool, bool]) -> None:
-    """Fill the `MARGIN` of an axis that wraps, y or x, of a grid (down, across, ...): what lies at the other end."""
+    """Fill the `MARGIN` along wrapped axes, y or x, of a grid (down, across, ...) from the opposite end."""
     for axis, count in enumerate(n - 2 * MARGIN for n in grid.shape[:2]):
         if wraps[axis]:
             lines = np.moveaxis(grid, axis, 0)
@@ -210,9 +210,9 @@ def correlated(
     grid : array of float
     taps_y, taps_x : (2 radius + 1,) float
     axes : (int, int)
-        Of `grid`: y and x.
+        Y and x axis of `grid`.
     wraps : (bool, bool)
-        The grid is a torus along y, along x; else nothing lies beyond it.
+        The grid is a torus along y, along x. Otherwise it is zero outside.
     """
     return _along(_along(grid, taps_y, axes[0], wraps[0]), taps_x, axes[1], wraps[1])
 
@@ -222,13 +222,13 @@ def _along(grid: np.ndarray, taps: np.ndarray, axis: int, wraps: bool) -> np.nda
     moved = np.moveaxis(grid, axis, 0)
     out = np.zeros_like(moved, np.float64)
     if wraps:
-        if len(taps) > n:  # they go round several times
+        if len(taps) > n:  # taps are longer than the axis
             taps, radius = np.bincount((np.arange(len(taps)) - radius) % n, taps, n), 0
         around = np.moveaxis(np.take(grid, np.arange(-radius, n - radius + len(taps) - 1) % n, axis), axis, 0)
         for k, tap in enumerate(taps):
             out += tap * around[k : k + n]
     else:
-        for k in range(max(-radius, 1 - n), min(radius, n - 1) + 1):  # further away there are no cells
+        for k in range(max(-radius, 1 - n), min(radius, n - 1) + 1):  # no cells farther away
             here = slice(max(0, -k), n - max(0, k))
             there = slice(max(0, k), n - max(0, -k))
             out[here] += taps[k + radius] * moved[there]
@@ -247,7 +247,7 @@ class SplineSurface:
         Values at the cells' centers, with the margin.
     """
 
-    _KEPT = 16  # rows of the grid, spread to full width
+    _KEPT = 16  # rows of the grid at full width in a cache
 
     def __init__(self, grid: np.ndarray, cells: Cells):
         self._grid, self._cells = np.ascontiguousarray(grid, np.float32), cells
@@ -257,7 +257,7 @@ class SplineSurface:
         self._lock = threading.Lock()
 
     def row(self, y: int, left: int, right: int) -> np.ndarray:
-        """Its values at the pixels of a row, y, left and right in image coordinates: (right - left, fields) float32."""
+        """Values at the pixels of a row, y, left and right in image coordinates: (right - left, fields) float32."""
         at = y - self._cells.window.top
         part = slice(left - self._cells.window.left, right - self._cells.window.left)
         first, weights = self._first_row[at], self._row_weights[at]
@@ -291,7 +291,7 @@ class SplineSurface:
 
 
 def _spline(size: int, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """For every pixel of an axis: the first of four cells (counted with the margin), and their weights (size, 4)."""
+    """For every pixel of an axis: the first of four cells (margin included), and their weights (size, 4)."""
     place = (np.arange(size) + 0.5) / step - 0.5 + MARGIN
     cell = np.floor(place).astype(np.int64)
     t = place - cell

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How filters are told which measure of stationarity to take (MJH17 section 3)."""
+"""Parameters that select the measure of stationarity (MJH17 section 3)."""
 
 from __future__ import annotations
 
@@ -8,36 +8,39 @@ from pathlib import Path
 from ..errors import ParameterError
 
 MEASURES = ("histogram", "moments", "steerable")
-MEASURE = "what must look the same everywhere: local histograms, local moments, or responses of steerable filters"
-ORDER = "of measure=moments: up to which; 2 (mean and variance) when left out, 3 adds skewness, 4 kurtosis"
+MEASURE = (
+    "Statistics that define stationarity. histogram: local histograms. moments: local moments."
+    " steerable: responses of steerable filters."
+)
+ORDER = "Highest order of moments, for measure=moments. 2: mean and variance. 3: also skewness. 4: also kurtosis."
 
 
 def order_of(measure: str, order: int | None) -> int:
-    """The order of moments.
+    """The highest order of moments.
 
     Raises
     ------
     ParameterError
-        One is given for another measure.
+        An order is given for another measure.
     """
     if order is not None and measure != "moments":
-        raise ParameterError(f"order={order}: goes with measure=moments, not with measure={measure}")
+        raise ParameterError(f"requires measure=moments, not measure={measure}", parameter="order", value=order)
     return order or 2
 
 
 def cost_text(cost: float, measure: str, order: int, before: float | None = None) -> str:
-    """A cost of MJH17 eq. 1 for people, and what it was before.
+    """A cost of MJH17 eq. 1 as text, with the previous cost if given.
 
     Parameters
     ----------
     cost : float
-        >= 0; Lab units, squared ones of moments.
+        >= 0, in Lab units. Moments: in squared Lab units.
     measure : str
         One of `MEASURES`.
     order : int
-        Of moments, 2 to 4.
+        Highest order of moments, 2 to 4.
     before : float, optional
-        Of the photo, in the same units.
+        Cost of the photo, in the same units.
     """
     kind = {"histogram": "", "moments": f" of moments up to {order}", "steerable": " of steerable responses"}[measure]
     change = "" if before is None else f"{before:.2f} -> "
@@ -46,7 +49,7 @@ def cost_text(cost: float, measure: str, order: int, before: float | None = None
 
 
 def scale_folder() -> Path:
-    """Where scales of sigmas are kept from one run to the next."""
-    from ..opencl.cache_folders import cache_folder  # when it is needed: help asks for none
+    """Folder of cached scales for maps of sigmas."""
+    from ..opencl.cache_folders import cache_folder  # not needed for help
 
     return cache_folder() / "sigmas"

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where an image is not stationary: MJH17 eq. 1 place by place, for images of any size.
+"""Where an image is not stationary: MJH17 eq. 1 for each place, for images of any size.
 
-MJH17 eq. 1 is a mean over pairs of places; its inner mean, over the second place alone, says how unlike the rest of
-the image the first one is. `costs.stationarity_cost` is the outer mean over 32 x 32 places and holds the image;
-here local histograms stand on a grid of cells, which is filled in one look at the image, and every cell is a place.
+MJH17 eq. 1 is a mean over pairs of places. Its inner mean, over the second place alone, is the deviation of the first
+place from the rest of the image. `costs.stationarity_cost` is the outer mean over 32 x 32 places with the image in
+memory. Here local histograms are gathered on a grid of cells in one pass, and every cell is a place.
 """
 
 from __future__ import annotations
@@ -26,44 +26,44 @@ from .costs import BINS, FLAT, POWER_VARIANCES, RANGES, RESPONSE_RANGES
 from .grid_statistics import MARGIN, Cells, correlated, padded, smoothing_taps
 from .steerable import ORIENTATIONS, RADIUS, responses_in
 
-SHARES = 64  # of a bin: a value between two bins is shared between them in so many whole parts
-_PLANES = 24  # of all places that lie between the sums and what is made of them, at most
+SHARES = 64  # per bin: a value between two bins is split between them in integer shares
+_PLANES = 24  # maximum number of arrays of cells between the sums and the results
 _LARGEST_CELL = 512  # px
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """How unlike the rest of an image its places are.
+    """Deviation of an image's places from the rest of it.
 
-    `local` (down + 4, across + 4) float: at the cells' centers, and `grid_statistics.MARGIN` beyond: the mean
-    difference between what is seen there and what is seen from all cells, summed over channels, in Lab units; of
-    moments in squared ones.
+    `local` (down + 4, across + 4) float: at the cells' centers, with the margin `grid_statistics.MARGIN`: the mean
+    difference between the statistics there and at all cells, summed over channels, in Lab units. Moments: in squared
+    Lab units.
     """
 
     cells: Cells
     local: np.ndarray
-    cost: float  # MJH17 eq. 1: the mean of it, cells counted by their pixels
+    cost: float  # MJH17 eq. 1: mean of `local`, with cells weighted by their pixels
 
 
 def deviation_of(
     image: Image, lens: Lens, sigma: float, resources: Resources, progress: Progress, measure: str = "histogram",
     order: int = 2,
 ) -> Deviation:  # fmt: skip
-    """The local deviation from stationarity of an image's first part, from one look at its pixels.
+    """The local deviation from stationarity of an image's first part, in one pass over its pixels.
 
     Parameters
     ----------
     sigma : float
-        Of the Gaussian window w_d of MJH17 eq. 2 to 4, px.
+        Sigma of the Gaussian window w_d of MJH17 eq. 2 to 4, px.
     measure : str
-        histogram, moments or steerable, as `costs.stationarity_cost` has them.
+        histogram, moments or steerable, as in `costs.stationarity_cost`.
     order : int
-        Moments up to this one, 4 at most.
+        Highest order of moments, at most 4.
 
     Raises
     ------
     ImageError
-        NaN or Inf, or so many cells that their statistics do not fit the budget.
+        NaN or Inf, or the statistics of the cells do not fit the budget.
     """
     cells, count = Cells.for_sigma(image.first.window, sigma, _LARGEST_CELL), lens.count
     ranges = RANGES if lens.space is not None else (RANGES[0],) * count
@@ -80,11 +80,11 @@ def deviation_of(
         look = functools.partial(_cell_histograms, cells=cells, ranges=ranges)
 
     beside = 8 * _PLANES * (cells.down + 2 * MARGIN) * (cells.across + 2 * MARGIN)
-    # what threads have found in a band waits to be added up
+    # results of threads that wait to be summed
     band = min(cells.down, rows_for(image.first) // cells.side + 2)
     beside += np.dtype(dtype).itemsize * math.prod(shape[1:]) * band
     layout = {"sums": (shape, dtype)}
-    sums = resources.scratch(layout, f"sigma {sigma:g} px", "take a larger sigma", beside)["sums"]
+    sums = resources.scratch(layout, f"sigma={sigma:g}", "increase sigma", beside)["sums"]
 
     def look_at_responses(values: np.ndarray, opaque: np.ndarray | None, piece: Window) -> list[np.ndarray]:
         filtered, clear = responses_in(values[..., :count], opaque, piece, cells.window)
@@ -106,10 +106,10 @@ def deviation_of(
 def _cell_powers(
     values: np.ndarray, opaque: np.ndarray | None, cells: Cells, ranges: tuple[tuple[float, float], ...], order: int
 ) -> np.ndarray:
-    """Number of pixels and sums of powers (MJH17 eq. 2) in whole numbers, (channels, across, 1 + order) int64.
+    """Number of pixels and sums of powers (MJH17 eq. 2) as integers, (channels, across, 1 + order) int64.
 
-    Of values (height, width, >= channels) in one row of cells. Powers are those of `FINE_STEPS` times what a value lies
-    above the middle of its range; values outside are taken as the nearest.
+    For values (height, width, >= channels) in one row of cells. Powers are of `FINE_STEPS` times the difference between
+    the value and the middle of its range. Values outside are clamped.
     """
     seen = np.ones(values.shape[:2], np.int64) if opaque is None else opaque.astype(np.int64)
     out = np.empty((len(ranges), cells.across, 1 + order), np.int64)
@@ -127,8 +127,8 @@ def _cell_histograms(
 ) -> np.ndarray:
     """Histograms with triangular bins (the Parzen window w_r of MJH17 eq. 3), (channels, across, BINS) int32.
 
-    Of values (height, width, >= channels) in one row of cells; a pixel counts `SHARES`. Ranges go from the center of
-    the first bin to that of the last.
+    For values (height, width, >= channels) in one row of cells. A pixel counts `SHARES`. A range reaches from the
+    center of the first bin to that of the last.
     """
     across = cells.across
     out = np.empty((len(ranges), across, BINS), np.int32)
@@ -142,7 +142,7 @@ def _cell_histograms(
         if opaque is not None:
             lower, share = lower[opaque], share[opaque]
         number = np.bincount(lower.ravel(), minlength=across * BINS).reshape(across, BINS)
-        # sums of whole numbers, exact in doubles
+        # integer sums, exact in doubles
         upper = np.bincount(lower.ravel(), share.ravel(), across * BINS).reshape(across, BINS).astype(np.int32)
         out[c] = number * SHARES - upper
         out[c, :, 1:] += upper[:, :-1]
@@ -157,7 +157,7 @@ def _deviation(
     weight = correlated(number, taps, taps)
     known = weight > 0
     safe = np.where(known, weight, 1.0)
-    share_of_places = number.ravel()  # a place counts by its pixels: the margin not at all
+    share_of_places = number.ravel()  # a place is weighted by its pixels, the margin by 0
     local = np.zeros(number.shape)
     for c, (low, high) in enumerate(ranges):
         below = np.zeros(histograms.shape[:1] + histograms.shape[2:3])  # rows x columns of cells
@@ -175,7 +175,7 @@ def _deviation(
 def _moment_deviation(
     cells: Cells, powers: np.ndarray, sigma: float, ranges: tuple[tuple[float, float], ...]
 ) -> Deviation:
-    """Squared differences (MJH17 eq. 2): of one place to all, its own to their mean and their variance."""
+    """Squared differences (MJH17 eq. 2): a place's mean is its squared distance from the mean, plus the variance."""
     taps = smoothing_taps(sigma, cells.side)
     number = padded(powers[:, 0, :, 0].astype(np.float64))
     weight = correlated(number, taps, taps)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Crumbs of noise join what lies around them while a label map is made, so that what is kept does not grow with noise.
+"""Merging of tiny pieces into neighbors while a label map is created, so that memory does not grow with noise.
 
-Where a large image is noise, pixels at borders of superpixels make millions of pieces of a few pixels each. They join
-neighbors as small pieces do afterwards (`run_length.small_joined`), but within strips of a fixed number of rows, which
-follow from the image alone: first in one set of strips, then in another that begins half a strip later. A piece that is
-less than half a strip high lies wholly within a strip of either set.
+In a large noisy image, pixels at borders of superpixels make millions of pieces of a few pixels each. They are merged
+into neighbors as small pieces are afterwards (`run_length.small_joined`), but within strips of a fixed number of rows,
+which depend on the image alone: first in one set of strips, then in another that begins half a strip later. A piece
+less than half a strip high lies fully inside a strip of either set.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _HIGH = 64  # rows of a strip
 
 
 def without_crumbs(strips: Iterable[Strip], height: int, least: float) -> Iterator[Strip]:
-    """A label map in which pieces below `least` px, and less than 64 rows high, have the label of a neighbor.
+    """Merge pieces below `least` px, and less than 64 rows high, into a neighbor.
 
     `least`: px.
     """
@@ -49,7 +49,7 @@ def _joined(strips: Iterable[Strip], height: int, least: float) -> Iterator[Stri
 
 
 def _cut(strips: Iterable[Strip], edges: list[int]) -> Iterator[Strip]:
-    """The same rows, cut at `edges`, which begin with 0 and end with the map's height."""
+    """The same rows, split at `edges`, from 0 to the map's height."""
     source, rest = iter(strips), None
     for top, bottom in itertools.pairwise(edges):
         parts, missing = [], bottom - top

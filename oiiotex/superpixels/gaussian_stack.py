@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mean colors of superpixels as a Gaussian stack of the image has them: LSA16 section 3.3.
+"""Mean colors of superpixels in a Gaussian stack of the image: LSA16 section 3.3.
 
-I_g = G_dsigma * I_(g-1), so level g is a blur of sqrt(sum of dsigma^2) px in all. Where the paper blurs the whole
-image, squares of pixels are blurred, twice as wide whenever the blur is three squares wide: a level costs milliseconds,
-and what this needs does not grow with the image. A square's own width counts as part of the blur.
+I_g = G_dsigma * I_(g-1), so level g has a total blur of sqrt(sum of dsigma^2) px. The paper blurs the whole
+image. Here squares of pixels are blurred, doubled in size whenever the blur is three squares wide: a level costs
+milliseconds, and memory does not grow with the image. A square's own width counts as part of the blur.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from .refinement import WIDEST
 from .run_length import OUTSIDE
 from .superpixels import Superpixels
 
-_MARGIN = 16  # squares of zeros around the image: the longest reach of taps, and room for wide registers
-_AHEAD = 4  # levels on which the device works while the host merges by one
-_BLUR_IN_SQUARES = 3.0  # a blur that wide allows squares of twice the side
+_MARGIN = 16  # squares of zeros around the image: maximum radius of taps, and room for wide registers
+_AHEAD = 4  # levels on which the device works ahead while the host merges
+_BLUR_IN_SQUARES = 3.0  # a blur of that width allows squares of twice the side
 
 
 def blurred_sums(superpixels: Superpixels, sigmas: Sequence[float], resources: Resources) -> Iterator[np.ndarray]:
     """Sums of L, a, b over each superpixel in the blurred image, for every level after the first.
 
-    `sigmas`: scales of the levels, px, rising; returns (n, 3) float64, Lab units.
+    `sigmas`: scales of the levels, px, increasing; returns (n, 3) float64, Lab units.
     """
     if superpixels.count == 0 or len(sigmas) < 2:
         return
@@ -54,13 +54,13 @@ def _lab(sums: Download) -> np.ndarray:
 
 
 class _Stack:
-    """The image at one blur after another, on the device."""
+    """The image on the device, blurred in steps."""
 
     def __init__(self, superpixels: Superpixels, planes: np.ndarray, resources: Resources):
         self._device, self._superpixels = resources.device, superpixels
         self._run = self._device.program("superpixels")
         self._side = superpixels.reduced.side
-        self._variance = (self._side**2 - 1) / 12  # of the blur that there is, px^2
+        self._variance = (self._side**2 - 1) / 12  # of the current blur, px^2
         _, self.height, self.width = planes.shape
         runs = superpixels.runs
         inside = np.flatnonzero(runs.label != OUTSIDE)
@@ -99,7 +99,7 @@ class _Stack:
             self._device.fill(self.buffers[name], np.float32(0), 4 * self._plane)
 
     def _boxes(self) -> np.ndarray:
-        """As cl/superpixels.cl wants them: (n + 1, 4) int32, the last one only an end."""
+        """In the format of cl/superpixels.cl: (n + 1, 4) int32, the last one only an end."""
         left, top, right, bottom = (edge // self._side for edge in self._extent)
         sizes = (right - left + 1) * (bottom - top + 1).astype(np.int64)
         boxes = np.zeros((len(sizes) + 1, 4), np.int32)
@@ -114,7 +114,7 @@ class _Stack:
         self._run("shares", (count,), *tables, self.buffers["shares"], count, self._side, team=True)
 
     def blur_to(self, variance: float) -> None:
-        """Blur until the whole blur has that variance, px^2, or as much more as squares have of themselves."""
+        """Blur until the total blur has that variance, px^2, or that of the squares if it is larger."""
         missing = (variance - self._variance) / self._side**2
         taps = taps_of(missing)
         if len(taps) > 1:
@@ -147,7 +147,7 @@ class _Stack:
         self._share(self._boxes())
 
     def sums_later(self, number: int) -> Download:
-        """(n, 4) float32: sums of Lab over each superpixel, on their way; `number` counts the levels."""
+        """(n, 4) float32: sums of Lab over each superpixel, downloaded asynchronously. `number`: the level."""
         count = self._superpixels.count
         image, shares, sums = (self.buffers[name] for name in ("image", "shares", f"sums{number % _AHEAD}"))
         numbers = count, self._stride, self._plane, _MARGIN
@@ -159,6 +159,6 @@ def taps_of(variance: float) -> np.ndarray:
     """Weights over squares, (2 radius + 1,) float64, of a Gaussian of that variance in squared squares."""
     if variance < 0.01:
         return np.ones(1)
-    if variance <= 0.5:  # sampled, so narrow a Gaussian would have another variance
+    if variance <= 0.5:  # sampled, such a narrow Gaussian would have another variance
         return np.array([variance / 2, 1 - variance, variance / 2])
     return gaussian_taps(math.sqrt(variance), 3.0, _MARGIN - 8)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Superpixels merged from fine to coarse: LSA16 section 3.3, algorithm 1.
 
-A heap in plain Python is fast enough: there are no more merges than superpixels, whose number does not grow with the
-image (a few thousand), and costs are recomputed for what is left of the graph, about n log(n) edges over all levels.
+A heap in plain Python is fast enough: there are fewer merges than superpixels, whose number does not grow with the
+image (a few thousand), and costs are recomputed for the remaining graph, about n log(n) edges over all levels.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ _COMPACTNESS = 1.0  # m_gamma of LSA16 section 3.4
 
 @dataclass(frozen=True)
 class Hierarchy:
-    """A partition at every scale, each made of whole superpixels of the finer ones.
+    """Partitions at increasing scales, each a union of superpixels of the finer ones.
 
     Attributes
     ----------
     merges : (n - counts[-1], 2) int32
-        In order: b is merged into a, both named by their smallest finest superpixel, 0-based; a < b.
+        In order: b is merged into a. Both are identified by their smallest finest superpixel, 0-based. a < b.
     sigmas : (levels,) float64
         Scale of each level, px.
     counts : (levels,) int64
-        Superpixels of each level; counts[0] = n.
+        Number of superpixels of each level. counts[0] = n.
     """
 
     merges: np.ndarray
@@ -42,31 +42,31 @@ class Hierarchy:
     counts: np.ndarray
 
     def partition(self, level: int) -> np.ndarray:
-        """For each finest superpixel its superpixel at that level.
+        """The superpixel of each finest superpixel at a level.
 
         (n,) int32: 0 .. counts[level] - 1, numbered by their smallest finest superpixel.
         """
         return self.partition_of(int(self.counts[level]))
 
     def partition_of(self, count: int) -> np.ndarray:
-        """The partition into so many superpixels, from counts[-1] to n, as `partition` gives it."""
+        """The partition into `count` superpixels, from counts[-1] to n, as from `partition`."""
         n = int(self.counts[0])
         parent = np.arange(n)
-        for a, b in self.merges[: n - count][::-1].tolist():  # from the last on, so that a's own root is known
+        for a, b in self.merges[: n - count][::-1].tolist():  # backwards, so that the root of a is known
             parent[b] = parent[a]
         _, number = np.unique(parent, return_inverse=True)
         return number.astype(np.int32)
 
     def level_of(self, sigma: float) -> int:
-        """The level whose scale is nearest; the finer one of two."""
+        """The level with the nearest scale. Ties: the finer one."""
         return int(np.abs(self.sigmas - sigma).argmin())
 
 
 def scales(finest: float, shorter_side: int) -> np.ndarray:
     """sigma_1 .. sigma_Gamma, px: LSA16 section 3.4.
 
-    Every 3 px as in the paper while that makes at most 128 levels, which is up to about 2100 px; beyond that as many
-    levels in geometric progression: 3 px at a scale of 200 px tell nothing apart.
+    Every 3 px as in the paper up to 128 levels, which is up to about 2100 px. Beyond that, the same number of
+    levels in geometric progression: 3 px at a scale of 200 px make no difference.
     """
     coarsest = COARSEST * shorter_side
     if (coarsest - finest) / STEP < MOST_LEVELS:
@@ -81,7 +81,7 @@ def hierarchy(superpixels: Superpixels, resources: Resources, sigmas: np.ndarray
     ----------
     superpixels
     sigmas : (levels,) float, optional
-        Scales, px, rising from that of the superpixels; `scales` when left out.
+        Scales, px, increasing from that of the superpixels. Default: `scales`.
     """
     window = superpixels.window
     if sigmas is None:
@@ -109,7 +109,7 @@ def merged(
 
 
 class _RegionGraph:
-    """What is left of the region adjacency graph."""
+    """The remaining region adjacency graph."""
 
     def __init__(self, sizes: np.ndarray, positions: np.ndarray, edges: np.ndarray):
         self._sizes = sizes.astype(np.float64)
@@ -124,7 +124,7 @@ class _RegionGraph:
         self.merges: list[tuple[int, int]] = []
 
     def merge_until(self, target: int, colors: np.ndarray, weight: float) -> None:
-        """Merge the pair of least cost, again and again, until at most `target` are left or none are neighbors."""
+        """Merge the pair with the lowest cost until at most `target` are left, or no neighbors."""
         if self.alive <= target or not len(self._edges):
             return
         root, n = self._root, len(self._root)
@@ -139,7 +139,7 @@ class _RegionGraph:
         self._edges = np.stack([a, b], 1)
         d = (means[a] - means[b]) ** 2
         cost = size[a] * size[b] / (size[a] + size[b]) * (d[:, 0] + d[:, 1] + d[:, 2] + weight * (d[:, 3] + d[:, 4]))
-        # ties go to the lower ids; an entry is stale when one of its two has changed since
+        # ties go to the lower ids; an entry is stale if one of its two has changed since
         heap = list(zip(cost.tolist(), a.tolist(), b.tolist(), [0] * len(a), [0] * len(a), strict=True))
         heapq.heapify(heap)
         left = np.flatnonzero(root == np.arange(n))
@@ -171,7 +171,7 @@ class _RegionGraph:
             l0, a0, b0, x0, y0 = mean
             for c in near[a]:
                 l1, a1, b1, x1, y1 = means[c]
-                # LSA16 eq. 2, the distances to the common mean written out
+                # LSA16 eq. 2, with the distances to the common mean written out
                 away = (l0 - l1) ** 2 + (a0 - a1) ** 2 + (b0 - b1) ** 2 + weight * ((x0 - x1) ** 2 + (y0 - y1) ** 2)
                 cost = both * size[c] / (both + size[c]) * away
                 low, high = (a, c) if a < c else (c, a)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Superpixels of a large image: seeds settle on means of squares, then pixels choose among the seeds around them.
+"""Superpixels of a large image: seeds converge on means of squares, then pixels choose among the nearby seeds.
 
-LSA16 section 3.1 looks at all pixels in every iteration. Its superpixels grow with the image (sigma_1 is 2 % of the
-shorter side), so 16 to 32 squares across one are enough to know where its seed belongs; the image itself is looked at
-twice, for the squares and for the borders. A pixel chooses among the seeds that its own square and the eight around it
-have chosen, so what lies inside of a superpixel is that superpixel's: noise makes no crumbs there, which would be
-joined to it afterwards. Squares are 1 px wide up to sigma = 32 px, and then nothing of this is done.
+LSA16 section 3.1 reads all pixels in every iteration. Its superpixels grow with the image (sigma_1 is 2 % of the
+shorter side), so 16 to 32 squares across one are enough to place its seed. The image itself is read twice, for the
+squares and for the borders. A pixel chooses among the seeds that its own square and the eight around it have chosen, so
+pixels inside a superpixel belong to it: noise makes no tiny pieces there. Squares are 1 px wide up to sigma = 32 px,
+where this step does not exist.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from .slic import SeedGrid, Slic, candidates
 
 WIDEST = 128  # px, of a square: its pixels are counted in 16 bits
 _PADDING = 128  # bytes past the end that wide registers may read: 16 pixels
-_AT_ONCE = 4 << 20  # bytes of sums that come from the device at a time
+_AT_ONCE = 4 << 20  # bytes of sums downloaded at a time
 
 
 @dataclass(frozen=True)
 class Reduced:
-    """The image in squares, with which the Gaussian stack begins."""
+    """The image in squares, the initial level of the Gaussian stack."""
 
-    side: int  # Of a square, px
+    side: int  # of a square, px
     sums: np.ndarray  # (down, across, 4) int32: L, a, b in steps of 1/8, and number, of a square's opaque pixels
 
 
 class LabelSquares:
-    """Sums and means of squares, taken while the image is read; a `LabGrid` of squares. Give it back by `with`.
+    """Sums and means of squares, gathered while the image is read. A `LabGrid` of squares, released by `with`.
 
-    `width`, `height`: of the image, px; `side`: of a square, px; bands begin at multiples of it.
+    `width`, `height`: of the image, px; `side`: of a square, px. Bands begin at multiples of it.
     """
 
     def __init__(self, width: int, height: int, side: int, resources: Resources, means: bool):
@@ -58,7 +58,7 @@ class LabelSquares:
         self._buffers.__exit__()
 
     def look(self, band: Band) -> None:
-        """Take in a band of the image."""
+        """Add a band of the image."""
         side, run, sums = self.reduced.side, self._device.program("superpixels"), self._sums["sums"]
         (width, height), end = self._image, -(-band.bottom // side)
         for first in range(band.top // side, end, self._rows):
@@ -72,7 +72,7 @@ class LabelSquares:
             self._sums.__exit__()
 
     def bands(self, wanted: Callable[[int, int], bool] = lambda top, bottom: True) -> Iterator[Band]:
-        """One: all squares as pixels, where `wanted(top, bottom)` says so."""
+        """One band: all squares as pixels, if `wanted(top, bottom)`."""
         if wanted(0, self.height):
             yield Band(0, self.height, self._buffers["lab"])
 
@@ -80,7 +80,7 @@ class LabelSquares:
 def refined_slots(
     lab: LabGrid, grid: SeedGrid, squares: LabelSquares, settled: Slic, centers: np.ndarray, resources: Resources
 ) -> Iterator[tuple[Band, Any]]:
-    """As `Slic.slots` of the image: which of nine seeds a pixel chooses, band by band.
+    """As `Slic.slots` for the image: the choice of each pixel among nine seeds, band by band.
 
     `centers` (down, across, 5) float64: its seeds: L, a, b in steps, x, y in squares.
     """

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Label maps as runs along rows: connected pieces, who borders on whom, small pieces given to their neighbors.
+"""Label maps as runs along rows: connected pieces, adjacency, merging of small pieces into neighbors.
 
-A run is a stretch of one row with one label. Work and memory go with the number of runs, a fraction of that of pixels.
-Pieces are numbered by their first pixel in reading order, so no cut into bands can be seen in what comes out.
+A run is an interval of one row with one label. Work and memory grow with the number of runs, a fraction of the number
+of pixels. Pieces are numbered by their first pixel in reading order, so the result does not depend on bands.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from dataclasses import dataclass
 
 from ..deferred import np
 
-OUTSIDE = -1  # what transparent pixels are
-_RUN_BYTES, _BORDER_BYTES = 40, 200  # of memory while pieces are put together, as measured on noise
+OUTSIDE = -1  # label of transparent pixels
+_RUN_BYTES, _BORDER_BYTES = 40, 200  # of memory while pieces are connected, measured on noise
 
 
 @dataclass(frozen=True)
 class Runs:
-    """A label map of height rows."""
+    """A label map."""
 
     width: int
     height: int
-    first: np.ndarray  # (height + 1,) int64: where each row's runs begin
-    left: np.ndarray  # (n,) int32: first column of each run; it ends where the next one of its row begins
+    first: np.ndarray  # (height + 1,) int64: start of each row's runs
+    left: np.ndarray  # (n,) int32: first column of each run; it ends at the next one of its row
     label: np.ndarray  # (n,) int32: 0 .. count - 1, or OUTSIDE
 
     def rows(self) -> np.ndarray:
@@ -49,7 +49,7 @@ class Runs:
         return np.repeat(self.label[begin:end], lengths).reshape(bottom - top, self.width)[:, left:right]
 
     def relabeled(self, of: np.ndarray) -> Runs:
-        """Each label replaced by `of[label]`, runs that then meet their like joined."""
+        """Each label replaced by `of[label]`, with adjacent equal runs joined."""
         label = np.append(of, OUTSIDE).astype(np.int32)[self.label]
         keep = np.ones(len(label), bool)
         keep[1:] = label[1:] != label[:-1]
@@ -60,16 +60,16 @@ class Runs:
 
 @dataclass(frozen=True)
 class Strip:
-    """Some full rows of a label map that is not whole yet."""
+    """Some full rows of a label map that is not complete yet."""
 
     width: int
     height: int
-    starts: np.ndarray  # (n,) int64: first pixel of each run, counted row after row; each row begins with a run
-    label: np.ndarray  # (n,) int32: from 0 on, or OUTSIDE; runs side by side differ
+    starts: np.ndarray  # (n,) int64: first pixel of each run, counted row by row; each row begins with a run
+    label: np.ndarray  # (n,) int32: from 0, or OUTSIDE; adjacent runs differ
 
     @classmethod
     def joined(cls, width: int, height: int, starts: np.ndarray, label: np.ndarray) -> Strip:
-        """From runs that may be alike side by side."""
+        """From runs of which adjacent ones may be equal."""
         keep = np.ones(len(label), bool)
         keep[1:] = label[1:] != label[:-1]
         keep |= starts % width == 0
@@ -77,7 +77,7 @@ class Strip:
 
     @classmethod
     def of(cls, labels: np.ndarray) -> Strip:
-        """Of labels as pixels, (rows, width) int32."""
+        """From labels as pixels, (rows, width) int32."""
         height, width = labels.shape
         return cls.joined(width, height, np.arange(labels.size), labels.ravel())
 
@@ -89,7 +89,7 @@ class Strip:
 
 @dataclass(frozen=True)
 class Borders:
-    """Which labels touch: a < b, (m,) each, sorted, with the length of their common border in pixel sides."""
+    """Adjacent labels: a < b, (m,) each, sorted, with the length of their common border in pixel sides."""
 
     a: np.ndarray
     b: np.ndarray
@@ -97,7 +97,7 @@ class Borders:
 
     @classmethod
     def of(cls, a: np.ndarray, b: np.ndarray, length: np.ndarray, count: int) -> Borders:
-        """From pairs in any order, with repetitions; loops are left out.
+        """From pairs in any order, with duplicates. Loops are removed.
 
         `a`, `b` (m,) int; `length` (m,).
         """
@@ -120,8 +120,8 @@ class Pieces:
 def pieces_of(strips: Iterable[Strip], height: int, require: Callable[[int], None] | None = None) -> Pieces:
     """4-connected pieces of equal labels.
 
-    `require`: given the bytes that this will need so far; raises where that is too much. Photos have few runs, noise
-    has nearly as many as pixels.
+    `require`: called with the bytes required so far, and raises an error if they are too many. Photos have few runs,
+    noise has nearly as many as pixels.
     """
     finder = _Finder()
     for strip in strips:
@@ -132,7 +132,7 @@ def pieces_of(strips: Iterable[Strip], height: int, require: Callable[[int], Non
 
 
 class _Finder:
-    """Looks at one strip after another."""
+    """Connects pieces, one strip after another."""
 
     def __init__(self) -> None:
         self._width, self._count = 0, 0
@@ -140,9 +140,9 @@ class _Finder:
         self._per_row: list[np.ndarray] = []
         self._piece: list[np.ndarray] = []
         self._sizes: list[np.ndarray] = []
-        self._same: list[np.ndarray] = []  # (2, n) pieces of two strips that are one
+        self._same: list[np.ndarray] = []  # (2, n) pieces of two strips that are connected
         self._borders: list[Borders] = []
-        self.need = 0  # bytes, by the end
+        self.need = 0  # bytes, at the end
         self._above: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # starts, labels, pieces of a row
 
     def add(self, strip: Strip) -> None:
@@ -183,7 +183,7 @@ class _Finder:
 
     def finished(self, height: int) -> Pieces:
         same = np.concatenate(self._same, 1) if self._same else np.zeros((2, 0), np.int64)
-        # numbers by first pixel: pieces of strips are in that order, and a whole's is that of its first part
+        # numbers by first pixel: pieces of strips are in that order, and a whole has that of its first part
         count, whole = _united(same[0], same[1], self._count)
         parts = np.concatenate([np.zeros(0), *self._sizes])
         sizes = np.bincount(whole, parts, count).astype(np.int64)
@@ -197,12 +197,12 @@ class _Finder:
 def _overlaps(upper: np.ndarray, lower: np.ndarray, width: int, rows: int) -> tuple[np.ndarray, ...]:
     """Runs that touch across rows: (upper run, lower run, length).
 
-    `upper` and `lower` are first pixels of runs of one strip of `rows` rows, counted row after row.
+    `upper` and `lower` are first pixels of runs of one strip of `rows` rows, counted row by row.
     """
     above = upper[: np.searchsorted(upper, (rows - 1) * width)]
     skipped = np.searchsorted(lower, width)
     below = lower[skipped:] - width
-    cuts = np.sort(np.concatenate([above, below]), kind="stable")  # which merges what is sorted: np.unique hashes
+    cuts = np.sort(np.concatenate([above, below]), kind="stable")  # merges sorted arrays: np.unique hashes
     cuts = cuts[np.diff(cuts, prepend=-1) != 0]
     i = np.searchsorted(above, cuts, "right") - 1
     j = np.searchsorted(below, cuts, "right") - 1 + skipped
@@ -210,8 +210,8 @@ def _overlaps(upper: np.ndarray, lower: np.ndarray, width: int, rows: int) -> tu
 
 
 def _united(a: np.ndarray, b: np.ndarray, count: int) -> tuple[int, np.ndarray]:
-    """Sets of 0 .. count - 1 when a[i] and b[i] belong together, by their first members: how many, and each one's."""
-    from scipy.sparse import coo_array  # when it is needed: it is slow to import
+    """Sets of 0 .. count - 1 where a[i] and b[i] are connected, by first members: their number, and each one's."""
+    from scipy.sparse import coo_array  # slow to import
     from scipy.sparse.csgraph import connected_components
 
     if count == 0:
@@ -225,7 +225,7 @@ def _united(a: np.ndarray, b: np.ndarray, count: int) -> tuple[int, np.ndarray]:
 
 
 def without_small(pieces: Pieces, least: float) -> Pieces:
-    """Pieces below `least` pixels joined to neighbors, until none has a neighbor; see `small_joined`."""
+    """Merge pieces below `least` pixels into neighbors until none has a neighbor. See `small_joined`."""
     of, sizes, borders, _ = small_joined(pieces, least, np.zeros(len(pieces.sizes), bool))
     return Pieces(pieces.runs.relabeled(of), sizes, borders)
 
@@ -233,11 +233,11 @@ def without_small(pieces: Pieces, least: float) -> Pieces:
 def small_joined(
     pieces: Pieces, least: float, unknown: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, Borders, np.ndarray]:
-    """Which pieces become one where those below `least` pixels join neighbors.
+    """The merging of pieces below `least` pixels into neighbors.
 
-    In every round each small piece chooses one neighbor: one that is not small, else a small one; of these the one
-    with the longest common border; of these the first. What has chosen each other becomes one, so every round leaves
-    at most half of the small pieces, and neither the order of work nor tiles can be seen.
+    In every round each small piece chooses one neighbor: one that is not small, else a small one. Of these the one
+    with the longest common border, of these the first. Pieces connected by choices are merged, so every round leaves
+    at most half of the small pieces, and the result does not depend on the order of work or tiles.
 
     `least`: px; `unknown` (n,) bool; returns (n,) int, (m,) int64, (m,) int.
     """
@@ -255,7 +255,7 @@ def small_joined(
         order = np.lexsort((b, -length, small[b], a))
         chooser, best = np.unique(a[order], return_index=True)
         count, joined = _united(chooser, b[order][best], len(sizes))
-        # one that is not small chooses none, so at most one is among those that become one
+        # one that is not small chooses none, so a merged set contains at most one
         order = np.lexsort((small, joined))
         first = first[order[np.searchsorted(joined[order], np.arange(count))]]
         unknown = np.bincount(joined, unknown, count) > 0

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """SLIC in Lab on the device: LSA16 section 3.1, after Achanta et al. 2012, doi:10.1109/TPAMI.2012.120.
 
-A pixel chooses among the seeds of its own and the eight neighboring cells of a regular grid. Departures:
+A pixel chooses among the seeds of its cell and the eight neighboring cells of a regular grid. Departures:
 
-1. Seeds start as the means of their cells, not on single pixels: no noise, and no look at the image out of order.
-2. A distance is an exact integer: Lab stands on a grid of 1/8, centers on one of 1/64 (`Seeds.candidates`). The
-   partition is the same for any order of summation, tile, register width or device; ties go to the lower seed.
-3. A seed stays where it is until its mean is 0.2 Lab away, and cells whose nine seeds stand still are not looked at
-   again: what 1000 iterations cost is what still moves.
-4. Seeds of a large image settle on means of squares, see `refinement`.
+1. Seeds start as the means of their cells, not on single pixels: no noise, and no random access to the image.
+2. A distance is an exact integer: Lab is on a grid of 1/8, centers on one of 1/64 (`Seeds.candidates`). The
+   partition is the same for any order of summation, tile, register width or device. Ties go to the lower seed.
+3. A seed does not move until its mean is 0.2 Lab away, and cells whose nine seeds are unchanged are skipped:
+   the cost of 1000 iterations is that of the changes.
+4. Seeds of a large image converge on means of squares, see `refinement`.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from ..session.resources import Resources
 if TYPE_CHECKING:
     from .refinement import LabelSquares
 
-NONE = 255  # the slot of transparent pixels
-_STRIP = 16  # rows that one work-item looks at
+NONE = 255  # slot of transparent pixels
+_STRIP = 16  # rows per work item
 _SUMS = 6  # pixels, L, a, b, x, y
 _SCALE = 4  # integer distances are squared steps times this
-_STILL = 0.2  # Lab units by eq. 1 up to which a seed stays where it is: 0.01 sigma where color does not change
-_ABSENT = 1 << 30  # base of a candidate that nobody chooses
+_STILL = 0.2  # Lab units by eq. 1 up to which a seed does not move: 0.01 sigma in areas of uniform color
+_ABSENT = 1 << 30  # base of a candidate that is never chosen
 NINE = tuple((dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1))
 
 
@@ -44,13 +44,13 @@ class SeedGrid:
     Attributes
     ----------
     width, height : int
-        Of the image, px.
+        Size of the image, px.
     across, down : int
-        Cells along x and y.
+        Number of cells along x and y.
     compactness : float
         m of LSA16 eq. 1, Lab units per sigma.
     square : int
-        Cells are cut along squares of so many px.
+        Side of the squares, px, along which cells are cut.
     """
 
     width: int
@@ -62,24 +62,24 @@ class SeedGrid:
 
     @classmethod
     def of(cls, width: int, height: int, sigma: float, compactness: float, square: int = 1) -> SeedGrid:
-        """The grid whose cells come closest to that scale.
+        """The grid with the scale nearest to `sigma`.
 
         Parameters
         ----------
         width, height : int
-            Of the image, px.
+            Size of the image, px.
         sigma : float
             px.
         compactness : float
             m of LSA16 eq. 1, Lab units per sigma.
         square : int
-            Cells are cut along squares of so many px.
+            Side of the squares, px, along which cells are cut.
         """
         return cls(width, height, max(1, round(width / sigma)), max(1, round(height / sigma)), compactness, square)
 
     @property
     def of_squares(self) -> SeedGrid:
-        """The same cells of the image in which a square is a pixel."""
+        """The same cells for the image in which a square is a pixel."""
         width, height = -(-self.width // self.square), -(-self.height // self.square)
         return SeedGrid(width, height, self.across, self.down, self.compactness)
 
@@ -100,31 +100,31 @@ class SeedGrid:
 
     @property
     def shift(self) -> int:
-        """Bits by which x and y are shifted, so that a candidate's coefficients fit 16 bits."""
+        """Number of bits by which x and y are shifted, so that a candidate's coefficients fit 16 bits."""
         largest = 2 * self.weight * _SCALE * 3 * max(self.width / self.across, self.height / self.down)
         return max(0, math.ceil(math.log2(largest / 32000)))
 
     @property
     def units(self) -> tuple[float, float, float, float]:
-        """What a candidate's coefficients are of color and place, and what becomes of their squares."""
+        """Units of a candidate's coefficients for color and place, and factors of their squares."""
         unit = float(1 << self.shift)
         per_color, per_place = -2.0 * _SCALE, -2.0 * _SCALE * self.weight / unit
         return per_color, per_place, 4.0 * _SCALE, unit * unit / (4 * _SCALE * self.weight)
 
     def edges(self, axis: int) -> np.ndarray:
-        """First column (axis 1) or row (axis 0) of every cell and the end, int32."""
+        """First column (axis 1) or row (axis 0) of every cell, and the end, int32."""
         size, cells = ((self.height, self.down), (self.width, self.across))[axis]
         squares = np.arange(cells + 1, dtype=np.int64) * -(-size // self.square) // cells
         return np.minimum(squares * self.square, size).astype(np.int32)
 
     def cells(self, axis: int) -> np.ndarray:
-        """The column (axis 1) or row (axis 0) of cells in which every column or row of pixels lies, int32."""
+        """The column (axis 1) or row (axis 0) of cells of every column or row of pixels, int32."""
         return np.repeat(np.arange((self.down, self.across)[axis], dtype=np.int32), np.diff(self.edges(axis)))
 
     def strips(self, band_rows: int) -> np.ndarray:
         """(n, 4) int32: first row, row after the last, row of cells and its reference row.
 
-        None crosses a border between cells or between bands of that many rows.
+        None crosses a border between cells or between bands of `band_rows` rows.
         """
         edges = self.edges(0)
         cuts = np.unique(np.concatenate([edges, np.arange(0, self.height, band_rows)])).tolist()
@@ -142,7 +142,7 @@ class SeedGrid:
 
 
 def centers_of(sums: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Means (down, across, 5) of L, a, b in steps, x, y in px from sums (down, across, 6); a seed without pixels stays.
+    """Means (down, across, 5) of L, a, b in steps, x, y in px from sums (down, across, 6). Empty seeds are kept.
 
     Seeds that never had a pixel are NaN.
     """
@@ -153,7 +153,7 @@ def centers_of(sums: np.ndarray, before: np.ndarray) -> np.ndarray:
 def candidates(grid: SeedGrid, centers: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """The nine seeds around each of `cells` (k,), counted row by row, as linear functions of a pixel: (k, 9, 4) int32.
 
-    |v - c|^2 = |v|^2 - 2 v c + |c|^2, of which |v|^2 is the same for all nine. The coefficients -2 c are rounded to
+    |v - c|^2 = |v|^2 - 2 v c + |c|^2, where |v|^2 is the same for all nine. The coefficients -2 c are rounded to
     integers, and |c|^2 is that of the rounded center, so borders between cells of seeds are straight.
     """
     padded = np.full((grid.down + 2, grid.across + 2, 5), np.nan)  # rows x columns of seeds x (L, a, b, x, y)
@@ -181,7 +181,7 @@ def candidates(grid: SeedGrid, centers: np.ndarray, cells: np.ndarray) -> np.nda
 
 
 def own_cells_only(grid: SeedGrid) -> np.ndarray:
-    """Candidates with which every pixel chooses its own cell's seed."""
+    """Candidates that make every pixel choose its own cell's seed."""
     packed = np.zeros((grid.count, 9, 4), np.int32)
     packed[..., 0] = _ABSENT
     packed[:, 4, 0] = 0
@@ -195,12 +195,12 @@ def _layout(grid: SeedGrid, strips: int) -> dict[str, int]:
 
 
 def least_bytes(grid: SeedGrid) -> int:
-    """What SLIC holds of such seeds at least, however the image is cut into bands."""
+    """Minimum memory of SLIC with such seeds, for any bands."""
     return sum(_layout(grid, -(-grid.height // _STRIP)).values())
 
 
 class Slic:
-    """SLIC on a `LabGrid`: centers that no longer move, and the slots of all pixels."""
+    """SLIC on a `LabGrid`: converged centers, and the slots of all pixels."""
 
     def __init__(self, lab: LabGrid | LabelSquares, grid: SeedGrid, resources: Resources):
         self._lab, self.grid, self._device = lab, grid, resources.device
@@ -220,16 +220,16 @@ class Slic:
         self._buffers.__exit__()
 
     def iterate(self, iterations: int, jitter: np.ndarray | None = None) -> np.ndarray:
-        """Seeds after at most so many assignments of pixels to them, the last of which is left to `slots`.
+        """Seeds after at most `iterations` assignments of pixels to them. The last one is left to `slots`.
 
         `jitter` (down, across, 2) moves the seeds at the start, px. Returns (down, across, 5) float64: L, a, b in
-        steps, x, y in px; NaN where there is no seed.
+        steps, x, y in px. NaN: no seed.
         """
         settle = self._settled_there if self._device.info.has_doubles else self._settled_here
         return settle(iterations, jitter)
 
     def _settled_there(self, iterations: int, jitter: np.ndarray | None) -> np.ndarray:
-        """On the device, where seeds, candidates and sums stay; only which cells are active comes from it."""
+        """On the device, with seeds, candidates and sums. Only the active cells are read back."""
         device, buffers, grid = self._device, self._buffers, self.grid
         run = device.program("slic_seeds")
         edges, shape = (self._tables[4], self._tables[1]), (grid.across, grid.down)
@@ -263,7 +263,7 @@ class Slic:
         return device.read(buffers["centers"], (grid.down, grid.across, 5), np.float64)
 
     def _settled_here(self, iterations: int, jitter: np.ndarray | None) -> np.ndarray:
-        """On the host, for devices without double precision: the same to the bit."""
+        """On the host, for devices without double precision. Results are bit-identical."""
         grid = self.grid
         present = own_cells_only(grid)
         centers = np.full((grid.down, grid.across, 5), np.nan)  # rows x columns of seeds x (L, a, b, x, y)
@@ -290,14 +290,14 @@ class Slic:
         return centers
 
     def slots(self, centers: np.ndarray) -> Iterator[tuple[Band, Any]]:
-        """(band, a buffer of its slots (rows, width) uint8) from top to bottom: which of nine seeds a pixel chooses."""
+        """(band, a buffer of its slots (rows, width) uint8) from top to bottom: each pixel's choice of nine seeds."""
         self._device.write(self._buffers["candidates"], candidates(self.grid, centers, np.arange(self.grid.count)))
         for band in self._lab.bands():
             self._assign(band, keep=1)
             yield band, self._buffers["slots"]
 
     def _assign(self, band: Band, keep: int) -> None:
-        """Run the kernel over a band: sums into their buffer, or with `keep` slots into theirs."""
+        """Run the kernel on a band: sums to their buffer, or with `keep` slots to theirs."""
         first, end = np.searchsorted(self._strips[:, 0], (band.top, band.bottom)).tolist()
         tables = *self._tables[:3], *(self._buffers[name] for name in ("active", "sums", "slots"))
         items = self._lab.width if self._device.lanes == 1 else self.grid.across
@@ -305,10 +305,10 @@ class Slic:
         self._run("assign", (items, end - first), band.lab, self._buffers["candidates"], *tables, *numbers)
 
     def _look(self, active: np.ndarray) -> None:
-        """Sums of the active cells' pixels, by the candidates and active cells that are on the device."""
+        """Sums over the active cells' pixels, from the candidates and active cells on the device."""
         device, buffers, grid = self._device, self._buffers, self.grid
         edges, rows_active = grid.edges(0), np.logical_or.reduce(active.reshape(grid.down, grid.across), 1)
-        if device.lanes == 1:  # single lanes add to what there is
+        if device.lanes == 1:  # single lanes add to the existing sums
             tables = self._tables[0], buffers["active"], buffers["sums"]
             self._run("clear", (grid.across, len(self._strips)), *tables, grid.across, len(self._strips))
 
@@ -322,7 +322,7 @@ class Slic:
         self._run("total", (9 * _SUMS * grid.across, grid.down), buffers["sums"], *tables, grid.across, grid.down)
 
     def _sums(self, chosen: np.ndarray, active: np.ndarray) -> np.ndarray:
-        """Sums (down, across, 6) over the pixels of every seed, in px from the image's corner; int64."""
+        """Sums (down, across, 6) over the pixels of every seed, in px from the image's corner. int64."""
         device, buffers, grid = self._device, self._buffers, self.grid
         device.write(buffers["candidates"], chosen)
         device.write(buffers["active"], active.view(np.uint8))

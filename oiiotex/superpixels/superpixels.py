@@ -2,9 +2,9 @@
 """Superpixels of an image of any size: SLIC, connected, with their statistics.
 
 LSA16 section 3.1 and 3.3: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction
-for Texture Synthesis, SIGGRAPH 2016. Lab passes the device (`lab_on_device`), seeds settle (`slic`), pixels become
-runs (`run_length`); what stays in memory are runs and sums. Every sum is one of whole numbers, so the partition and all
-that is said of it are the same to the bit for any tile, budget, register width or thread count.
+for Texture Synthesis, SIGGRAPH 2016. Lab passes through the device (`lab_on_device`), seeds converge (`slic`), pixels
+become runs (`run_length`). Only runs and sums stay in memory. All sums are of integers, so the partition and its
+statistics are bit-identical for any tile, budget, register width or number of threads.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from .slic import NINE, NONE, SeedGrid, Slic, least_bytes
 
 COMPACTNESS = 20.0  # m_1 of LSA16 section 3.4
 FINEST = 0.02  # sigma_1 as a share of the shorter side: LSA16 section 3.4
-LEAST_SIGMA = 4.0  # px; below, a superpixel is no pattern
+LEAST_SIGMA = 4.0  # px; smaller superpixels have no pattern
 ITERATIONS = 1000
-_BAND_ROWS = 128  # of labels that become runs at once
-_SUMS = 21  # what cl/superpixels.cl keeps of each superpixel's powers
+_BAND_ROWS = 128  # of labels that become runs at a time
+_SUMS = 21  # per superpixel, of powers, in cl/superpixels.cl
 
 
 @dataclass(frozen=True)
@@ -49,16 +49,16 @@ class Superpixels:
     labels : Part
         One uint32 channel: ids 1 .. n, 0 where alpha is 0. Any window can be read in any order.
     sizes : (n,) int64
-        Pixels.
+        Numbers of pixels.
     positions : (n, 2) float64
-        Centroid (x, y) of the pixels' corners, relative to the window's.
+        Centroids (x, y) of the pixels' corners, relative to the window's.
     power_sums : (n, 3, 5) float64 or None
         Sums over pixels of L, a, b to the first .. fifth power, in Lab units to that power: exact sums over a grid of
-        1/8 unit, rounded once. None: they were not asked for.
+        1/8 unit, rounded once. None: not requested.
     edges : (m, 2) int32
         a < b, 0-based: superpixels with a common border (4-connectivity).
     sigma : float
-        Their scale sigma_1, px.
+        Scale sigma_1, px.
     runs : Runs
         The label map, 0-based.
     """
@@ -91,7 +91,7 @@ class Superpixels:
 
 
 def finest_scale(window: Window) -> float:
-    """sigma_1, px: LSA16 section 3.4, but not below `LEAST_SIGMA`."""
+    """sigma_1, px: LSA16 section 3.4, but at least `LEAST_SIGMA`."""
     return max(LEAST_SIGMA, FINEST * min(window.width, window.height))
 
 
@@ -116,28 +116,28 @@ def superpixels(
     ----------
     image, lens
     sigma : float, optional
-        Their scale, px; `finest_scale` when left out.
+        Scale, px. Default: `finest_scale`.
     compactness : float
         m of eq. 1, Lab units per sigma.
     iterations : int
-        At most so many assignments of pixels to seeds.
+        Maximum number of assignments of pixels to seeds.
     runs : int
-        The best of so many runs by eq. 3; all but the first begin with seeds moved at random.
+        Number of runs, of which the best by eq. 3 is returned. All but the first start with randomly moved seeds.
     minsize : int, optional
-        Smaller pieces are joined to neighbors; a quarter of sigma^2 when left out.
+        Smaller pieces are merged into neighbors. Default: a quarter of sigma^2.
     seed : int
-        Of those random moves.
+        Seed of the random moves.
     literal : bool
-        Every iteration looks at all pixels, however large the image.
+        Read all pixels in every iteration, however large the image.
     powers : bool
-        Whether sums of powers are wanted: a look at the image. The best of several runs is chosen by them.
+        Compute sums of powers, in a pass over the image. Several runs need them to choose the best.
     advance : callable
         Called with (done, total).
 
     Raises
     ------
     ImageError, DeviceError
-        NaN or Inf, or what does not fit.
+        NaN or Inf, or it does not fit the budget.
     """
     part = image.first
     sigma = finest_scale(part.window) if sigma is None else sigma
@@ -149,13 +149,14 @@ def superpixels(
     least = 0.25 * grid.scale**2 if minsize is None else minsize
 
     def require(need: int) -> None:
-        resources.require(need, f"{part.spec.width}x{part.spec.height} cut into so many pieces", "blur the image first")
+        size = f"{part.spec.width}x{part.spec.height} px"
+        resources.require(need, f"{size} divided into that many pieces", "blur the image first")
 
-    cut = f"{window.width}x{window.height} cut into {grid.count} superpixels"
-    resources.require(_certain(grid.of_squares if on_squares else grid, window, side), cut, "take larger ones")
+    cut = f"{window.width}x{window.height} px divided into {grid.count} superpixels"
+    resources.require(_certain(grid.of_squares if on_squares else grid, window, side), cut, "use larger superpixels")
 
     def within(most: int) -> Superpixels:
-        """With so many bytes of the image on the device at a time."""
+        """With a limit in bytes for the image on the device at a time."""
         best: Superpixels | None = None
         with contextlib.ExitStack() as opened:
             squares = opened.enter_context(LabelSquares(window.width, window.height, side, resources, on_squares))
@@ -186,7 +187,7 @@ def superpixels(
 
 
 def _certain(grid: SeedGrid, window: Window, side: int) -> int:
-    """Bytes that are held whatever the picture shows: the image in squares, and SLIC's tables."""
+    """Bytes that are held for any image: the image in squares, and SLIC's tables."""
     return 16 * -(-window.width // side) * -(-window.height // side) + least_bytes(grid)
 
 
@@ -198,7 +199,7 @@ def _jitter(grid: SeedGrid, seed: int, run: int) -> np.ndarray:
 
 
 def _strips(bands: Iterable[tuple[Band, Any]], grid: SeedGrid, resources: Resources) -> Iterator[Strip]:
-    """The seeds that pixels choose, OUTSIDE where they are transparent, from top to bottom."""
+    """The seeds chosen by pixels, OUTSIDE where they are transparent, from top to bottom."""
     away = np.zeros(NONE + 1, np.int32)
     away[: len(NINE)] = [dy * grid.across + dx for dy, dx in NINE]
     rows, columns, edges = grid.cells(0) * grid.across, grid.cells(1), grid.edges(1)[:-1]
@@ -272,7 +273,7 @@ def _squares(end: np.ndarray) -> np.ndarray:
 
 
 def label_part(part: Part, runs: Runs) -> Part:
-    """A label map of `part` as a part of its own: ids from 1 on, 0 where runs are OUTSIDE."""
+    """A label map of `part` as a separate part: ids from 1, 0 where runs are OUTSIDE."""
     spec = label_spec(part.spec)
     whole = part.window
 
@@ -285,7 +286,7 @@ def label_part(part: Part, runs: Runs) -> Part:
 
 
 def label_spec(spec: oiio.ImageSpec) -> oiio.ImageSpec:
-    """The spec of a label map of an image: one uint32 channel of data in its windows."""
+    """The spec of a label map of an image: one uint32 channel of data with the same windows."""
     new = derived_spec(spec)
     new.set_format(oiio.TypeDesc(oiio.UINT32))
     new.channelformats = ()

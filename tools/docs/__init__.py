@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What makes the documentation: pages and pictures."""
+"""Programs that make the documentation: pages and pictures."""

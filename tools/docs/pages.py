@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Docs pages and the stub from the filters' declarations: `python -m tools.docs.pages`.
 
-A page is the declaration followed by what a person wrote below the line `<!-- by hand -->`.
+A page is the declaration, followed by the hand-written text below the line `<!-- by hand -->`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.core.op import Op
 from oiiotex.core.parameters import Parameter, declared
 from oiiotex.filters import OURS
-from tools.docs import stubs
+from tools.docs import notebook, stubs
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 MARK = "<!-- by hand -->"
@@ -49,7 +49,7 @@ def page_text(op: type[Op], path: Path) -> str:
 
 
 def _table(modifiers: Sequence[Parameter], say: Callable[[str], str]) -> list[str]:
-    """What modifiers do, the values that they take, their defaults and examples."""
+    """A table of modifiers with values, defaults and examples."""
     rows = []
     for p in modifiers:
         cells = (f"`{p.name}`", say(p.help), p.allowed(), p.default_text, f"`{p.name}={p.sample}`" if p.sample else "")
@@ -70,14 +70,14 @@ def _by_hand(path: Path) -> str:
 
 def language_text() -> str:
     """The page of all ops of the host, and of all options."""
-    lines = ["# The chain", ""]
-    lines += ["All that a line may say beside our filters; `oiiotex --help NAME` prints the page of one.", ""]
+    lines = ["# Ops and options", ""]
+    lines += ["All ops and options other than the texture filters. `oiiotex --help NAME` prints the page of one.", ""]
     for heading, ops in LANGUAGE.ops.items():
         if ops and ops[0].prefix != Op.prefix:
             lines += [f"## {heading}", "", "| op | modifiers | |", "|---|---|---|", *map(_op_row, ops), ""]
     for heading, options in LANGUAGE.groups.items():
         lines += [f"## {heading}", "", "| option | modifiers | |", "|---|---|---|", *map(_option_row, options), ""]
-    lines += ["## Of oiiotool, not here", "", "| option | why |", "|---|---|"]
+    lines += ["## Options of oiiotool that are not available", "", "| option | why |", "|---|---|"]
     lines += [f"| `{refused.name}` | {refused.reason} |" for refused in LANGUAGE.refused]
     return "\n".join(lines) + "\n"
 
@@ -102,6 +102,7 @@ def main() -> None:
         path.write_text(page_text(op, path))
         print(path)
     stubs.main()
+    notebook.main()
 
 
 if __name__ == "__main__":

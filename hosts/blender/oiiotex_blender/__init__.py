@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A panel of Blender's image editor: textures made by the resident process of oiiotex."""
+"""A panel in Blender's Image Editor that makes textures with the resident process of oiiotex."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from .images import LINE
 
 
 class Preferences(bpy.types.AddonPreferences):
-    """Which Python has oiiotex."""
+    """Preferences of the extension."""
 
     bl_idname = __package__
 
     python: bpy.props.StringProperty(
-        name="Python", subtype="FILE_PATH", default="python3", description="the Python that has oiiotex"
+        name="Python", subtype="FILE_PATH", default="python3", description="Python executable with oiiotex installed"
     )
 
     def draw(self, context):
-        """As a field."""
+        """Draw the preferences."""
         self.layout.prop(self, "python")
 
 
 class Settings(bpy.types.PropertyGroup):
-    """What the panel's buttons are pressed with."""
+    """Settings of the panel."""
 
-    width: bpy.props.IntProperty(name="Width", default=0, min=0, max=16384, description="px; 0: the image's own")
-    height: bpy.props.IntProperty(name="Height", default=0, min=0, max=16384, description="px; 0: the image's own")
-    seed: bpy.props.IntProperty(name="Seed", default=0, min=0, description="same seed, same pixels")
+    width: bpy.props.IntProperty(name="Width", default=0, min=0, max=16384, description="In pixels; 0: as the image")
+    height: bpy.props.IntProperty(name="Height", default=0, min=0, max=16384, description="In pixels; 0: as the image")
+    seed: bpy.props.IntProperty(name="Seed", default=0, min=0, description="Same seed, same pixels")
 
 
 class Panel(bpy.types.Panel):
@@ -41,7 +41,7 @@ class Panel(bpy.types.Panel):
     bl_category = "Texture"
 
     def draw(self, context):
-        """What can be made, and how the image shown was made."""
+        """Draw settings and buttons, and the command that made the image."""
         layout, settings = self.layout, context.scene.oiiotex
         column = layout.column(align=True)
         for name in ("width", "height", "seed"):

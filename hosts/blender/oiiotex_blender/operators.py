@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the panel can make: each of them one line of oiiotex, on the image that the editor shows."""
+"""Operators of the panel: each runs an op of oiiotex on the image in the editor."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from bpy_extras.io_utils import ExportHelper
 from .images import LINE, SPACES, name_of_space, new_image, pixels_of
 from .process import CHANNELS, Failed, Process
 
-_MOST_MASKS = 16  # of labels, the largest first
+_MOST_MASKS = 16  # masks of the largest labels
 
 
 class _Making:
-    """An operator that has an op made, and goes on while Blender is used; escape cancels.
+    """An operator that runs an op in the background; Esc cancels it.
 
     Attributes
     ----------
     op : str
-        As on the command line, without `--tex`.
+        Name of the op, without `--tex`.
     parts : str or None
-        Which parts of its result are wanted, as `Process.begin` takes it.
+        Prefix of the names of the parts to read; None: the first part of each result.
     """
 
     bl_options = {"REGISTER", "UNDO"}
@@ -34,7 +34,7 @@ class _Making:
 
     @classmethod
     def poll(cls, context):
-        """Where an image is shown."""
+        """Available if the editor shows an image."""
         return shown(context) is not None
 
     def values(self, context, image) -> dict[str, object]:
@@ -42,22 +42,22 @@ class _Making:
         return {}
 
     def maps(self, context, image) -> list:
-        """Which images it is made of."""
+        """The input images."""
         return [image]
 
     def begin(self, process, images, spaces, values):
-        """The job."""
+        """Start the job."""
         maps = [(pixels_of(image), space) for image, space in zip(images, spaces, strict=True)]
         return process.begin(self.op, maps, values, self.parts)
 
     def finish(self, context, images, results, line) -> list:
-        """Images of Blender from the results."""
+        """Create Blender images from the results."""
         raise NotImplementedError
 
     def invoke(self, context, event):
-        """Begin."""
+        """Start in the background."""
         if not self._begun(context):
-            return {"CANCELED"}
+            return {"CANCELLED"}
         manager = context.window_manager
         manager.progress_begin(0, 100)
         self._timer = manager.event_timer_add(0.1, window=context.window)
@@ -65,12 +65,12 @@ class _Making:
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
-        """Look whether it is done."""
+        """Handle Esc, and check whether the job has ended."""
         if event.type == "ESC":
             self._job.cancel()
         elif event.type == "TIMER":
             context.window_manager.progress_update(100 * self._job.progress)
-            context.workspace.status_text_set(f"{self.bl_label}: {100 * self._job.progress:.0f} %, Esc cancels")
+            context.workspace.status_text_set(f"{self.bl_label}: {100 * self._job.progress:.0f} % (Esc to cancel)")
             if self._job.done:
                 context.window_manager.event_timer_remove(self._timer)
                 context.window_manager.progress_end()
@@ -79,9 +79,9 @@ class _Making:
         return {"PASS_THROUGH"}
 
     def execute(self, context):
-        """Wait for it: from scripts, and where a setting of the last one is changed."""
+        """Run and wait: called from scripts and by Adjust Last Operation."""
         if not self._begun(context):
-            return {"CANCELED"}
+            return {"CANCELLED"}
         self._job.wait()
         return self._ended(context)
 
@@ -97,7 +97,7 @@ class _Making:
         except Failed as error:
             self.report({"ERROR"}, str(error))
             return False
-        self._names = [image.name for image in images]  # one may be gone when it is done
+        self._names = [image.name for image in images]  # images can be removed meanwhile
         return True
 
     def _ended(self, context):
@@ -105,11 +105,11 @@ class _Making:
             results = self._job.result()
             missing = [name for name in self._names if name not in bpy.data.images]
             if missing:
-                raise Failed(f"{missing[0]} is not there any more")
+                raise Failed(f"{missing[0]} has been removed")
             made = self.finish(context, [bpy.data.images[name] for name in self._names], results, self._line)
         except Failed as error:
             self.report({"ERROR"}, str(error))
-            return {"CANCELED"}
+            return {"CANCELLED"}
         for text in self._job.warnings:
             self.report({"WARNING"}, text)
         if context.space_data is not None and context.space_data.type == "IMAGE_EDITOR":
@@ -118,23 +118,23 @@ class _Making:
 
 
 class _OneImage(_Making):
-    """One image from one; `what` stands behind its name."""
+    """One image from one image; `what` is appended to its name."""
 
     what: str
     data = False
 
     def finish(self, context, images, results, line):
-        """The image."""
+        """Create the image."""
         ((_, pixels),) = results[0]
         return [new_image(f"{images[0].name} {self.what}", pixels, line, None if self.data else images[0])]
 
 
 class _Sized:
-    """An operator whose result may have another size than the image."""
+    """An operator with a size and a seed."""
 
-    width: bpy.props.IntProperty(name="Width", default=0, min=0, max=16384, description="px; 0: the image's own")
-    height: bpy.props.IntProperty(name="Height", default=0, min=0, max=16384, description="px; 0: the image's own")
-    seed: bpy.props.IntProperty(name="Seed", default=0, min=0, description="same seed, same pixels")
+    width: bpy.props.IntProperty(name="Width", default=0, min=0, max=16384, description="In pixels; 0: as the image")
+    height: bpy.props.IntProperty(name="Height", default=0, min=0, max=16384, description="In pixels; 0: as the image")
+    seed: bpy.props.IntProperty(name="Seed", default=0, min=0, description="Same seed, same pixels")
 
     def values(self, context, image):
         """Size and seed."""
@@ -142,7 +142,7 @@ class _Sized:
 
 
 class MakeTile(_Sized, _OneImage, bpy.types.Operator):
-    """Make a tile without visible repetition of the image shown (MJH17)"""
+    """Make a seamless tile without visible repetition from the image (MJH17)"""
 
     bl_idname = "oiiotex.make_tile"
     bl_label = "Make Tile"
@@ -150,7 +150,7 @@ class MakeTile(_Sized, _OneImage, bpy.types.Operator):
 
 
 class Flatten(_OneImage, bpy.types.Operator):
-    """Take uneven light out of the image shown: its colors are the same everywhere on a large scale"""
+    """Remove uneven lighting, gradients and stains from the image"""
 
     bl_idname = "oiiotex.flatten"
     bl_label = "Flatten"
@@ -158,7 +158,7 @@ class Flatten(_OneImage, bpy.types.Operator):
 
 
 class DominantMask(_OneImage, bpy.types.Operator):
-    """Where the image shown has its main texture, and no other things (LDR09)"""
+    """Make a mask of the dominant texture of the image, without other objects (LDR09)"""
 
     bl_idname = "oiiotex.dominant_mask"
     bl_label = "Dominant Mask"
@@ -166,16 +166,16 @@ class DominantMask(_OneImage, bpy.types.Operator):
 
 
 class LabelMasks(_Making, bpy.types.Operator):
-    """A mask for each of the textures in the image shown, the largest first (LSA16)"""
+    """Make a mask for each texture in the image, the largest first (LSA16)"""
 
     bl_idname = "oiiotex.label_masks"
     bl_label = "Label Masks"
     op, parts = "label", "label."
 
-    fine: bpy.props.BoolProperty(name="Fine", default=False, description="of the finest of the maps, not the coarsest")
+    fine: bpy.props.BoolProperty(name="Fine", default=False, description="Use the finest label map, not the coarsest")
 
     def finish(self, context, images, results, line):
-        """The masks."""
+        """Create the masks."""
         maps = sorted(results[0], key=lambda part: int(part[0].split(".")[1]))
         name, ids = maps[0 if self.fine else -1]
         labels, counts = np.unique(ids[ids > 0], return_counts=True)
@@ -187,7 +187,7 @@ class LabelMasks(_Making, bpy.types.Operator):
 
 
 class Cryptomatte(ExportHelper, _Making, bpy.types.Operator):
-    """Write the textures in the image shown as an EXR with Cryptomatte, for the compositor to pick from"""
+    """Write the textures in the image as a Cryptomatte EXR, for the compositor"""
 
     bl_idname = "oiiotex.cryptomatte"
     bl_label = "Cryptomatte"
@@ -195,25 +195,25 @@ class Cryptomatte(ExportHelper, _Making, bpy.types.Operator):
     filename_ext = ".exr"
 
     def invoke(self, context, event):
-        """Ask for the file, then begin."""
+        """Ask for the file, then start."""
         if self.filepath:
             return _Making.invoke(self, context, event)
         return ExportHelper.invoke(self, context, event)
 
     def values(self, context, image):
-        """That a Cryptomatte is wanted."""
+        """Request a Cryptomatte."""
         return {"cryptomatte": 1}
 
     def begin(self, process, images, spaces, values):
-        """A line of the program, because Blender has such layers from files alone."""
+        """Start the program, because Blender reads Cryptomatte layers only from files."""
         file = Path(bpy.path.abspath(images[0].filepath, library=images[0].library))
         if images[0].is_dirty or not file.is_file():
-            raise Failed(f"{images[0].name}: save it first")
+            raise Failed(f"{images[0].name} has unsaved changes or no file; save the image first")
         words = _words(self.op, images, spaces, values)
         return process.run([str(file), *words[2:], "-o", bpy.path.abspath(self.filepath)])
 
     def finish(self, context, images, results, line):
-        """The file, as an image."""
+        """Load the file as an image."""
         image = bpy.data.images.load(self.filepath, check_existing=True)
         image.reload()
         image[LINE] = line
@@ -221,7 +221,7 @@ class Cryptomatte(ExportHelper, _Making, bpy.types.Operator):
 
 
 class MakeMaterial(_Sized, _Making, bpy.types.Operator):
-    """Make tiles of all image maps of the object's active material together; its nodes show them"""
+    """Make matching tiles of all image maps of the active material, and use them in its nodes"""
 
     bl_idname = "oiiotex.make_material"
     bl_label = "Make Tiles of Material"
@@ -229,29 +229,29 @@ class MakeMaterial(_Sized, _Making, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Where there is a material with images."""
+        """Available if the active material has images."""
         return bool(_nodes(context))
 
     def maps(self, context, image):
-        """Those of its nodes, what is colored first."""
+        """The images of the material's nodes, color maps first."""
         images = list(dict.fromkeys(node.image for node in _nodes(context)))
         images.sort(key=lambda one: _space(one) is None)
         sizes = {tuple(one.size) for one in images}
         if len(sizes) > 1:
-            raise Failed(f"the material's images have other sizes than each other: {sorted(sizes)}")
-        self._material = context.active_object.active_material.name  # another may be active when it is done
+            raise Failed(f"the material's images must have the same size: {sorted(sizes)}")
+        self._material = context.active_object.active_material.name  # the active material can change meanwhile
         self._shown_by = [(node.name, node.image.name) for node in _nodes(context)]
         return images
 
     def values(self, context, image):
-        """With what each of the maps is, by what its node goes to."""
+        """Size and seed, and the kind of each map by the links of its node."""
         images = self.maps(context, image)
         kinds = {node.image: _kind(node) for node in _nodes(context)}
         named = [kinds[one] if _space(one) is None else "color" for one in images]
         return super().values(context, image) | ({"n": len(images), "kinds": ",".join(named)} if images[1:] else {})
 
     def finish(self, context, images, results, line):
-        """Tiles, which take the images' places in the material."""
+        """Create the tiles, and replace the material's images by them."""
         made = [
             new_image(f"{image.name} tile", parts[0][1], line, image)
             for image, parts in zip(images, results, strict=True)
@@ -266,7 +266,7 @@ class MakeMaterial(_Sized, _Making, bpy.types.Operator):
 
 
 class TextureMesh(_Sized, _Making, bpy.types.Operator):
-    """Texture the active object with the image shown, over the borders of its UV islands (LDR09 figure 7)"""
+    """Texture the active object with the image, continuous across UV islands (LDR09 figure 7)"""
 
     bl_idname = "oiiotex.texture_mesh"
     bl_label = "Texture Mesh"
@@ -274,14 +274,14 @@ class TextureMesh(_Sized, _Making, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Where an image is shown and a mesh is active."""
+        """Available if the editor shows an image and a mesh is active."""
         return super().poll(context) and context.active_object is not None and context.active_object.type == "MESH"
 
     def values(self, context, image):
-        """With the mesh, as a file of its own."""
+        """Size, seed, and the mesh as a temporary file."""
         mesh = context.active_object
         if not mesh.data.uv_layers:
-            raise Failed(f"{mesh.name} has no UV map: Smart UV Project makes one")
+            raise Failed(f"{mesh.name} has no UV map; add one, for example with Smart UV Project")
         self._object = mesh.name
         self._folder = tempfile.TemporaryDirectory(prefix="oiiotex")
         path = Path(self._folder.name, f"{bpy.path.clean_name(mesh.name)}.obj")
@@ -289,11 +289,11 @@ class TextureMesh(_Sized, _Making, bpy.types.Operator):
         return super().values(context, image) | {"mesh": path}
 
     def finish(self, context, images, results, line):
-        """The image, and a material of the object that shows it."""
+        """Create the image, and a material of the object that uses it."""
         image = new_image(f"{images[0].name} on {self._object}", results[0][0][1], line, images[0])
         mesh = bpy.data.objects.get(self._object)
         if mesh is None:
-            raise Failed(f"{self._object} is not there any more")
+            raise Failed(f"{self._object} has been removed")
         material = bpy.data.materials.new(image.name)
         material.use_nodes = True
         nodes, links = material.node_tree.nodes, material.node_tree.links
@@ -312,13 +312,13 @@ CLASSES = (MakeTile, Flatten, DominantMask, LabelMasks, Cryptomatte, MakeMateria
 
 
 def shown(context):
-    """The image that the editor shows; from scripts `context.temp_override(edit_image=image)` says it."""
+    """The image in the editor; scripts set it with `context.temp_override(edit_image=image)`."""
     return getattr(context, "edit_image", None)
 
 
 def _space(image) -> str | None:
     if not image.size[0] or image.channels not in CHANNELS:
-        raise Failed(f"{image.name} has no pixels that can be read: its file may be missing")
+        raise Failed(f"{image.name} has no readable pixels; its file may be missing")
     name = name_of_space(image)
     if name not in SPACES:
         raise Failed(f"{image.name}: color space {name}: expected {', '.join(SPACES)}")
@@ -326,7 +326,7 @@ def _space(image) -> str | None:
 
 
 def _words(op, images, spaces, values) -> list[str]:
-    """The line of what is made; `values` gets what the op must know of an image that is data."""
+    """The command of a result. Adds `data` to `values` if the first image is data."""
     if spaces[0] is None:
         values["data"] = 1
     words = ["oiiotex"]
@@ -337,7 +337,7 @@ def _words(op, images, spaces, values) -> list[str]:
 
 
 def _nodes(context) -> list:
-    """The nodes with images of the active object's active material."""
+    """The image nodes of the active material."""
     material = getattr(context.active_object, "active_material", None)
     if material is None or material.node_tree is None:
         return []
@@ -345,13 +345,13 @@ def _nodes(context) -> list:
 
 
 def _kind(node) -> str:
-    """What a map of data is, by what its color goes to."""
+    """The kind of a data map, by the links of its color output."""
     goes = {link.to_node.type for link in node.outputs["Color"].links}
     return "normal" if "NORMAL_MAP" in goes else "height" if goes & {"DISPLACEMENT", "BUMP"} else "data"
 
 
 def _write_obj(mesh, path: Path) -> None:
-    """Triangles with their UVs, as the object is seen with its modifiers."""
+    """Write the evaluated mesh as triangles with UVs."""
     data = mesh.to_mesh()
     data.calc_loop_triangles()
     uvs = data.uv_layers.active.data

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The resident process of oiiotex, asked from Blender's Python: jobs that go on while Blender is used."""
+"""Client of the resident process for Blender's Python: jobs run in the background."""
 
 from __future__ import annotations
 
@@ -13,52 +13,52 @@ import threading
 from .link.errors import Error
 from .link.service.messages import Link
 
-_START = 60  # s that the process may take until it listens
+_START = 60  # s; timeout for the start of the process
 _PROGRAM = "import sys; from oiiotex.cli.main import main; sys.exit(main())"
 CHANNELS = {1: ["Y"], 3: ["R", "G", "B"], 4: ["R", "G", "B", "A"]}
 
 
 class Failed(Exception):
-    """In one line, for who uses Blender."""
+    """An error message of one line for the user."""
 
 
 class Process:
-    """That of a Python that has oiiotex, started where it does not run.
+    """The resident process of a Python with oiiotex, started on demand.
 
     Parameters
     ----------
     python : str
-        A path, or a name that is looked for in the folders that $PATH names in full: not in the current one.
+        Absolute path, or a name that is searched in the absolute folders of $PATH.
 
     Raises
     ------
     Failed
-        There is none.
+        It is not found.
     """
 
     def __init__(self, python: str):
         folders = [folder for folder in os.environ.get("PATH", "").split(os.pathsep) if os.path.isabs(folder)]
         self._python = python if os.path.isabs(python) else shutil.which(python, path=os.pathsep.join(folders))
         if self._python is None or not os.path.isabs(self._python):
-            raise Failed(f"{python} is not in $PATH: the extension's preferences say which Python")
+            raise Failed(f"{python} is not in $PATH; set Python in the extension's preferences")
 
     def begin(self, op, maps, values, parts=None) -> Job:
-        """Begin an op.
+        """Start an op.
 
         Parameters
         ----------
         op : str
         maps : list of (pixels, space)
-            What it is made of: (height, width, channels) float32 or uint8, in a color space or None for data.
+            Input images: (height, width, channels) float32 or uint8, with a color space, or None for data.
         values : dict
-            Its modifiers.
+            Modifiers of the op.
         parts : str, optional
-            How the names of those parts of the results begin that are wanted; their first ones when left out.
+            Prefix of the names of the parts to read. Default: the first part of each result.
         """
         return Job(self._connected, op, maps, values, parts)
 
     def run(self, words) -> Line:
-        """Begin a line of the program."""
+        """Start the program with a command line."""
         return Line([self._python, "-I", "-c", _PROGRAM, *words])
 
     def _connected(self) -> socket.socket:
@@ -69,9 +69,9 @@ class Process:
             )
             answer = json.loads(done.stdout)
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise Failed(f"{self._python} cannot be started: the extension's preferences say which Python") from error
+            raise Failed(f"{self._python} cannot be started; set Python in the extension's preferences") from error
         except ValueError as error:
-            said = done.stderr.strip().splitlines() or ["it says nothing"]
+            said = done.stderr.strip().splitlines() or ["no error message"]
             raise Failed(f"{self._python} cannot start oiiotex: {said[-1]}") from error
         if "error" in answer:
             raise Failed(answer["error"])
@@ -81,14 +81,14 @@ class Process:
 
 
 class Job:
-    """An op that is under way, on a thread of its own. Blender's data is not touched there.
+    """A running op, on a separate thread that does not access Blender's data.
 
     Attributes
     ----------
     progress : float
         0 to 1.
     warnings : list of str
-        What the user should know of the result.
+        Warnings about the result.
     """
 
     def __init__(self, connected, op, maps, values, parts):
@@ -100,26 +100,26 @@ class Job:
 
     @property
     def done(self) -> bool:
-        """Whether there is a result, or none will come."""
+        """Whether the job has ended, with or without a result."""
         return not self._thread.is_alive()
 
     def wait(self) -> None:
-        """Until it is done."""
+        """Wait for the end of the job."""
         self._thread.join()
 
     def cancel(self) -> None:
-        """Hang up: the process forgets the job."""
+        """Disconnect, which cancels the job in the process."""
         self._stopped = True
         if self._link is not None:
             self._link.close()
 
     def result(self):
-        """Names of parts and their pixels, (height, width, channels), image by image.
+        """For each image, a list of (name of the part, pixels (height, width, channels)).
 
         Raises
         ------
         Failed
-            There is none.
+            The job has failed or was canceled.
         """
         if self._stopped:
             raise Failed("canceled")
@@ -130,14 +130,14 @@ class Job:
     def _run(self, connected, op, maps, values, parts) -> None:
         try:
             self._link = Link(connected())
-            if self._stopped:  # before there was anything to hang up
+            if self._stopped:  # canceled before the connection existed
                 return
             numbers = [
                 self._ask({"do": "put", "image": _facts(pixels, space)}, [pixels])[0]["number"]
                 for pixels, space in maps
             ]
-            texts = {key: str(value) for key, value in values.items()}
-            made = self._ask({"do": "make", "op": op, "images": numbers, "values": texts})[0]
+            modifiers = {key: str(value) for key, value in values.items()}
+            made = self._ask({"do": "make", "op": op, "images": numbers, "values": modifiers})[0]
             self.warnings = [text for level, text in made["log"] if level == "warning"]
             self._results = [
                 [(name, self._ask({"do": "read", "image": image["number"], "part": name})[1][0]) for name in names]
@@ -162,7 +162,7 @@ class Job:
 
 
 class Line:
-    """The program, with words of its own; to be waited for as a `Job` is."""
+    """A run of the program, with the interface of `Job`."""
 
     progress, warnings = 0.0, ()
 
@@ -173,29 +173,29 @@ class Line:
                 words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
             )
         except OSError as error:
-            raise Failed(f"{words[0]} cannot be started: the extension's preferences say which Python") from error
+            raise Failed(f"{words[0]} cannot be started; set Python in the extension's preferences") from error
 
     @property
     def done(self) -> bool:
-        """Whether it has ended."""
+        """Whether the program has ended."""
         return self._program.poll() is not None
 
     def wait(self) -> None:
-        """Until it has ended."""
+        """Wait for the end of the program."""
         self._program.wait()
 
     def cancel(self) -> None:
-        """End it."""
+        """Terminate the program."""
         self._stopped = True
         self._program.terminate()
 
     def result(self) -> None:
-        """Nothing; raises Failed where the program did."""
+        """Return None; raise Failed if the program has failed."""
         said = self._program.communicate()[1].strip().splitlines()
         if self._stopped:
             raise Failed("canceled")
         if self._program.returncode:
-            raise Failed(said[-1] if said else f"the program ended with {self._program.returncode}")
+            raise Failed(said[-1] if said else f"the program ended with exit code {self._program.returncode}")
 
 
 def _wanted(image, parts) -> list[str]:
@@ -204,7 +204,7 @@ def _wanted(image, parts) -> list[str]:
 
 
 def _facts(pixels, space):
-    """What service/pictures.py wants to know of an image."""
+    """The facts of an image, as in service/pictures.py."""
     height, width, count = pixels.shape
     place = [0, 0, width, height, 0, 0, width, height]
     kind = "uint8" if pixels.dtype.kind == "u" else "float"

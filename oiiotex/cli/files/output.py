@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options that write images, and those that say how."""
+"""Options that write images, and settings of outputs."""
 
 from __future__ import annotations
 
@@ -35,29 +35,27 @@ log = logging.getLogger("oiiotex")
 
 @dataclass(frozen=True)
 class WriteModifiers:
-    """Of -o."""
+    """Modifiers of -o."""
 
-    all: int | None = param(None, ge=0, help="write all images of the stack: %d in the name counts from this number")
-    udim: Size | None = param(
-        None, ge=1, le=10, help="cut the image into so many UDIM tiles of one size; the name holds <UDIM>"
-    )
-    type: str | None = param(None, help="pixel type, as of -d")
-    datatype: str | None = param(None, help="the same")
-    bits: int | None = param(None, ge=1, le=64, help="significant bits")
-    tile: Size | None = param(None, ge=1, le=65536, help="size of tiles")
-    scanline: bool | None = param(None, help="no tiles")
-    dither: bool | None = param(None, help="dither where 8 bits are made of more")
-    autocrop: bool | None = param(None, help="exactly the display window, where the format has none")
-    autotrim: bool | None = param(None, help="without black borders, where the format has a data window")
-    autocc: bool | None = param(None, help="convert to the color space that the file's name says")
-    unpremult: bool | None = param(None, help="convert colors undone of alpha")
-    contig: bool = param(False, help="channels interleaved")
-    separate: bool = param(False, help="channels one after the other")
-    fileformatname: str = param("", help="the format, whatever the name's extension")
+    all: int | None = param(None, ge=0, help="Write all images of the stack: %d in FILE counts from this number.")
+    udim: Size | None = param(None, ge=1, le=10, example="2x2", help="Cut the image into UDIM tiles: <UDIM> in FILE.")
+    type: str | None = param(None, unset="that of -d", example="half", help="Pixel type: uint8, uint10, half ...")
+    datatype: str | None = param(None, unset="that of -d", example="half", help="Alias of type.", advanced=True)
+    bits: int | None = param(None, ge=1, le=64, unset="all", example="10", help="Significant bits.", advanced=True)
+    tile: Size | None = param(None, ge=1, le=65536, unset="that of --tile", example="64x64", help="Size of tiles.")
+    scanline: bool | None = param(None, unset="1 after --scanline", help="Write scanlines instead of tiles.")
+    dither: bool | None = param(None, unset="1 after --dither", help="Dither when quantizing to 8 bits.")
+    autocrop: bool | None = param(None, advanced=True, unset="0 after --noautocrop", help="0: as --noautocrop.")
+    autotrim: bool | None = param(None, advanced=True, unset="1 after --autotrim", help="Trim as --autotrim does.")
+    autocc: bool | None = param(None, unset="1 after --autocc", help="Convert to the color space in the file's name.")
+    unpremult: bool = param(False, advanced=True, help="Unpremultiply colors for the conversion.")
+    contig: bool = param(False, advanced=True, help="Interleave the channels.")
+    separate: bool = param(False, advanced=True, help="Store each channel separately.")
+    fileformatname: str = param("", unset="by name", example="tiff", advanced=True, help="Name of the file format.")
 
 
 def write_output(chain: Chain, path: str, given: WriteModifiers) -> None:
-    """Write the top image, or all, or its UDIM tiles; a run that fails leaves the old file as it was."""
+    """Write the top image, all images, or UDIM tiles; a failing run leaves an existing file unchanged."""
     if given.udim is not None:
         return _write_tiles(chain, chain.expressed(path), given.udim, dataclasses.replace(given, udim=None))
     if given.all is None:
@@ -71,24 +69,24 @@ def write_output(chain: Chain, path: str, given: WriteModifiers) -> None:
 
 
 def _numbered(path: str, number: int) -> str:
-    """The name with its %d as a number; as it is where it has none."""
+    """The name with its %d, if any, replaced by the number."""
     try:
         return path % number if "%" in path else path
     except (TypeError, ValueError):
-        raise ParameterError(f"'{path}': expected one %d, for the number of the image") from None
+        raise ParameterError(f"'{path}': expected a single %d for the number of the image") from None
 
 
 def _write_tiles(chain: Chain, path: str, count: Size, given: WriteModifiers) -> None:
-    """Cut the top image into tiles, 1001 at the lower left as UDIM counts, and write each."""
+    """Cut the top image into UDIM tiles, 1001 at the lower left, and write each."""
     if given.all is not None:
-        raise ParameterError("udim and all: -o takes one of them")
+        raise ParameterError("udim conflicts with all: give one of them")
     if not names_tiles(path):
-        raise ParameterError(f"udim={count}: '{path}' has no <UDIM> for the number of the tile")
+        raise ParameterError(f"udim={count} requires <UDIM> in the file name, which is '{path}'")
     image = chain.top
     spec = image.first.spec
     width, height = spec.width // count.width, spec.height // count.height
     if (width * count.width, height * count.height) != (spec.width, spec.height):
-        raise ParameterError(f"udim={count}: an image of {spec.width}x{spec.height} has no {count} tiles of one size")
+        raise ParameterError(f"udim={count} cannot divide {spec.width}x{spec.height} px into tiles of equal size")
     for v, u in itertools.product(range(count.height), range(count.width)):
         window = Window.sized(spec.x + u * width, spec.y + (count.height - 1 - v) * height, width, height)
         chain.stack[-1] = Image((_tile(image.first, window),), image.source)
@@ -97,7 +95,7 @@ def _write_tiles(chain: Chain, path: str, count: Size, given: WriteModifiers) ->
 
 
 def _tile(part: Part, window: Window) -> Part:
-    """That window of a part as an image of its own, which goes on in others and not in itself."""
+    """A window of a part as a separate image that does not repeat: its neighbors continue it."""
 
     def begin_at_0(spec: oiio.ImageSpec) -> None:
         spec.x = spec.y = spec.full_x = spec.full_y = 0
@@ -114,7 +112,7 @@ def _write_one(chain: Chain, path: str, given: WriteModifiers) -> None:
     if _either(given.autotrim, chain.settings.get("--autotrim")):
         image = _trimmed(chain, image, path)
     if _either(given.autocc, chain.session.settings.autocc):
-        image, how = _converted(chain, image, path, how, bool(given.unpremult))
+        image, how = _converted(chain, image, path, how, given.unpremult)
     if not may_write(chain, image, path, how):
         return
     shares, inputs = chain.shares, sorted(chain.inputs)
@@ -133,7 +131,7 @@ def _write_one(chain: Chain, path: str, given: WriteModifiers) -> None:
 
 
 def may_write(chain: Chain, image: Image, path: str, how: Format) -> bool:
-    """Whether the image is to be written there, now; makes the file's folder where --create-dir says so."""
+    """Whether to write the file now; creates its folder after --create-dir."""
     chain.will_write(image, path, how)
     if chain.settings.get("-n"):
         chain.note(logging.INFO, f"{path} would be written")
@@ -145,27 +143,27 @@ def may_write(chain: Chain, image: Image, path: str, how: Format) -> bool:
         try:
             make_folders(Path(folder))
         except OSError as error:
-            raise ImageError(f"{path}: the folder cannot be made: {error.strerror}") from error
+            raise ImageError(f"cannot create the folder of {path}: {error.strerror}") from error
     return True
 
 
 def is_left(chain: Chain, path: str) -> bool:
-    """Whether the file stays as it is: by --no-clobber, or by -u because it is newer than what it is made of."""
+    """Whether to keep the existing file, by --no-clobber, or by -u because it is newer than its inputs."""
     chain.require_free(path)
     chain.unwritten, chain.used = False, True
     if not os.path.exists(path):
         return False
     if chain.settings.get("--no-clobber"):
-        chain.note(logging.WARNING, f"{path} exists and is left as it is")
+        chain.note(logging.WARNING, f"{path} exists: skipped (--no-clobber)")
         return True
     if chain.settings.get("-u") and os.path.getmtime(path) >= max(map(chain.changed, chain.inputs), default=0.0):
-        chain.note(logging.INFO, f"{path} is newer than what it is made of")
+        chain.note(logging.INFO, f"{path} is newer than its inputs: skipped (-u)")
         return True
     return False
 
 
 def _either(own: bool | None, general: object) -> bool:
-    """A modifier where it is given, else what an option has set."""
+    """The modifier if given, else the setting of an option."""
     return bool(general) if own is None else own
 
 
@@ -203,26 +201,26 @@ def _attributes(chain: Chain, path: str, given: WriteModifiers) -> dict[str, Any
     if _either(given.dither, settings.get("--dither")):
         from farmhash import FarmHash64
 
-        seed = FarmHash64(path) & 0xFFFFFFFF  # as oiiotool hashes names; OpenImageIO wants 32 bits with a sign, not 0
+        seed = FarmHash64(path) & 0xFFFFFFFF  # oiiotool's hash; OpenImageIO expects a signed int, not 0
         attributes["oiio:dither"] = seed - (seed >> 31 << 32) or 1
     return attributes | software(chain)
 
 
 def compression(chain: Chain) -> dict[str, Any]:
-    """What --compression and --quality have set, as attributes of a spec."""
+    """Settings of --compression and --quality as attributes of a spec."""
     names = {"--compression": "compression", "--quality": "CompressionQuality"}
     return {name: chain.settings[option] for option, name in names.items() if option in chain.settings}
 
 
 def software(chain: Chain) -> dict[str, Any]:
-    """What a file says of the program that wrote it: a hash of the command line, or with --history the line itself."""
+    """Attributes on this program: a hash of the command line, with --history the line itself."""
     if chain.settings.get("--nosoftwareattrib"):
         return {}
     words = chain.session.settings.words
     if chain.settings.get("--sansattrib"):
         words = without(words, {"attrib": 2, "sattrib": 2})
     line = shlex.join(["oiiotex", *words]).encode(errors="backslashreplace").decode()
-    # OpenImageIO believes a texture's hash and average color only where this begins with its own name
+    # OpenImageIO trusts a texture's hash and average color only if this begins with its own name
     program = f"OpenImageIO {oiio.__version__}, oiiotex {__version__}"
     attributes: dict[str, Any] = {"Software": f"{program} : {hashlib.sha1(line.encode()).hexdigest()}"}
     if chain.settings.get("--history"):
@@ -233,7 +231,7 @@ def software(chain: Chain) -> dict[str, Any]:
 
 
 def _with_provenance(chain: Chain, image: Image) -> Image:
-    """The image, without what our filters have noted in it where --nosoftwareattrib asks for that."""
+    """The image, without the attributes of our filters after --nosoftwareattrib."""
     if not chain.settings.get("--nosoftwareattrib"):
         return image
 
@@ -253,7 +251,7 @@ def _trimmed(chain: Chain, image: Image, path: str) -> Image:
 
 
 def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bool) -> tuple[Image, Format]:
-    """In the color space, and of the type, that the config finds in the file's name (--autocc)."""
+    """The image in the color space and type that the config finds in the file's name (--autocc)."""
     from ...host.color import ColorConvert
 
     colors = chain.session.resources.color
@@ -273,7 +271,7 @@ def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bo
 
 
 def _adjust_time(path: str, image: Image) -> None:
-    """Give the file the time that its metadata says, else that of its source."""
+    """Set the time of the file from its DateTime metadata, else from its source."""
     stamp = image.first.spec.get_string_attribute("DateTime")
     try:
         seconds = time.mktime(time.strptime(stamp, "%Y:%m:%d %H:%M:%S"))
@@ -285,7 +283,7 @@ def _adjust_time(path: str, image: Image) -> None:
 
 
 def write_profile(chain: Chain, path: str) -> None:
-    """Write the top image's ICC profile to a file."""
+    """Write the ICC profile of the top image to a file."""
     profile = chain.top.first.spec.getattribute("ICCProfile")
     if profile is None:
         raise ImageError(f"{chain.top.source} has no ICC profile")

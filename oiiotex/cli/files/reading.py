@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options that read images, and those that say how."""
+"""Options that read images, and settings of inputs."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ from ..stack.output_settings import state
 log = logging.getLogger("oiiotex")
 
 
-_PRINTING = ("--info", "--stats", "--hash", "--dumpdata")  # of every image as it is read
+_PRINTING = ("--info", "--stats", "--hash", "--dumpdata")  # for each image as it is read
 
 
 @dataclass(frozen=True)
 class ReadModifiers:
-    """Of -i."""
+    """Modifiers of -i."""
 
-    autocc: bool | None = param(None, help="convert to scene linear, from the color space that name or tag say")
-    unpremult: bool | None = param(None, help="convert colors undone of alpha")
-    native: bool | None = param(None, help="ops work on the file's own pixel type instead of float")
-    type: str | None = param(None, help="ops work on this pixel type instead of float")
-    ch: str | None = param(None, help="channels to read, as --ch takes them")
-    info: int | None = param(None, ge=0, le=2, help="print what --info does; 2: at length")
-    infoformat: str = param("", choices=("", "text", "xml"), help="as text or xml")
-    now: bool = param(False, help="read the file now; it is read piece by piece when it is needed else")
-    get_thumbnail: bool = param(False, help="the file's thumbnail instead of its pixels")
-    fail: bool = param(True, help="with get_thumbnail: a file without one is an error; 0: one is made of its pixels")
-    index: int = param(0, ge=0, le=0, help="with get_thumbnail: which one; OpenImageIO gives only the first")
+    autocc: bool | None = param(None, unset="1 after --autocc", help="Convert to scene linear, as --autocc does.")
+    unpremult: bool = param(False, help="Unpremultiply colors for the conversion.")
+    native: bool | None = param(None, unset="1 after --native", help="Let ops work on the file's pixel type.")
+    type: str | None = param(None, unset="float", example="half", help="Pixel type that ops work on.")
+    ch: str | None = param(None, unset="all", example="R,G,B", help="Channels to read, in the syntax of --ch.")
+    info: int | None = param(None, ge=0, le=2, unset="1 after --info", example="2", help="Print --info. 2: in full.")
+    infoformat: str = param("", choices=("", "text", "xml"), unset="text", help="Format of that output.")
+    now: bool = param(False, advanced=True, help="Read the whole file now instead of parts of it on demand.")
+    get_thumbnail: bool = param(False, advanced=True, help="Read the file's thumbnail instead of its pixels.")
+    fail: bool = param(True, advanced=True, help="Error for files without a thumbnail. 0: the image is scaled down.")
+    index: int = param(0, ge=0, le=0, advanced=True, help="Number of the thumbnail: OpenImageIO reads only the first.")
 
 
 _PLAIN = ReadModifiers()
 
 
 def read_input(chain: Chain, path: str, given: ReadModifiers = _PLAIN) -> None:
-    """Read an image (as naming it does) and put it on the stack."""
+    """Push the image of a file, as FILE alone does."""
     if path in chain.labeled:
         chain.push(chain.labeled[path])
         return
@@ -88,7 +88,7 @@ def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
 
 
 def _of_channels(chain: Chain, image: Image, channels: str) -> Image:
-    """The image as if its file held these channels: of the file's types, and float where the file lacks one."""
+    """The image as if its file had these channels, of the file's types; added channels are float."""
     from ...host.channels import Channels
 
     op = Channels(source=image, channels=channels)
@@ -109,7 +109,7 @@ def _of_channels(chain: Chain, image: Image, channels: str) -> Image:
 
 
 def _retyped(image: Image, kind: oiio.TypeDesc) -> Image:
-    """The image as if its file held another pixel type."""
+    """The image as if its file had another pixel type."""
 
     def retyped(part: Part) -> Part:
         spec = oiio.ImageSpec(part.spec)
@@ -124,11 +124,11 @@ def _retyped(image: Image, kind: oiio.TypeDesc) -> Image:
 
 
 def _substitute(chain: Chain, error: ImageError) -> Image:
-    """What --missingfile puts in the place of a file that cannot be read."""
+    """The image that --missingfile substitutes for a file that cannot be read."""
     policy = chain.settings.get("--missingfile", "error")
     if policy == "error":
         raise error
-    log.warning("%s; %s instead", error, policy)
+    log.warning("%s; using %s instead", error, policy)
     spec = oiio.ImageSpec(1920, 1080, 4, oiio.FLOAT)
     if chain.first.spec is not None:
         spec.copy_dimensions(chain.first.spec)
@@ -144,7 +144,7 @@ def _substitute(chain: Chain, error: ImageError) -> Image:
 
 
 def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
-    """What is done to an image as soon as it has been read."""
+    """Apply --autoorient, --autocc and the like to an image that has been read."""
     if given.get_thumbnail:
         from ..stack.moves import ThumbnailModifiers, thumbnail
 
@@ -155,11 +155,11 @@ def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
         chain.apply(Reorient)
     automatic = chain.session.settings.autocc if given.autocc is None else given.autocc
     if automatic:
-        _to_linear(chain, path, bool(given.unpremult))
+        _to_linear(chain, path, given.unpremult)
 
 
 def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
-    """Convert to scene linear from the space that the file's name, or else its tag, says (--autocc)."""
+    """Convert to scene linear from the color space in the file's name, else in its metadata (--autocc)."""
     from ...host.color import ColorConvert
 
     colors = chain.session.resources.color
@@ -170,14 +170,14 @@ def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
 
 
 def missing_file(chain: Chain, policy: str) -> None:
-    """Replace files that cannot be read: error, black or checker."""
+    """Set the substitute for files that cannot be read: error (none), black or checker."""
     if policy not in ("error", "black", "checker"):
         raise ParameterError(f"'{policy}': expected error, black or checker")
     chain.settings["--missingfile"] = policy
 
 
 def input_attribute(chain: Chain, name: str, text: str, given: SetModifiers) -> None:
-    """Give a hint to the reader of the next file; an empty one is taken back."""
+    """Set a hint for the reader of the next file; an empty VALUE removes it."""
     config = chain.settings.setdefault("--iconfig", oiio.ImageSpec())
     if text:
         set_attribute(config, name, text, given.type)
@@ -186,7 +186,7 @@ def input_attribute(chain: Chain, name: str, text: str, given: SetModifiers) -> 
 
 
 def test_read(chain: Chain, path: str) -> None:
-    """Read a file and forget it."""
+    """Read a file and discard it, to test that it is readable."""
     image = chain.opened(path)
     if not chain.acts(*image.parts):
         return
@@ -205,39 +205,34 @@ def native_types(chain: Chain) -> None:
         chain.stack[n] = Image(tuple(parts), image.source)
 
 
-def all_parts(chain: Chain) -> None:
-    """Let ops work on all parts (subimages), not on the first alone."""
-    chain.session.change(all_parts=True)
-
-
 @dataclass(frozen=True)
 class AutoccModifiers:
-    """Of --autocc."""
+    """Modifiers of --autocc."""
 
-    unpremult: bool = param(False, help="convert colors undone of alpha")
+    unpremult: bool = param(False, help="Unpremultiply colors for the conversion.")
 
 
 def autocc_on(chain: Chain, given: AutoccModifiers) -> None:
-    """Convert from and to the color spaces that the config's file rules find in names of files."""
+    """Convert from and to the color spaces that the config's file rules assign to file names."""
     chain.session.change(autocc=True)
     chain.settings["--autocc unpremult"] = given.unpremult
 
 
-def autocc_off(chain: Chain) -> None:
-    """End --autocc."""
-    chain.session.change(autocc=False)
-
-
+_ALL_PARTS = "Let ops work on all parts (subimages) instead of the first only"
 OPTIONS = (
     Option("-i FILE", read_input, ReadModifiers),
     Option("--iconfig NAME VALUE", input_attribute, SetModifiers, state=True),
     Option("--missingfile POLICY", missing_file, state=True),
     Option("--testread FILE", test_read, state=True),
-    Option("-a", all_parts, state=True),
+    Option("-a", lambda chain: chain.session.change(all_parts=True), text=_ALL_PARTS, state=True),
     Option("--native", native_types, state=True),
-    state("--no-autopremult", "Keep unassociated alpha unassociated"),
-    state("--autopremult", "Multiply colors by unassociated alpha (default)", sets=("--no-autopremult", False)),
-    state("--autoorient", "Turn images upright as they are read", "--auto-orient"),
+    state("--no-autopremult", "Keep unassociated alpha: do not premultiply colors by it"),
+    state(
+        "--autopremult",
+        "Premultiply colors by unassociated alpha (default)",
+        sets=("--no-autopremult", False),
+    ),
+    state("--autoorient", "Rotate images upright as they are read", "--auto-orient"),
     Option("--autocc", autocc_on, AutoccModifiers, state=True),
-    Option("--noautocc", autocc_off, state=True),
+    Option("--noautocc", lambda chain: chain.session.change(autocc=False), text="End --autocc", state=True),
 )

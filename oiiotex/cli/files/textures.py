@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options that write MIP-mapped textures, through OpenImageIO's make_texture."""
+"""Options that write MIP-mapped textures with OpenImageIO's make_texture."""
 
 from __future__ import annotations
 
@@ -28,47 +28,47 @@ _WRAPS = ("black", "clamp", "periodic", "mirror")
 
 @dataclass(frozen=True)
 class TextureModifiers:
-    """Of -otex, -oenv and -obump."""
+    """Modifiers of -otex, -oenv and -obump."""
 
-    wrap: str = param("black", choices=_WRAPS, help="what lies beyond the image")
-    swrap: str | None = param(None, choices=(*_WRAPS, None), help="the same, to the left and right")
-    twrap: str | None = param(None, choices=(*_WRAPS, None), help="the same, above and below")
-    type: str | None = param(None, help="pixel type, as of -d")
-    tile: Size | None = param(None, ge=1, le=65536, help="size of tiles; 64x64 when left out")
-    fileformatname: str = param("", help="the format, whatever the name's extension")
-    resize: bool = param(False, help="resize to powers of two")
-    keepaspect: bool = param(False, help="keep the aspect ratio when resizing")
-    nomipmap: bool = param(False, help="the largest version only")
-    updatemode: bool = param(False, help="write only what has changed")
-    constant_color_detect: bool = param(False, help="one tile for an image of one color")
-    monochrome_detect: bool = param(False, help="one channel for a gray image")
-    opaque_detect: bool = param(False, help="no alpha where it is 1 everywhere")
-    compute_average: bool = param(True, help="note the average color")
-    unpremult: bool = param(False, help="convert colors undone of alpha")
-    incolorspace: str = param("", help="convert from this color space")
-    outcolorspace: str = param("", help="convert to this color space")
-    highlightcomp: bool = param(False, help="compress highlights while filtering")
-    hicomp: bool = param(False, help="the same")
-    sharpen: float = param(0.0, ge=0, help="sharpen the smaller versions")
-    filter: str = param("", help="name of the filter for the smaller versions")
-    filtername: str = param("", help="the same")
-    prman_metadata: bool = param(False, help="note what PRMan wants")
-    oiio: bool = param(False, help="settings that suit OpenImageIO")
-    oiio_options: bool = param(False, help="the same")
-    prman: bool = param(False, help="settings that suit PRMan")
-    prman_options: bool = param(False, help="the same")
-    forcefloat: bool = param(True, help="filter as float")
-    handed: str = param("", choices=("", "left", "right"), help="handedness, noted in the file")
-    bumpformat: str = param("auto", choices=("height", "normal", "auto"), help="what a bump map holds")
-    bumpscale: float = param(1.0, help="scale of heights")
-    bumpinverts: bool = param(False, help="invert the slope along s")
-    bumpinvertt: bool = param(False, help="invert the slope along t")
-    bumprange: str = param("auto", choices=("centered", "positive", "auto"), help="range of normals")
-    slopefilter: str = param("sobel", choices=("sobel", "centraldiff"), help="how slopes are taken")
-    uvslopes_scale: float = param(0.0, ge=0, help="scale of slopes by the texture's size")
-    cdf: bool = param(False, help="note the cumulative distribution")
-    cdfbits: int = param(8, ge=1, le=16, help="its bits")
-    cdfsigma: float = param(1 / 6, ge=0, help="its sigma")
+    wrap: str = param("black", choices=_WRAPS, help="Wrap mode outside the image.")
+    swrap: str | None = param(None, choices=(*_WRAPS, None), unset="that of wrap", help="Horizontal wrap mode.")
+    twrap: str | None = param(None, choices=(*_WRAPS, None), unset="that of wrap", help="Vertical wrap mode.")
+    type: str | None = param(None, unset="that of -d", example="half", help="Pixel type: uint8, half, float ...")
+    tile: Size | None = param(None, ge=1, le=65536, unset="that of --tile, 64x64", help="Size of tiles.")
+    fileformatname: str = param("", unset="that of the extension", example="tiff", help="Name of the file format.")
+    resize: bool = param(False, help="Resize the image to powers of two.")
+    keepaspect: bool = param(False, help="Keep the aspect ratio when resizing.")
+    nomipmap: bool = param(False, help="Write only the largest MIP level.")
+    updatemode: bool = param(False, help="Write the file only if it changes.")
+    constant_color_detect: bool = param(False, help="Store images of a constant color as one tile.")
+    monochrome_detect: bool = param(False, help="Store gray images as one channel.")
+    opaque_detect: bool = param(False, help="Omit alpha if it is 1 everywhere.")
+    compute_average: bool = param(True, help="Store the average color in the metadata.")
+    unpremult: bool = param(False, help="Unpremultiply colors for the conversion.")
+    incolorspace: str = param("", example="sRGB", help="Color space to convert from.")
+    outcolorspace: str = param("", example="ACEScg", help="Color space to convert to.")
+    highlightcomp: bool = param(False, help="Compress highlights while filtering.")
+    hicomp: bool = param(False, advanced=True, help="Alias of highlightcomp.")
+    sharpen: float = param(0.0, ge=0, help="Sharpening of the smaller MIP levels. 0: none.")
+    filter: str = param("", example="lanczos3", advanced=True, help="Alias of filtername.")
+    filtername: str = param("", unset="box", example="lanczos3", help="Filter of the smaller MIP levels.")
+    prman_metadata: bool = param(False, help="Store the metadata that PRMan expects.")
+    oiio: bool = param(False, help="Settings for OpenImageIO's texture system.")
+    oiio_options: bool = param(False, advanced=True, help="Alias of oiio.")
+    prman: bool = param(False, help="Settings for PRMan.")
+    prman_options: bool = param(False, advanced=True, help="Alias of prman.")
+    forcefloat: bool = param(True, help="Compute MIP levels in float.")
+    handed: str = param("", choices=("", "left", "right"), help="Handedness to store in the metadata.")
+    bumpformat: str = param("auto", choices=("height", "normal", "auto"), help="Content of the bump map.")
+    bumpscale: float = param(1.0, help="Scale of heights.")
+    bumpinverts: bool = param(False, help="Invert the slope along s.")
+    bumpinvertt: bool = param(False, help="Invert the slope along t.")
+    bumprange: str = param("auto", choices=("centered", "positive", "auto"), help="Range of normals.")
+    slopefilter: str = param("sobel", choices=("sobel", "centraldiff"), help="Filter that computes slopes.")
+    uvslopes_scale: float = param(0.0, ge=0, help="Scale of slopes, for slopes in uv space.")
+    cdf: bool = param(False, help="Store the cumulative distribution of values in the metadata.")
+    cdfbits: int = param(8, ge=1, le=16, help="Bits of the cumulative distribution.")
+    cdfsigma: float = param(1 / 6, ge=0, help="Sigma of the cumulative distribution.")
 
 
 _BOTH = {"highlightcomp": "hicomp", "filtername": "filter", "oiio_options": "oiio", "prman_options": "prman"}
@@ -76,7 +76,7 @@ _ELSEWHERE = {"wrap", "swrap", "twrap", "type", "tile", "handed", "fileformatnam
 
 
 def write_texture(mode: str) -> Any:
-    """What writes the top image as a texture of that kind."""
+    """A function that writes the top image as a texture of a kind."""
 
     def run(chain: Chain, path: str, given: TextureModifiers) -> None:
         require_flat([chain.top])
@@ -87,7 +87,7 @@ def write_texture(mode: str) -> Any:
         if is_left(chain, path) or not may_write(chain, image, path, how):
             return
         if chain.shares is not None:
-            raise ParameterError("a MIP-mapped texture is made whole: write an image in shares, and make it of that")
+            raise ParameterError("--share cannot split a MIP-mapped texture: use -o, and convert later")
         chain.tell(f"Writing {path}")
         session = chain.session
         timed, checkpoints = session.resources.stats.time("make texture"), session.resources.checkpoints(path)
@@ -96,11 +96,11 @@ def write_texture(mode: str) -> Any:
             out = oiio.ImageOutput.create(given.fileformatname or str(temporary))
             format_name = out.format_name() if out is not None else ""
             described = part.respecced(lambda spec: describe(spec, format_name)) if is_ours(part.spec) else part
-            made = part_of(temporary, "texture")  # make_texture replaces the file, and with it the lock
+            made = part_of(temporary, "texture")  # make_texture replaces the file with its lock
             if not oiio.ImageBufAlgo.make_texture(
                 getattr(oiio, mode), described.buffer(part.window), str(made), config
             ) or not (made.exists() and made.stat().st_size):
-                raise ImageError(f"{path}: {one_line(oiio.geterror()) or 'no texture could be made'}")
+                raise ImageError(f"{path}: {one_line(oiio.geterror()) or 'cannot write the texture'}")
             take(temporary, made)
             require_arrived(temporary, Path(path), image, format_name)
             keep_readable(Path(path))
@@ -109,7 +109,7 @@ def write_texture(mode: str) -> Any:
 
 
 def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers) -> oiio.ImageSpec:
-    """The settings as make_texture takes them: a spec with attributes."""
+    """The settings of make_texture, as attributes of a spec."""
     config = oiio.ImageSpec()
     kind = type_named(given.type) if given.type else chain.settings.get("-d", (None, 0))[0]
     kind = kind or stored or chain.first.pixel_type
@@ -121,7 +121,7 @@ def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers)
     values = {name: value for name, value in vars(given).items() if name not in _ELSEWHERE}
     for name, other in _BOTH.items():
         values[name] = values[name] or getattr(given, other)
-    if not values["filtername"]:  # by what is asked, else by what there is to do
+    if not values["filtername"]:  # make_texture chooses one
         del values["filtername"]
     for name, value in values.items():
         config.attribute(f"maketx:{name}", int(value) if isinstance(value, bool) else value)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--tev: an image shown in tev, band by band while it is made."""
+"""--tev: show an image in tev, band by band while it is computed."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
     from tevclient import Ipc
 
 _SPACE = "lin_rec709"
-_BAND = 1 << 20  # bytes sent at once: what is seen grows
+_BAND = 1 << 20  # bytes per message
 
 
 @dataclass(frozen=True)
 class ViewModifiers:
-    """Of --tev."""
+    """Modifiers of --tev."""
 
-    host: str = param("127.0.0.1", help="the machine on which tev runs")
-    port: int = param(14158, ge=1, le=65535, help="where it listens")
-    name: str = param("", help="what it is called there; the image's own name when left out")
+    host: str = param("127.0.0.1", example="workstation", help="Host on which tev runs.")
+    port: int = param(14158, ge=1, le=65535, help="TCP port of tev.")
+    name: str = param("", unset="that of the image", example="tile", help="Name of the image in tev.")
 
 
 def show(chain: Chain, given: ViewModifiers) -> None:
-    """Show the top image in the viewer tev while it is made."""
+    """Show the top image in the viewer tev while it is computed."""
     with _tev(given) as viewer:
-        if not chain.acts(*chain.top.parts):  # somebody listens, that is all there is to see now
+        if not chain.acts(*chain.top.parts):  # tev answers: the rehearsal checks no more
             return
-        cache = chain.session.resources.cache  # they will be written as well
+        cache = chain.session.resources.cache  # later outputs reuse the pixels
         parts = tuple(cached(part, cache) for part in chain.top.parts)
         image = chain.stack[-1] = Image(parts, chain.top.source)
         name = given.name or image.source or "oiiotex"
@@ -48,7 +48,7 @@ def show(chain: Chain, given: ViewModifiers) -> None:
 
 
 def _linear(chain: Chain, image: Image) -> Image:
-    """As tev takes colors, in linear Rec. 709, where the image says what its own are."""
+    """The image in tev's linear Rec. 709, if its color space is known."""
     tag = image.first.spec.get_string_attribute("oiio:ColorSpace")
     if not tag or chain.session.resources.color.is_data(tag):
         return image
@@ -70,13 +70,13 @@ def _tev(given: ViewModifiers) -> Iterator[Ipc]:
     try:
         from tevclient import Ipc
     except ImportError as error:
-        raise Error("--tev: tevclient is not installed: pip install oiiotex[tev]") from error
+        raise Error("--tev requires tevclient: pip install oiiotex[tev]") from error
     try:
         with Ipc(given.host, given.port) as viewer:
             yield viewer
     except OSError as error:
         text = error.strerror or str(error)
-        raise Error(f"--tev: no tev listens at {given.host}:{given.port} ({text}): start it first") from error
+        raise Error(f"--tev: no tev at {given.host}:{given.port} ({text}): start tev first") from error
 
 
 OPTIONS = (Option("--tev", show, ViewModifiers, needs=1, flat=True),)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Control flow and variables: --if --while --for --set, and expressions on and off."""
+"""Control flow and variables: --if, --while, --for, --set; evaluation of expressions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...core.parameters import Numbers, Parameter, param
 from ...deferred import oiio
 from ...errors import ParameterError
 from ..stack.chain import Chain
-from ..stack.output_settings import state, switch
+from ..stack.output_settings import set_text, state, switch
 from .parse import Option, whole_number
 
 
@@ -21,18 +21,18 @@ class Block:
 
     name: str
     start: int  # the step that opened it
-    outer: bool  # whether steps around it are skipped
-    holds: bool  # whether its condition does
-    rounds: int = 0  # of --while, so far
+    outer: bool  # whether the steps around it are skipped
+    holds: bool  # whether its condition is true
+    rounds: int = 0  # of --while so far
 
 
-MOST_ROUNDS = 100_000  # of --while, unless --maxloop says another number
+MOST_ROUNDS = 100_000  # of a loop, without --maxloop
 
 _FALSE = ("", "0", "false", "no", "off", "f", "n")
 
 
 def truth(text: str) -> bool:
-    """What a text means as a condition: nothing, 0, false, no and off do not hold."""
+    """Whether a text is true as a condition: an empty one, 0, false, no and off are not."""
     bare = text.strip().lower()
     try:
         return float(bare) != 0
@@ -59,12 +59,12 @@ def _close(chain: Chain, name: str, end: str) -> Block:
 
 
 def begin_if(chain: Chain, value: str) -> None:
-    """Do what follows, to --else or --endif, if VALUE is not 0 or empty."""
+    """Run the steps up to --else or --endif if VALUE is true: not empty, 0, false, no or off."""
     _open(chain, "--if", not chain.skipping and truth(chain.expressed(value)))
 
 
 def otherwise(chain: Chain) -> None:
-    """Do what follows, to --endif, if the VALUE of --if is 0 or empty."""
+    """Run the steps up to --endif if the VALUE of --if is false."""
     block = _innermost(chain, "--if", "--else")
     block.holds = not block.holds
     chain.skipping = block.outer or not block.holds
@@ -76,14 +76,14 @@ def end_if(chain: Chain) -> None:
 
 
 def begin_while(chain: Chain, value: str) -> None:
-    """Do what follows, to --endwhile, while VALUE is not 0 or empty."""
+    """Run the steps up to --endwhile repeatedly while VALUE is true."""
     holds = not chain.skipping and truth(chain.expressed(value))
     if not (chain.loops and chain.loops[-1].start == chain.position - 1):
         return _open(chain, "--while", holds)
     block = chain.loops[-1]
     most = chain.settings.get("--maxloop", MOST_ROUNDS)
     if holds and block.rounds >= most:
-        raise ParameterError(f"{value} still holds after {most} rounds: --maxloop allows more")
+        raise ParameterError(f"{value} is still true after {most} rounds", hint="raise --maxloop")
     block.holds = holds
     chain.skipping = block.outer or not holds
     return None
@@ -99,16 +99,11 @@ def end_while(chain: Chain) -> None:
         _close(chain, "--while", "--endwhile")
 
 
-def most_rounds(chain: Chain, text: str) -> None:
-    """Refuse a loop of more than N rounds. Default: 100000."""
-    chain.settings["--maxloop"] = whole_number(text)
-
-
 _RANGE = Parameter("RANGE", (Numbers,), None, "")
 
 
 def begin_for(chain: Chain, variable: str, text: str) -> None:
-    """Do what follows, to --endfor, for each value of END, START,END or START,END,STEP (without END itself)."""
+    """Run the steps up to --endfor for each value of END, START,END or START,END,STEP (END excluded)."""
     again = bool(chain.loops) and chain.loops[-1].start == chain.position - 1
     if chain.skipping and not again:
         return _open(chain, "--for", False)
@@ -123,7 +118,7 @@ def begin_for(chain: Chain, variable: str, text: str) -> None:
     else:
         most = chain.settings.get("--maxloop", MOST_ROUNDS)
         if abs(limit - value) > most * abs(step):
-            raise ParameterError(f"'{text}': expected at most {most} rounds; --maxloop allows more")
+            raise ParameterError(f"'{text}': expected at most {most} rounds", hint="raise --maxloop")
         _open(chain, "--for", value < limit if step > 0 else value > limit)
     chain.user[variable] = int(value) if float(value).is_integer() else value
     return None
@@ -135,7 +130,7 @@ def _range(text: str) -> tuple[float, float, float]:
     value, limit = (0.0, numbers[0]) if len(numbers) == 1 else numbers[:2]
     step = numbers[2] if len(numbers) == 3 else 1.0 if limit >= value else -1.0
     if len(numbers) > 3 or step == 0 or (limit - value) * step < 0:
-        raise ParameterError(f"'{text}' is no range: expected END, START,END or START,END,STEP that leads there")
+        raise ParameterError(f"'{text}': expected END, START,END or START,END,STEP, with a step toward END")
     return value, limit, step
 
 
@@ -150,14 +145,14 @@ def end_for(chain: Chain) -> None:
 
 def _check_name(name: str) -> None:
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
-        raise ParameterError(f"'{name}' is no name for a variable: expected letters, digits and _")
+        raise ParameterError(f"'{name}': expected a name of a variable: letters, digits and _")
 
 
 @dataclass(frozen=True)
 class SetModifiers:
-    """Of --set."""
+    """Modifiers of --set, --oiioattrib and --iconfig."""
 
-    type: str | None = param(None, help="type of the value: int, float, string ...; by its looks when left out")
+    type: str | None = param(None, unset="by the value", example="float", help="Type of the value: int, float ...")
 
 
 def set_variable(chain: Chain, name: str, text: str, given: SetModifiers) -> None:
@@ -177,16 +172,7 @@ def set_oiio_attribute(chain: Chain, name: str, text: str, given: SetModifiers) 
     chain.set_global(name, kind, value, before)
 
 
-def evaluation_off(chain: Chain) -> None:
-    """Let braces mean themselves from here on."""
-    chain.evaluating = False
-
-
-def evaluation_on(chain: Chain) -> None:
-    """Let braces hold expressions from here on (default)."""
-    chain.evaluating = True
-
-
+_OFF, _ON = "Take braces literally from here on", "Evaluate expressions in braces from here on (default)"
 OPTIONS = (
     Option("--set NAME VALUE", set_variable, SetModifiers, state=True),
     Option("--if VALUE", begin_if, control=True),
@@ -196,19 +182,20 @@ OPTIONS = (
     Option("--endwhile", end_while, control=True),
     Option("--for VARIABLE RANGE", begin_for, control=True),
     Option("--endfor", end_for, control=True),
-    Option("--evaloff", evaluation_off, state=True),
-    Option("--evalon", evaluation_on, state=True),
+    Option("--evaloff", lambda chain: setattr(chain, "evaluating", False), text=_OFF, state=True),
+    Option("--evalon", lambda chain: setattr(chain, "evaluating", True), text=_ON, state=True),
     Option("--oiioattrib NAME VALUE", set_oiio_attribute, SetModifiers, state=True),
 )
 
-_SAY = "Say what is done, and measure the results"
+_SAY = "Log each step, and measure the results"
+_MAXLOOP = f"Set the maximum number of rounds of a loop. Default: {MOST_ROUNDS}"
 _IGNORED = "Accepted and ignored, for oiiotool compatibility"
 STATES = (
     Option("-v", switch("-v"), text=_SAY, state=True, throughout=True, aliases=("--verbose",)),
-    Option("--maxloop N", most_rounds, state=True),
+    Option("--maxloop N", set_text("--maxloop", whole_number), text=_MAXLOOP, state=True),
     state("--no-error-exit", "Continue with the next step after an error"),
     state("--metamerge", "Give results the metadata of all their inputs"),
-    state("--sansattrib", "Leave --attrib and --sattrib out of --history"),
+    state("--sansattrib", "Omit --attrib and --sattrib from --history"),
     Option("--autotile SIZE", lambda chain, size: None, text=_IGNORED, state=True),
     Option("--experimental", lambda chain: None, text=_IGNORED, state=True),
 )

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The {expressions} in words of a command line, as oiiotool 3.2 evaluates them.
 
-Every value is a text, as there: numbers are of single precision and become a text of six digits after each product and
-each sum, so {(1/3)*3} is 0.999999. All operators between summands, comparisons too, have one precedence and go from
-left to right.
+Every value is a string, as in oiiotool: numbers have single precision and become a string of six digits after each
+product and each sum, so {(1/3)*3} is 0.999999. All operators between summands, including comparisons, have the same
+precedence and associate from left to right.
 
-Where we depart from oiiotool
------------------------------
-1. What it gives up on without a word (text left over behind a value, as in {1 2}; an unknown operator, as in {5--3}; a
-   quote that is not closed; {eq(1+1,2)}; {TOP.}; {getattribute(nosuch)}) is an error, not some text.
-2. // and % by a number between -1 and 1 crash it, and whole numbers beyond 32 bit are not defined: errors.
-3. The negative of a negative number is the number: {-x} of x = -5 is 5, not --5.
-4. It does not see a '-' or '!' before var() and getattribute(): an error.
-5. White space may stand between any two words. A variable may be called TOPS or information; oiiotool reads the first
-   letters as TOP and inf.
+Differences from oiiotool
+-------------------------
+1. Expressions on which it silently gives up are errors: text after a value ({1 2}), an unknown operator ({5--3}), an
+   unclosed quote, {eq(1+1,2)}, {TOP.}, {getattribute(nosuch)}.
+2. // and % by a number between -1 and 1, which crash it, and integers beyond 32 bits are errors.
+3. {-x} of x = -5 is 5, not --5.
+4. A '-' or '!' before var() and getattribute(), which it ignores, is an error.
+5. White space may separate any two words. A variable may be named TOPS or information; oiiotool reads the first
+   characters as TOP and inf.
 6. format() has neither the presentation types 'a' and '?' nor widths and precisions above four digits.
 """
 
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 
 def substituted(text: str, chain: Chain) -> str:
-    """`text` with every {expression} replaced by its value; a brace that is not closed stays as it is."""
+    """`text` with every {expression} replaced by its value; an unclosed brace is kept."""
     result, at = "", 0
     while (opening := text.find("{", at)) >= 0 and (end := _after_braces(text, opening)):
         expression = text[opening + 1 : end - 1]
@@ -59,7 +59,7 @@ def substituted(text: str, chain: Chain) -> str:
 
 
 def _after_braces(text: str, opening: int) -> int:
-    """The place behind the brace that closes the one at `opening`, 0 where none does. Quotes do not count, as there."""
+    """The index after the brace that closes the one at `opening`, 0 if none; quotes are ignored, as in oiiotool."""
     nesting = 0
     for brace in re.finditer(r"[{}]", text[opening:]):
         nesting += 1 if brace[0] == "{" else -1
@@ -67,8 +67,6 @@ def _after_braces(text: str, opening: int) -> int:
             return opening + brace.end()
     return 0
 
-
-# --- images ---
 
 _DIMENSIONS = (
     "nchannels", "width", "height", "depth", "x", "y", "z", "full_width", "full_height", "full_depth", "full_x",
@@ -87,7 +85,7 @@ def _described(verbose: bool, native: bool) -> Callable[[Image], str]:
 
 def _is_black(image: Image) -> bool:
     color = part_color(image.first)
-    return color is not None and color[0] == 0  # oiiotool looks at no other channel
+    return color is not None and color[0] == 0  # oiiotool tests the first channel only
 
 
 def _nonfinite_count(image: Image) -> int:
@@ -115,14 +113,14 @@ _PROPERTIES: dict[str, Callable[[Image], object]] = {
 
 
 def _attribute(image: Image, name: str) -> str | None:
-    """What an image says under `name`, or None. Metadata come before our own words, and in any case of letters."""
+    """The property of an image, or None; metadata take precedence, and match in upper and lower case."""
     spec = image.first.spec
     if name == "nativeformat":
         return str(spec.format)
     for param in spec.extra_attribs:
         if param.name.lower() == name.lower():
             text = spec.metadata_val(param)
-            return text[1:-1] if param.type.basetype == oiio.STRING else text  # it comes in quotes
+            return text[1:-1] if param.type.basetype == oiio.STRING else text  # without its quotes
     if name.lower() == "format":
         return str(image.first.working_type)
     if name.lower() in _DIMENSIONS:
@@ -138,7 +136,7 @@ def _unknown_attribute(image: Image, name: str) -> ParameterError:
 
 
 def _global_attribute(name: str) -> str:
-    """OpenImageIO's own attribute of that name."""
+    """A global attribute of OpenImageIO."""
     for kind in (oiio.TypeString, oiio.TypeInt, oiio.TypeFloat):
         value = oiio.getattribute(name, kind)
         if value is not None:
@@ -146,16 +144,14 @@ def _global_attribute(name: str) -> str:
     raise ParameterError(f"OpenImageIO has no attribute '{name}'")
 
 
-# --- the grammar ---
-
 _NAME = r"[A-Za-z_][A-Za-z_0-9]*"
 _STRING = r"""(?s:"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*')"""
-_DEEPEST = 32  # parentheses and functions within each other; Python's own stack ends somewhere above
+_DEEPEST = 32  # nesting of parentheses and functions, within the limit of Python's stack
 _VALUES = ("TOP", "BOTTOM", "IMG", "FRAME_NUMBER", "FRAME_NUMBER_PAD", "NIMAGES")
 
 
 class _Evaluation:
-    """One expression on its way from text to value, by recursive descent."""
+    """Evaluates one expression by recursive descent."""
 
     def __init__(self, text: str, chain: Chain):
         self._text = text
@@ -164,21 +160,21 @@ class _Evaluation:
         self._nesting = 0
 
     def value(self) -> str:
-        with np.errstate(all="ignore"):  # 1/0 is inf, as there
+        with np.errstate(all="ignore"):  # 1/0 is inf, as in oiiotool
             value = self._sum()
         if left := self._take(r".+"):
-            raise ParameterError(f"'{left}' is left over behind the value")
+            raise ParameterError(f"unexpected '{left}' after the value")
         return value
 
     def _take(self, pattern: str) -> str:
-        """What stands here and matches `pattern`, behind white space; the reading goes on behind it."""
+        """Consume white space and a match of `pattern`; '' without a match."""
         match = re.compile(rf"\s*+({pattern})", re.ASCII).match(self._text, self._at)
         self._at = match.end() if match else self._at
         return match[1] if match else ""
 
     def _want(self, mark: str, of: str) -> None:
         if not self._take(re.escape(mark)):
-            raise ParameterError(f"missing '{mark}' {of}")
+            raise ParameterError(f"expected '{mark}' {of}")
 
     def _sum(self) -> str:
         value = self._product()
@@ -186,11 +182,11 @@ class _Evaluation:
         total = None if quoted else number_in(value)
         if total is None:
             if self._take(r"[-+<=>!&|*/%]"):
-                raise ParameterError(f"'{value}' is not a number")
+                raise ParameterError(f"'{value}': expected a number")
             return value[1:-1] if quoted else value
         while word := self._take(r"[-+<=>!&|]+"):
             if word not in SUMS:
-                raise ParameterError(f"no operator '{word}'; if it is two, put a space between them")
+                raise ParameterError(f"unknown operator '{word}'", hint="separate two operators by a space")
             total = np.float32(SUMS[word](total, self._numeric(self._product())))
         return shown(total)
 
@@ -206,14 +202,14 @@ class _Evaluation:
     def _numeric(self, value: str) -> np.float32:
         number = number_in(value)
         if number is None:
-            raise ParameterError(f"'{value}' is not a number")
+            raise ParameterError(f"'{value}': expected a number")
         return number
 
     def _atom(self) -> str:
-        """A value behind any number of signs and !, which count in this order wherever they stand."""
+        """A value after any number of signs and !: all signs apply first, then all !."""
         self._nesting += 1
         if self._nesting > _DEEPEST:
-            raise ParameterError(f"nested more than {_DEEPEST} deep")
+            raise ParameterError(f"expected at most {_DEEPEST} levels of nesting")
         signs = self._take(r"[-+!\s]*")
         negative, inverted = signs.count("-") % 2 == 1, signs.count("!") % 2 == 1
         value = self._plain(signed=negative or inverted)
@@ -224,7 +220,7 @@ class _Evaluation:
     def _plain(self, signed: bool) -> str:
         if self._take(r"\("):
             value = self._sum()
-            self._want(")", f"behind '{value}'")
+            self._want(")", f"after '{value}'")
             return value
         if number := self._take(NUMBER):
             return shown(self._numeric(number))
@@ -233,7 +229,7 @@ class _Evaluation:
         name = self._take(_NAME)
         if not name:
             rest = self._take(r".+")
-            raise ParameterError(f"a value is missing before '{rest}'" if rest else "a value is missing at the end")
+            raise ParameterError(f"expected a value before '{rest}'" if rest else "expected a value at the end")
         if self._take(r"\("):
             return self._function(name, signed)
         return self._named(name)
@@ -242,7 +238,7 @@ class _Evaluation:
         chain = self._chain
         if name in ("TOP", "BOTTOM"):
             if not chain.stack:
-                raise ParameterError(f"there is no image at {name}")
+                raise ParameterError(f"no image at {name}: the stack is empty")
             return self._of_image(chain.stack[-1 if name == "TOP" else 0])
         if name == "IMG" and self._take(r"\["):
             which = self._take(r"[^\]]+").strip()
@@ -259,7 +255,7 @@ class _Evaluation:
         raise ParameterError(f"unknown name '{name}'{nearest(name, known)}")
 
     def _variable(self, name: str) -> str:
-        """The user variable's text, '' where there is none; var() sees it in any case of letters."""
+        """The value of a user variable, or ''; var() ignores case."""
         by_lower = {known.lower(): value for known, value in self._chain.user.items()}
         value = self._chain.user.get(name, by_lower.get(name.lower(), ""))
         return shown(np.float32(value)) if isinstance(value, float) else str(value)
@@ -267,7 +263,7 @@ class _Evaluation:
     # images
 
     def _image(self, which: str) -> Image:
-        """What IMG[which] means: a label, a place in the stack, a file, or an expression for one of the latter."""
+        """The image of IMG[which]: a label, an index, a file, or an expression for an index or a file."""
         labels = self._chain.labeled
         if which in labels:
             return labels[which]
@@ -277,29 +273,29 @@ class _Evaluation:
             value = _Evaluation(which, self._chain).value()
         except ParameterError as error:
             known = nearest(which, labels)
-            raise ParameterError(f"IMG[{which}] is no label, file or number{known} ({error})") from error
+            raise ParameterError(f"IMG[{which}]: expected a label, a file or an index{known} ({error})") from error
         index, depth = integer_in(value), len(self._chain.stack)
         if index is not None:
             if not 0 <= index < depth:
-                raise ParameterError(f"no image at IMG[{value}], there are {depth}, counted from 0")
+                raise ParameterError(f"no image at IMG[{value}]: the stack has {depth}, counted from 0")
             return self._chain.image(index)
         if os.path.exists(value):
             return self._chain.opened(value)
-        raise ParameterError(f"IMG[{value}] is no label, file or number{nearest(value, labels)}")
+        raise ParameterError(f"IMG[{value}]: expected a label, a file or an index{nearest(value, labels)}")
 
     def _of_image(self, image: Image) -> str:
-        """The .name or [name] behind an image; names in brackets may be unknown, they are ''."""
+        """The value of .name or [name] after an image; unknown names in brackets give ''."""
         bracket = self._take(r"[.\[]")
         if not bracket:
-            raise ParameterError("an image needs .NAME or [NAME] behind it")
+            raise ParameterError("expected .NAME or [NAME] after an image")
         quoted = self._take(_STRING)
         name = quoted[1:-1] if quoted else self._take(_NAME)
         if not name:
-            raise ParameterError(f"no name behind '{bracket}'")
+            raise ParameterError(f"expected a name after '{bracket}'")
         if not quoted and self._take(":"):
-            raise ParameterError(f"names with ':' need quotes, as in TOP[\"{name}:{self._take(_NAME)}\"]")
+            raise ParameterError(f"names with ':' require quotes, as in TOP[\"{name}:{self._take(_NAME)}\"]")
         if bracket == "[":
-            self._want("]", f"behind '{name}'")
+            self._want("]", f"after '{name}'")
         value = _attribute(self._chain.known(image), name)
         if value is None and bracket == ".":
             raise _unknown_attribute(image, name)
@@ -309,9 +305,10 @@ class _Evaluation:
 
     def _function(self, name: str, signed: bool) -> str:
         if name not in _FUNCTIONS:
-            raise ParameterError(f"no function '{name}'{nearest(name, _FUNCTIONS)}; there is {', '.join(_FUNCTIONS)}")
+            known = ", ".join(_FUNCTIONS)
+            raise ParameterError(f"unknown function '{name}'{nearest(name, _FUNCTIONS)}", expected=f"one of {known}")
         if signed and name in ("var", "getattribute"):
-            raise ParameterError(f"'-' and '!' do nothing before {name}() in oiiotool: put it in parentheses")
+            raise ParameterError(f"oiiotool ignores '-' and '!' before {name}()", hint="put it in parentheses")
         value = _FUNCTIONS[name](self)
         self._want(")", f"of {name}()")
         return value
@@ -320,17 +317,17 @@ class _Evaluation:
         quoted = self._take(_STRING)
         name = quoted[1:-1] if quoted else self._take(r"[^)]*").strip()
         if not name:
-            raise ParameterError("a name is missing between the parentheses")
+            raise ParameterError("expected a name between the parentheses")
         return name
 
     def _same(self) -> bool:
         left = self._atom()
-        self._want(",", "of a comparison: sums need parentheses there")
+        self._want(",", "of a comparison: put sums in parentheses")
         return left == self._atom()
 
     def _format(self) -> str:
         template, arguments = self._atom(), list[str]()
-        self._want(",", "of format(): it takes a text and the values for it")
+        self._want(",", "of format(), which takes a template and its values")
         while not arguments or self._take(","):
             arguments.append(self._sum())
         return f'"{filled(template, arguments)}"'

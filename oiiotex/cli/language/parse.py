@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Words of a command line -> settings of the run, and steps to be done one after the other."""
+"""Parse the words of a command line into settings of the run and steps."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import contextlib
 import functools
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from ...core.op import Op
@@ -16,48 +16,54 @@ from ...deferred import Shelf
 from ...errors import Error, ParameterError
 
 MOST_THREADS, MOST_MB = 4096, 1 << 40
+FURTHER = "Texture filters of other packages"
 
 
 @dataclass(frozen=True)
 class Option:
-    """An option that is not an op, declared by how it is called: `Option("--tile WIDTH HEIGHT", set_tile)`."""
+    """An option that is not an op: `Option("--tile WIDTH HEIGHT", set_tile)`."""
 
     call: str
-    run: Callable[..., None] | None = None  # of (chain, *arguments, modifiers); None: a setting of the whole run
-    modifiers: type | None = None  # a frozen dataclass whose `param` fields they are
+    run: Callable[..., object] | None = None  # called with (chain, *arguments, modifiers); None: a setting of the run
+    modifiers: type | None = None  # a frozen dataclass of `param` fields
     text: str = ""  # help; default: the first line of run's docstring
-    needs: int = 0  # images that must be on the stack; with fewer it waits for the next ones, as ops do
-    flat: bool = False  # it reads the pixels of those images, which may not be deep
-    state: bool = False  # it only sets what later options use: it may stand between an op and operands it waits for
-    throughout: bool = False  # it also sets something for the whole run, wherever it stands
-    late: bool = False  # it evaluates the expressions in its arguments itself
-    writes: bool = False  # its last argument names a file that it writes
-    control: bool = False  # it decides what is done: it is seen even where steps are skipped
+    needs: int = 0  # images on the stack; it waits for missing ones, as ops do
+    flat: bool = False  # reads the pixels of those images, which must not be deep
+    state: bool = False  # only sets a value for later steps: allowed between an op and its missing operands
+    throughout: bool = False  # also applies to the whole run, wherever it stands
+    late: bool = False  # evaluates expressions in its arguments itself
+    writes: bool = False  # writes the file of its last argument
+    control: bool = False  # controls steps: runs even where steps are skipped
     aliases: tuple[str, ...] = ()
 
     @functools.cached_property
     def name(self) -> str:
-        """The option itself."""
+        """The option's name with dashes."""
         return self.call.partition(" ")[0]
 
     @functools.cached_property
     def arguments(self) -> tuple[str, ...]:
-        """Names of the words that follow it, for help."""
+        """Names of its arguments, for help."""
         return tuple(self.call.split()[1:])
 
     @property
     def help(self) -> str:
-        """What it does, in one sentence."""
+        """A sentence without a period."""
         return self.text or (self.run.__doc__ or "").partition("\n")[0].rstrip(".")
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Its modifiers, as declared."""
+        """Its modifiers."""
         return declared(self.modifiers)[1] if self.modifiers else ()
+
+
+def settings_of(*rows: tuple[str, ...]) -> tuple[Option, ...]:
+    """Settings of the whole run, from rows of call, help and aliases."""
+    return tuple(Option(call, text=text, aliases=tuple(aliases)) for call, text, *aliases in rows)
 
 
 @dataclass(frozen=True)
 class Refused:
-    """An option of oiiotool that is not here, and why."""
+    """An option of oiiotool that is not supported, and why."""
 
     name: str
     arguments: int
@@ -66,7 +72,7 @@ class Refused:
 
 @dataclass(frozen=True)
 class Step:
-    """One thing to do, as the user wrote it: expressions in it are evaluated when its turn comes."""
+    """An op, an option or a file name as written; expressions are evaluated when it runs."""
 
     word: str  # the option with its modifiers, or a file's name
     arguments: tuple[str, ...] = ()
@@ -75,38 +81,41 @@ class Step:
 
     @property
     def name(self) -> str:
-        """For messages: the option without modifiers."""
+        """The option without modifiers, for messages."""
         return self.word.split(":")[0] if self.word.startswith("-") else self.word
 
 
 @dataclass(frozen=True)
 class Language:
-    """All that a command line may say."""
+    """All ops and options of a command line."""
 
-    shelves: tuple[Shelf, ...]  # of ops and options, in the order of help; imported when a line names something of it
+    shelves: tuple[Shelf, ...]  # of ops and options, in the order of help; imported when a line names one of them
     refused: tuple[Refused, ...] = ()
-    further: Callable[[], tuple[type[Op], ...]] = tuple  # ops of other packages, known by name once they are imported
+    further: Callable[[], tuple[type[Op], ...]] = tuple  # ops of other packages: importing them tells their names
+    words: Mapping[str, str] = field(default_factory=dict)  # by heading: the word by which --help prints the group
 
     @functools.cached_property
     def ops(self) -> dict[str, tuple[type[Op], ...]]:
-        """All ops by heading, for help; all of them are imported."""
-        ops = self._by_heading(lambda declaration: not isinstance(declaration, Option))
-        if ops:
-            first = next(iter(ops))
-            ops[first] += self.further()
-        return ops
+        """All ops by heading, for help; imports all of them."""
+        return self._where(lambda declaration: not isinstance(declaration, Option))
 
     @functools.cached_property
     def groups(self) -> dict[str, tuple[Option, ...]]:
         """All options that are not ops, by heading."""
-        return self._by_heading(lambda declaration: isinstance(declaration, Option))
+        return self._where(lambda declaration: isinstance(declaration, Option))
 
-    def _by_heading(self, wanted: Callable[[Any], bool]) -> dict[str, tuple[Any, ...]]:
+    def _where(self, wanted: Callable[[Any], bool]) -> dict[str, tuple[Any, ...]]:
+        kept = {heading: tuple(filter(wanted, declarations)) for heading, declarations in self.group("all").items()}
+        return {heading: declarations for heading, declarations in kept.items() if declarations}
+
+    def group(self, word: str) -> dict[str, tuple[Any, ...]]:
+        """The ops and options of a group by heading, everything for 'all'; imports only these."""
         headings: dict[str, tuple[Any, ...]] = {}
         for shelf in self.shelves:
-            declarations = tuple(filter(wanted, shelf.declarations))
-            if declarations:
-                headings[shelf.heading] = (*headings.get(shelf.heading, ()), *declarations)
+            if word in ("all", self.words.get(shelf.heading)):
+                headings[shelf.heading] = (*headings.get(shelf.heading, ()), *shelf.declarations)
+        if word in ("all", self.words.get(FURTHER)) and self.further():
+            headings[FURTHER] = self.further()
         return headings
 
     @property
@@ -120,7 +129,7 @@ class Language:
         return places | {refused.name: refused for refused in self.refused}
 
     def find(self, name: str) -> type[Op] | Option | Refused:
-        """What an option's name means; one dash or two mean the same, as in oiiotool."""
+        """The op or option of a name, with one dash or two, as in oiiotool; ParameterError for an unknown name."""
         bare = name.lstrip("-")
         spellings = (name, f"--{bare}", f"-{bare}")
         for spelling in spellings:
@@ -136,7 +145,7 @@ class Language:
         raise ParameterError(f"unknown option '{name}'{nearest(f'--{bare}', [*self._places, *others])}")
 
     def takes(self, word: str) -> int:
-        """How many words follow an option; 0 for what is no option."""
+        """The number of arguments of an option; 0 for other words."""
         try:
             declaration = self.find(word.split(":")[0])
         except ParameterError:
@@ -147,7 +156,7 @@ class Language:
 
 
 def names_of(declaration: type[Op] | Option) -> tuple[str, ...]:
-    """All by which a line may call an op or an option."""
+    """The name and the aliases of an op or option."""
     return (declaration.name if isinstance(declaration, Option) else declaration.flag(), *declaration.aliases)
 
 
@@ -160,23 +169,20 @@ class CommandLine:
 
     @property
     def reports(self) -> bool:
-        """Whether it asks to be told of what is done."""
+        """Whether to log steps and measure results."""
         return "-v" in self.settings or "--runstats" in self.settings
 
     def first(self, name: str) -> str | None:
-        """The first word behind a setting; None where it has none, or is not there."""
+        """The first argument of a setting; None without argument or setting."""
         return next(iter(self.settings.get(name, ())), None)
 
     def whole_number(self, name: str, most: int) -> int:
-        """The number after a setting, 0 to `most`; 0 where it is not there."""
+        """The argument of a setting, an integer from 0 to `most`; 0 without the setting."""
         return whole_number(self.first(name) or "0", name, most)
 
 
 def parse(words: list[str], language: Language) -> CommandLine:
-    """Read a command line.
-
-    What can be known to be wrong before any work begins is refused here.
-    """
+    """Parse a command line; raises a ParameterError for everything that is wrong without running it."""
     settings: dict[str, tuple[str, ...]] = {}
     steps: list[Step] = []
     left = iter(words)
@@ -187,14 +193,14 @@ def parse(words: list[str], language: Language) -> CommandLine:
         name, modifiers = split_modifiers(word)
         declaration = language.find(name)
         if isinstance(declaration, Refused):
-            raise ParameterError(f"{name} of oiiotool is not here: {declaration.reason}")
+            raise ParameterError(f"{name} of oiiotool is not supported: {declaration.reason}")
         if isinstance(declaration, Option) and declaration.name == "--help":
             settings[declaration.name] = tuple(left)[:1]
             continue
         step = _step(word, declaration, left)
         if step.option is not None and step.option.run is None:
             if modifiers:
-                raise ParameterError(f"{word}: {name} has no modifiers")
+                raise ParameterError(f"{word}: {name} takes no modifiers")
             settings[step.option.name] = step.arguments
             continue
         if step.option is not None and step.option.throughout:
@@ -216,7 +222,7 @@ def _step(word: str, declaration: type[Op] | Option, left: Iterator[str]) -> Ste
 
 
 def _check_early(step: Step, modifiers: Mapping[str, str]) -> None:
-    """Refuse modifiers that no expression can make right any more."""
+    """Check all modifiers without expressions."""
     plain = {name: text for name, text in modifiers.items() if "{" not in text}
     with errors_of_step(step):
         values_of(step, {**plain, **{name: None for name in modifiers if name not in plain}})
@@ -224,7 +230,7 @@ def _check_early(step: Step, modifiers: Mapping[str, str]) -> None:
 
 @contextlib.contextmanager
 def errors_of_step(step: Step) -> Iterator[None]:
-    """Errors that leave this block name the step's word, unless they name one already."""
+    """Add the step's name to errors of a block."""
     try:
         yield
     except Error as error:
@@ -233,17 +239,17 @@ def errors_of_step(step: Step) -> Iterator[None]:
 
 
 def values_of(step: Step, modifiers: Mapping[str, str | None]) -> dict[str, Any]:
-    """The modifiers' values by name; None stands for a text that is not known yet."""
+    """The modifiers' values by name; only names are checked where the text is None."""
     declaring = step.op or (step.option.modifiers if step.option else None)
     if declaring is None:
         if modifiers:
-            raise ParameterError(f"unknown modifier '{next(iter(modifiers))}'; there is none")
+            raise ParameterError(f"unknown modifier '{next(iter(modifiers))}'", expected="no modifier")
         return {}
     return parse_modifiers(declaring, modifiers)
 
 
 def split_modifiers(word: str) -> tuple[str, dict[str, str]]:
-    """'--op:a=1:b="x:y"' -> ('--op', {'a': '1', 'b': 'x:y'}); a value in quotes, or an expression, may hold colons."""
+    """'--op:a=1:b="x:y"' -> ('--op', {'a': '1', 'b': 'x:y'}); quoted values and expressions may contain colons."""
     pieces, quote, braces = [""], "", 0
     for letter in word:
         if quote:
@@ -257,14 +263,14 @@ def split_modifiers(word: str) -> tuple[str, dict[str, str]]:
             braces = max(0, braces + (letter == "{") - (letter == "}"))
             pieces[-1] += letter
     if quote:
-        raise ParameterError(f"{word}: the quote {quote} is not closed")
+        raise ParameterError(f"{word}: expected a closing {quote}")
     modifiers: dict[str, str] = {}
-    for piece in filter(None, pieces[1:]):  # `--op:a=1:` and `--op::a=1` say no more than `--op:a=1`
+    for piece in filter(None, pieces[1:]):  # `--op:a=1:` and `--op::a=1` mean `--op:a=1`
         name, equals, value = piece.partition("=")
         if not equals or not name:
-            raise ParameterError(f"{word}: '{piece}' is not NAME=VALUE")
+            raise ParameterError(f"{word}: '{piece}': expected NAME=VALUE")
         if name in modifiers:
-            raise ParameterError(f"{word}: '{name}' is given twice")
+            raise ParameterError(f"{word}: modifier '{name}' is given twice")
         modifiers[name] = value
     return pieces[0], modifiers
 
@@ -272,12 +278,12 @@ def split_modifiers(word: str) -> tuple[str, dict[str, str]]:
 def _argument(left: Iterator[str], option: str, argument: str) -> str:
     value = next(left, None)
     if value is None:
-        raise ParameterError(f"{option} wants {argument} behind it")
+        raise ParameterError(f"{option} requires {argument} after it")
     return value
 
 
 def whole_number(text: str, name: str = "", most: int = MOST_MB) -> int:
-    """A text that must be an integer from 0 to `most`; `name`: of the setting, for the error."""
+    """The integer from 0 to `most` in a text; `name`: of the setting, for the error."""
     if not (text.isascii() and text.isdigit()) or int(text) > most:
         given = f"{name} {text}" if name else repr(text)
         raise ParameterError(f"{given}: expected an integer from 0" + (f" to {most}" if most < MOST_MB else ""))
@@ -285,7 +291,7 @@ def whole_number(text: str, name: str = "", most: int = MOST_MB) -> int:
 
 
 def without(words: Sequence[str], options: Mapping[str, int]) -> tuple[str, ...]:
-    """Words less some options (names without dashes) with as many words after each."""
+    """The words without some options (names without dashes) and their numbers of arguments."""
     left = iter(words)
     rest: list[str] = []
     for word in left:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What oiiotool calls images that ops have made, where it compares them or is asked for their name."""
+"""The names that oiiotool gives to computed images, in comparisons and in {TOP.filename}."""
 
 from __future__ import annotations
 
@@ -22,10 +22,7 @@ _AS_BEFORE = (
 
 
 def title_of(op: type[Op], operands: Sequence[Image], result: Image) -> str:
-    """The result's name: '' for that of its source.
-
-    Our filters make another image of a photo, not another photo: it is called as before.
-    """
+    """The result's name; '' for that of its source, as after all texture filters."""
     unchanged = bool(operands) and result.first is operands[0].first
     if unchanged or op.prefix == Op.prefix or op.flag() in _AS_BEFORE:
         return operands[0].first.title if operands and result.source == operands[0].source else ""

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Options that compare two images: --diff, --pdiff, --flipdiff, and their thresholds.
 
---diff reads both images band by band. The perceptual ones look at all pixels at once and need the memory for it.
+--diff reads both images in bands. --pdiff and --flipdiff need both images in memory.
 
-Where we depart from oiiotool
------------------------------
-1. A NaN or infinity that has no partner in the other image makes the largest error infinite and its pixel count as one
-   over the thresholds, and never enters the means. oiiotool does not count the first of them, lets the others make the
-   means NaN, and forgets the largest error when it has met two.
+Difference from oiiotool
+------------------------
+A NaN or infinity in one image only makes the largest error infinite, counts as a pixel above the thresholds, and never
+enters the means. oiiotool ignores the first such pixel, the others make its means NaN, and a second one resets its
+largest error.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from ..stack.chain import Chain
 from .metadata import shortest
 from .pixel_statistics import as_floats, floats, full_rows, over_channels
 
-# bytes of a pixel at most, as measured with images of 1 to 3 megapixels
+# maximum bytes per pixel, measured on images of 1 to 3 megapixels
 _YEE_BYTES = 100
 _FLIP_BYTES = 160
-_LARGEST = (2 - 2**-23) * 2.0**127  # that a 32-bit float holds
+_LARGEST = (2 - 2**-23) * 2.0**127  # of a 32-bit float
 
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What --fail, --warn and their kin have set. Percentages are of pixels, all else is a difference of values."""
+    """Values of --fail, --warn and the like: percentages of pixels, else differences of values."""
 
     fail: float = 1e-6
     failpercent: float = 0
@@ -49,7 +49,7 @@ class Thresholds:
 
 @dataclass
 class Comparison:
-    """How two images differ: largest error and its place, means, pixels over the thresholds."""
+    """Differences between two images: largest error and its place, means, pixels above the thresholds."""
 
     max_error: float = 0.0
     x: int = 0
@@ -63,7 +63,7 @@ class Comparison:
 
 
 def compare(a: Part, b: Part, thresholds: Thresholds) -> Comparison:
-    """Compare two parts over their data windows together, band by band; what one lacks is black there."""
+    """Compare two parts in bands over the union of their data windows; missing pixels are black."""
     whole = a.window | b.window
     channels = max(a.spec.nchannels, b.spec.nchannels)
     comparison, total, squares, peak = Comparison(), 0.0, 0.0, np.float32(1)
@@ -101,18 +101,16 @@ def _as_wide(pixels: np.ndarray, channels: int) -> np.ndarray:
     return np.pad(pixels, ((0, 0), (0, 0), (0, lacking))) if lacking else pixels
 
 
-# --- --diff and --pdiff ---
-
 _ORDER = ("PASS", "WARNING", "FAILURE")
 
 
 def difference(chain: Chain) -> None:
-    """Print how the two top images differ; exit 1 if they do."""
+    """Print the differences between the two top images; exit code 1 if they differ."""
     _difference(chain, perceptual=False)
 
 
 def perceptual_difference(chain: Chain) -> None:
-    """Print how visibly the two top images differ (Yee's perceptual metric); hold both images in memory."""
+    """Print the visible differences between the two top images (Yee's metric); both must fit in memory."""
     _difference(chain, perceptual=True)
 
 
@@ -156,7 +154,7 @@ def _title(image: Image, number: int, level: int) -> str:
 
 
 def _compared(chain: Chain, a: Part, b: Part, title: str, perceptual: bool, before: int) -> int:
-    """Compare two parts and report, if there is something to report or was before: 0 same, 1 warning, 2 failure."""
+    """Compare two parts, and print a report on or after a difference: returns 0 same, 1 warning, 2 failure."""
     limits = chain.settings.get("--diff", Thresholds())
     pixels = max(1, a.spec.width * a.spec.height)
     with chain.session.resources.stats.time("diff"):
@@ -199,7 +197,7 @@ def _values_at(part: Part, x: int, y: int) -> str:
 def _yee(a: Part, b: Part) -> Comparison:
     result = oiio.CompareResults()
     oiio.ImageBufAlgo.compare_Yee(a.buffer(a.window), b.buffer(b.window), result)
-    # its places count from the corner of the window, and so they are printed
+    # positions are relative to the corner of the window, and printed so
     return Comparison(result.maxerror, result.maxx, result.maxy, 0, failed=result.nfail)
 
 
@@ -209,21 +207,18 @@ def _require(chain: Chain, a: Part, b: Part, pixel_bytes: int, option: str) -> N
     chain.session.resources.require(inputs + whole.width * whole.height * pixel_bytes, option)
 
 
-# --- --flipdiff ---
-
-
 @dataclass(frozen=True)
 class FlipModifiers:
-    """Of --flipdiff."""
+    """Modifiers of --flipdiff."""
 
-    hdr: bool = param(True, help="HDR-FLIP, over several exposures; else LDR-FLIP")
-    maxluminance: float = param(2.0, ge=0, help="luminance to which the brightest pixels are exposed")
-    medianluminance: float = param(0.18, ge=0, help="luminance to which the median is exposed")
-    ppd: float = param(0.0, ge=0, help="pixels per degree of the viewer's eye; 0: those of a desk")
-    tonemapper: str = param("aces", choices=("aces", "hable", "reinhard"), help="how exposures are shown")
-    colormap: str = param("", help="show the map in colors: inferno, viridis, magma, turbo ...")
-    fail: float = param(10.0, ge=0, help="fail if the largest error is above this")
-    print: bool = param(True, help="print the errors")
+    hdr: bool = param(True, help="HDR-FLIP, over several exposures. 0: LDR-FLIP.")
+    maxluminance: float = param(2.0, ge=0, help="Luminance to which the brightest pixels are exposed.")
+    medianluminance: float = param(0.18, ge=0, help="Luminance to which the median is exposed.")
+    ppd: float = param(0.0, ge=0, help="Pixels per degree of visual angle. 0: those of a desktop monitor.")
+    tonemapper: str = param("aces", choices=("aces", "hable", "reinhard"), help="Tone mapping operator.")
+    colormap: str = param("", example="turbo", help="Color map of the result: inferno, viridis, magma, turbo ...")
+    fail: float = param(10.0, ge=0, help="Largest error that passes. 10 or more: no check.")
+    print: bool = param(True, help="Output of the errors.")
 
 
 def flip_difference(chain: Chain, given: FlipModifiers) -> None:
@@ -280,15 +275,12 @@ def _print_flip(chain: Chain, reference: Image, test: Image, facts: dict[str, An
         chain.status = 1 if fails else chain.status
 
 
-# --- thresholds ---
-
-
 def _setting(name: str) -> Callable[[Chain, str], None]:
     def run(chain: Chain, text: str) -> None:
         try:
             value = np.float32(float(text))
         except ValueError:
-            raise ParameterError(f"'{text}': allowed is a number") from None
+            raise ParameterError(f"'{text}': expected a number") from None
         chain.settings["--diff"] = replace(chain.settings.get("--diff", Thresholds()), **{name: value})
 
     return run
@@ -301,12 +293,16 @@ OPTIONS = (
     *(
         Option(f"--{name} {argument}", _setting(name), text=text, state=True)
         for name, argument, text in (
-            ("fail", "THRESHOLD", "Difference above which a pixel fails --diff (1e-6)"),
-            ("failpercent", "PERCENT", "Pixels that may fail (0)"),
-            ("hardfail", "THRESHOLD", "Difference that no pixel may exceed"),
-            ("warn", "THRESHOLD", "Difference above which --diff warns of a pixel (1e-6)"),
-            ("warnpercent", "PERCENT", "Pixels that may warn (0)"),
-            ("hardwarn", "THRESHOLD", "Difference in any one pixel that --diff warns of"),
+            ("fail", "THRESHOLD", "Set the difference above which --diff counts a pixel as failed. Default: 1e-6"),
+            ("failpercent", "PERCENT", "Set the percentage of failed pixels that --diff accepts. Default: 0"),
+            ("hardfail", "THRESHOLD", "Set the difference above which a single pixel makes --diff fail"),
+            ("warn", "THRESHOLD", "Set the difference above which --diff counts a pixel for a warning. Default: 1e-6"),
+            (
+                "warnpercent",
+                "PERCENT",
+                "Set the percentage of such pixels without a warning. Default: 0",
+            ),
+            ("hardwarn", "THRESHOLD", "Set the difference above which a single pixel makes --diff warn"),
         )
     ),
 )

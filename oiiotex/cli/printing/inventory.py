@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options that print what there is: file formats, OpenImageIO's build, the color config. Its own oiiotool says it."""
+"""Options that print file formats, OpenImageIO's build and the color config: output of the oiiotool in its wheel."""
 
 from __future__ import annotations
 
@@ -15,16 +15,6 @@ from ..language.parse import Option
 from ..stack.chain import Chain
 
 
-def list_formats(chain: Chain) -> None:
-    """Print the file formats and their extensions."""
-    _say(chain, "--list-formats")
-
-
-def build_info(chain: Chain) -> None:
-    """Print what OpenImageIO was built from."""
-    _say(chain, "--buildinfo")
-
-
 def color_config_info(chain: Chain) -> None:
     """Print the contents of the color config."""
     path = chain.session.resources.color.path
@@ -32,7 +22,7 @@ def color_config_info(chain: Chain) -> None:
 
 
 def _say(chain: Chain, *words: str) -> None:
-    """Print what the oiiotool of OpenImageIO's wheel prints; no other one is started."""
+    """Print the output of the oiiotool in OpenImageIO's wheel, never of another one."""
     if not chain.acts():
         return
     folder = Path(oiio.__file__).parent / "bin"
@@ -46,8 +36,9 @@ def _say(chain: Chain, *words: str) -> None:
     print(text, end="")
 
 
+_FORMATS = "Print the supported file formats and their extensions"
 OPTIONS = (
-    Option("--list-formats", list_formats, state=True),
-    Option("--buildinfo", build_info, state=True),
+    Option("--list-formats", lambda chain: _say(chain, "--list-formats"), text=_FORMATS, state=True),
+    Option("--buildinfo", lambda chain: _say(chain, "--buildinfo"), text="Print how OpenImageIO was built", state=True),
     Option("--colorconfiginfo", color_config_info, state=True),
 )

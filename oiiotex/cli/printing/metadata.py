@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What --info and --printinfo say of an image: the words of its spec, its hash, its statistics, its pixels."""
+"""The output of --info and --printinfo: metadata, hash, statistics and pixel values of an image."""
 
 from __future__ import annotations
 
@@ -19,61 +19,61 @@ from ...errors import ParameterError
 from .pixel_statistics import as_floats, full_rows, part_statistics_text
 
 _NAME_WIDTH = 20
-_LEADING = "resolution, width, height, depth, channels"  # what --metamatch is held against for the first line
+_LEADING = "resolution, width, height, depth, channels"  # --metamatch must match it to print the first line
 
 
 @dataclass(frozen=True, kw_only=True)
 class Dump:
-    """Of --dumpdata."""
+    """Modifiers of --dumpdata."""
 
-    empty: bool = param(True, help="black pixels too")
-    C: str = param("", help="as an array of C of this name")
+    empty: bool = param(True, help="Output of black pixels.")
+    C: str = param("", example="pixels", help="Name of a C array, as which the values are printed.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """What is to be said of an image."""
+    """The output requested for an image."""
 
-    verbose: bool = False  # all metadata, not only the size
-    all_parts: bool = False  # and their levels, not only the first
-    native: bool = False  # pixel types of the file, not as ops see them
+    verbose: bool = False  # all metadata instead of the size
+    all_parts: bool = False  # and their MIP levels, instead of the first part
+    native: bool = False  # pixel types of the file instead of those that ops work on
     xml: bool = False
-    match: str = ""  # regular expression: names of metadata to print
+    match: str = ""  # regular expression for names of metadata to print
     no_match: str = ""
     hash: bool = False
     statistics: bool = False
-    window: Window | None = None  # of the statistics, and so are `channels`
+    window: Window | None = None  # region of the statistics; `channels`: their number
     channels: int | None = None
     dump: Dump | None = None  # print the pixels
 
     @property
     def reads_pixels(self) -> bool:
-        """Whether pixels are needed for it."""
+        """Whether the output depends on pixels."""
         return bool(self.statistics or self.hash or self.dump)
 
     @functools.cached_property
     def wanted(self) -> re.Pattern[str]:
-        """What the names of printed metadata match."""
+        """The pattern of the names of metadata to print."""
         return _pattern(self.match)
 
     def passes(self, line: str) -> bool:
-        """Whether a line of metadata is printed, by its name."""
+        """Whether a line of metadata is printed."""
         name = line.partition(": ")[0]
         return not (self.no_match and _pattern(self.no_match).search(name)) and bool(self.wanted.search(name))
 
     @property
     def prefix(self) -> str:
-        """What makes a line a comment where pixels are printed as C."""
+        """The comment marker of lines in C output, else nothing."""
         return "// " if self.dump and self.dump.C else ""
 
 
 def metadata_text(image: Image, verbose: bool, native: bool) -> str:
-    """What --printinfo prints: verbose of all parts, else a line on the first; pixel types in memory or native."""
+    """The output of --printinfo: verbose for all parts, else one line on the first."""
     return "".join(description(image, Asked(verbose=verbose, all_parts=verbose, native=native)))
 
 
 def description(image: Image, asked: Asked, filename: str = "") -> Iterator[str]:
-    """The text on an image, piece by piece; `filename` leads that of a file which has just been read."""
+    """The description of an image in pieces; `filename` begins that of a file which has just been read."""
     for number, part in enumerate(image.parts if asked.all_parts else image.parts[:1]):
         yield _metadata(image, number, asked, filename)
         if filename and asked.dump:
@@ -89,7 +89,7 @@ def _pattern(text: str) -> re.Pattern[str]:
     try:
         return re.compile(translated, re.IGNORECASE)
     except re.error as error:
-        raise ParameterError(f"'{text}' is no regular expression: {error}") from None
+        raise ParameterError(f"'{text}': expected a regular expression: {error}") from None
 
 
 def _metadata(image: Image, number: int, asked: Asked, filename: str) -> str:
@@ -116,12 +116,12 @@ def _metadata(image: Image, number: int, asked: Asked, filename: str) -> str:
 
 
 def _shown_spec(image: Image, part: Part, native: bool) -> oiio.ImageSpec:
-    """The spec as the host's ops see it, which note where an image came from."""
+    """The spec as ops see it, with the image's source."""
     spec = oiio.ImageSpec(part.spec)
     if not native:
-        if not spec.deep:  # its samples stay of the file's types
+        if not spec.deep:  # deep samples keep the file's types
             spec.set_format(part.working_type)
-        spec.erase_attribute("oiio:SHA-1")  # of other pixels, soon
+        spec.erase_attribute("oiio:SHA-1")  # of the file's pixels
         text = spec.get_string_attribute("ImageDescription")
         if "oiio:SHA-1=" in text:
             spec.attribute("ImageDescription", re.sub(r"oiio:SHA-1=\S*\s*", "", text, count=1))
@@ -132,7 +132,7 @@ def _shown_spec(image: Image, part: Part, native: bool) -> oiio.ImageSpec:
 
 
 def file_format(image: Image, part: Part | None = None) -> str:
-    """The name of the format of an image's file; '' where `part` is not as it was read from it."""
+    """The format name of an image's file; empty if `part` has changed since it was read."""
     if (part is not None and part.stored is None) or not os.path.isfile(image.source):
         return ""
     opened = oiio.ImageInput.open(image.source)
@@ -143,7 +143,7 @@ def file_format(image: Image, part: Part | None = None) -> str:
 
 
 def _heading(image: Image, number: int, asked: Asked, filename: str, facts: str) -> list[str]:
-    """The first line, and with several parts the one that repeats it as that of a part."""
+    """The first line, and for several parts the line of part 0, which repeats it."""
     count, many_levels = len(image.parts), bool(image.parts[number].levels)
     named = f" subimage {number:2}: " if number else f"{asked.prefix}{filename:{_NAME_WIDTH}} : " if filename else ""
     line = f"{named}{facts}"
@@ -168,14 +168,14 @@ def _channel_types(spec: oiio.ImageSpec) -> str:
     bits = spec.get_int_attribute("oiio:BitsPerSample") or spec.format.size() * 8
     names = {"float": "f", "half": "h", "double": f"f{bits}"}
     kinds = (str(spec.channelformat(channel)) for channel in range(spec.nchannels))
-    return ",".join(names.get(kind, f"{kind[0]}{bits}") for kind in kinds)  # uint16 and int16 begin with u and i
+    return ",".join(names.get(kind, f"{kind[0]}{bits}") for kind in kinds)  # u16 and i16
 
 
 _ESCAPES = {"n": "\n", "t": "\t", "v": "\v", "b": "\b", "r": "\r", "f": "\f", "a": "\a", "\\": "\\", '"': '"'}
 
 
 def unescaped(text: str) -> str:
-    """The text with what is written as \\n, \\" or \\033 as such."""
+    """The text with escapes such as \\n, \\" and \\033 replaced by their characters."""
     pattern = r'\\(?:([ntvbrfa\\"])|([0-7]{1,3}))'
     return re.sub(pattern, lambda match: _ESCAPES[match[1]] if match[1] else chr(int(match[2], 8) & 255), text)
 
@@ -190,27 +190,24 @@ def _statistics(part: Part, asked: Asked) -> Iterator[str]:
         yield part_statistics_text(level, indent, asked.window, asked.channels)
 
 
-# --- pixels ---
-
-
 def dumped(part: Part, how: Dump) -> Iterator[str]:
-    """The values of all pixels, as --dumpdata prints them."""
+    """The values of all pixels in the format of --dumpdata."""
     kind = np.dtype(dtype_of(part.spec))
-    whole_numbers = kind.kind in "ui"
+    integers = kind.kind in "ui"
     if how.C:
         size = f"[{part.spec.height}][{part.spec.width}][{part.spec.nchannels}]"
-        yield f"{part.spec.format}{'_t' if whole_numbers else ''} {how.C}{size} =\n{{\n"
+        yield f"{part.spec.format}{'_t' if integers else ''} {how.C}{size} =\n{{\n"
     separator = ", " if how.C else " "
     for window in full_rows(part.window):
         pixels = part.read(window)
-        scaled = as_floats(part.buffer(window), window) if whole_numbers else pixels
+        scaled = as_floats(part.buffer(window), window) if integers else pixels
         for y in range(window.height):
             lines = []
             for x in range(window.width):
                 values = pixels[y, x]
                 if not how.empty and not values.any():
                     continue
-                text = _values(values, scaled[y, x] if whole_numbers else None, separator, bool(how.C))
+                text = _values(values, scaled[y, x] if integers else None, separator, bool(how.C))
                 place = f"({x + window.left}, {y + window.top}): "
                 if how.C:
                     ends = " }" if x == window.width - 1 else ""
@@ -237,7 +234,7 @@ def _nine_digits(value: float) -> str:
 
 
 def shortest(value: float | np.floating) -> str:
-    """The fewest digits that mean this number of its precision, as the fmt library writes them."""
+    """The shortest text that reads back as this number, as the fmt library writes it."""
     if not np.isfinite(value):
         return ("-" if np.signbit(value) else "") + ("nan" if np.isnan(value) else "inf")
     single = isinstance(value, np.float32)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pixel statistics of images, streamed in bands of a fixed height and order: no digit depends on memory."""
+"""Pixel statistics, streamed in bands of fixed height and order: results do not depend on the memory budget."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ...core.image import Part, cropped, dtype_of, pixels_of
 from ...core.window import Window
 from ...deferred import np, oiio
 
-ROWS = 64  # of a band; OpenImageIO sums up as many rows before it merges them
+ROWS = 64  # per band; OpenImageIO also sums this number of rows before it merges the sums
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """What OpenImageIO's PixelStats says, per channel, of finite values; channels without any have zeros."""
+    """OpenImageIO's PixelStats, per channel, of finite values; 0 for channels without finite values."""
 
     min: tuple[float, ...]
     max: tuple[float, ...]
@@ -30,27 +30,27 @@ class Statistics:
 
 
 def full_rows(window: Window) -> Iterator[Window]:
-    """The window from top to bottom in bands."""
+    """The window in bands, from top to bottom."""
     return window.cells(window.width, ROWS)
 
 
 def floats(part: Part, window: Window) -> np.ndarray:
-    """(height, width, channels) float32 of a window as ops of the host see it."""
+    """(height, width, channels) float32 values of a window."""
     return as_floats(part.buffer(window), window)
 
 
 def as_floats(buffer: oiio.ImageBuf, window: Window) -> np.ndarray:
-    """(height, width, channels) float32 of a buffer's window."""
+    """(height, width, channels) float32 values of a buffer's window."""
     return pixels_of(buffer, oiio.FLOAT, window.roi(buffer.nchannels))
 
 
 def over_channels(combine: Callable[..., np.ndarray], values: np.ndarray) -> np.ndarray:
-    """(height, width) of what `combine` makes of the channels; numpy is slow along so short an axis."""
+    """(height, width) values that `combine` folds the channels into; numpy is slow along a short axis."""
     return functools.reduce(combine, np.moveaxis(values, 2, 0))
 
 
 def part_statistics(part: Part, window: Window | None = None, channels: int | None = None) -> Statistics:
-    """The statistics of a part, or of a window (black beyond the part) and its first channels."""
+    """The statistics of a part, or of the first channels of a window, which is black outside the part."""
     window = part.window if window is None else window
     seen = part if window & part.window == window else cropped(part, window)
     count = part.spec.nchannels
@@ -78,10 +78,10 @@ def _numbers(values: np.ndarray) -> tuple[float, ...]:
 
 
 def part_color(part: Part) -> tuple[float, ...] | None:
-    """The color that all pixels of a part have, if there is one."""
+    """The color of a part whose pixels are all equal, else None."""
     corner = Window.sized(part.window.left, part.window.top, 1, 1)
     first = part.read(corner)
-    if part.spec.width * part.spec.height > 1:  # a single NaN is a color too
+    if part.spec.width * part.spec.height > 1:  # NaN differs from itself, but a single pixel is constant
         for _, pixels in stream(part, full_rows(part.window)):
             if not (pixels == first).all():
                 return None
@@ -94,13 +94,10 @@ def is_monochrome(part: Part) -> bool:
     return all(oiio.ImageBufAlgo.isMonochrome(buffer) for _, buffer in bands)
 
 
-# --- text ---
-
-
 def part_statistics_text(
     part: Part, indent: str = "", window: Window | None = None, channels: int | None = None
 ) -> str:
-    """The statistics as oiiotool prints them: integers where the file has such. One color is said of the whole part."""
+    """The statistics as oiiotool prints them, as integers for integer files; a constant color is the whole part's."""
     stats = part_statistics(part, window, channels)
     scale = largest_value(part.spec)
     footer = f"(of {scale})" if scale else "(float)"
@@ -130,7 +127,7 @@ def part_statistics_text(
 
 
 def largest_value(spec: oiio.ImageSpec) -> int:
-    """The whole number that stands for 1 in pixels of that kind; 0 where they are no whole numbers."""
+    """The integer that represents 1.0 in pixels of that type; 0 for float types."""
     kind = np.dtype(dtype_of(spec))
     if kind.kind not in "ui":
         return 0
@@ -149,11 +146,8 @@ def _number(value: float, scale: int, whole: bool) -> str:
     return f"{scaled:.2f}"
 
 
-# --- counting ---
-
-
 def color_counts(part: Part, colors: np.ndarray, tolerance: np.ndarray) -> list[int]:
-    """How many pixels have each of some colors (colors x channels), to a tolerance per channel; NaN is any color."""
+    """Pixel counts of colors (colors x channels), with a tolerance per channel; NaN matches every color."""
     counts = [0] * len(colors)
     for window, buffer in stream(part, full_rows(part.window), buffers=True):
         pixels = as_floats(buffer, window)
@@ -164,7 +158,7 @@ def color_counts(part: Part, colors: np.ndarray, tolerance: np.ndarray) -> list[
 
 
 def range_counts(part: Part, low: tuple[float, ...], high: tuple[float, ...]) -> tuple[int, int, int]:
-    """How many pixels have a value below `low`, how many one above `high`, how many neither."""
+    """Numbers of pixels with a value below `low`, with one above `high`, and of all others."""
     bands = stream(part, full_rows(part.window), buffers=True)
     counts = [oiio.ImageBufAlgo.color_range_check(buffer, low, high) for _, buffer in bands]
     below, above, within = map(sum, zip(*counts, strict=True))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--plugin-path: where the plugin lies by which OpenImageIO opens `.oiiotex` files."""
+"""--plugin-path: the folder of the plugin with which OpenImageIO reads `.oiiotex` files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _NAME = "oiiotex.imageio.so"
 
 
 def plugin_path() -> str:
-    """The folder for OPENIMAGEIO_PLUGIN_PATH, in the environment of this Python."""
+    """The value for OPENIMAGEIO_PLUGIN_PATH; Error where the plugin is not built."""
     folder = Path(sys.prefix) / "lib" / "oiiotex"
     if not (folder / _NAME).exists():
         raise Error(

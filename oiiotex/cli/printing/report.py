@@ -1,99 +1,91 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a user sees of a run: help, versions, where the time went."""
+"""Help pages of ops, options and modifiers, and the table of --runstats."""
 
 from __future__ import annotations
 
+import itertools
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from ... import __version__, filters
+from ... import filters
 from ...core.op import Op
 from ...core.parameters import Parameter, nearest
 from ...errors import ParameterError
 from ...stats import Stats
-from ..language.parse import Option, Refused
+from ..language.parse import Option, Refused, names_of
 from ..vocabulary import LANGUAGE
 
-_USAGE = """\
-oiiotex: texture filters in an oiiotool-style chain
-usage: oiiotex photo.exr --iscolorspace ACEScg --texstationarize:sigma=32:size=1024x1024 -o tile.exr
-"""
+
+def declarations() -> Iterator[tuple[str, tuple[str, ...], str, tuple[Parameter, ...]]]:
+    """Of each op and option: its name, its arguments, its summary, its modifiers."""
+    for one in itertools.chain.from_iterable(LANGUAGE.group("all").values()):
+        if isinstance(one, Option):
+            yield one.name, one.arguments, one.help, one.parameters()
+        else:
+            yield one.flag(), tuple(p.name.upper() for p in one.arguments()), summary(one), one.modifiers()
 
 
-_SHORT = """\
-oiiotex {version}: texture filters in an oiiotool-style chain
-usage: oiiotex IMAGE... --OP[:MODIFIER=VALUE...]... -o FILE
-
-  oiiotex photo.jpg --texstationarize:size=1024x1024 -o tile.png    a tile without visible repetition
-  oiiotex photo.jpg --texlabel:keep=1 -o labels.exr                 what it consists of
-  oiiotex in.exr --resize 50% --texflatten -o out.exr               with oiiotool's ops before and behind
-
-  oiiotex --help                    all ops and options         oiiotex --devices    what computes
-  oiiotex --help texstationarize    one of them                 oiiotex --version    of what there is
-  oiiotex --help texstationarize:sigma    one modifier          docs/reference/differences.md  where oiiotool differs"""
-
-
-def greeting() -> str:
-    """What is printed where nothing is asked."""
-    return _SHORT.format(version=__version__)
-
-
-def overview() -> str:
-    """The text of --help: our filters first."""
-    lines = [_USAGE]
-    for heading, ops in LANGUAGE.ops.items():
-        lines += [f"{heading}:", *(_row(call(op), summary(op)) for op in ops), ""]
-    for heading, options in LANGUAGE.groups.items():
-        lines += [f"{heading}:", *(_row(o.call, o.help) for o in options), ""]
+def overview(word: str = "all") -> str:
+    """All ops and options under their headings, or those of one group."""
+    lines: list[str] = []
+    for heading, group in LANGUAGE.group(word).items():
+        hint = f" (--help {LANGUAGE.words[heading]})" if word == "all" else ""
+        lines += [f"{heading}{hint}:", *map(_row, group), ""]
     return "\n".join(lines).rstrip()
 
 
 def call(op: type[Op]) -> str:
-    """An op with the arguments that follow it."""
+    """An op with its arguments."""
     return " ".join((op.flag(), *(p.name.upper() for p in op.arguments())))
 
 
-def _row(name: str, text: str) -> str:
+def _row(one: type[Op] | Option) -> str:
+    name, text = (one.call, one.help) if isinstance(one, Option) else (call(one), summary(one))
     return f"  {name:28s} {text}" if len(name) <= 28 else f"  {name}\n{' ' * 31}{text}"
 
 
-def page(name: str = "") -> str:
-    """The page of an op or an option, with `:NAME` after it of one modifier; without a name that of everything."""
-    if not name:
-        return overview()
-    name, colon, modifier = name.partition(":")
-    try:  # a bare name means the filter first: there is a --warp of the host, and a --texwarp
-        declaration = LANGUAGE.find(name if name.startswith("-") else f"--tex{name}")
+def find(name: str) -> type[Op] | Option | Refused:
+    """The op or option of a name with or without dashes: --warp is the host's, and a bare 'warp' is --texwarp.
+
+    Raises a ParameterError for an unknown name.
+    """
+    try:
+        return LANGUAGE.find(name if name.startswith("-") else f"--tex{name}")
     except ParameterError:
-        declaration = LANGUAGE.find(name if name.startswith("-") else f"--{name}")
+        return LANGUAGE.find(name if name.startswith("-") else f"--{name}")
+
+
+def page(name: str) -> str:
+    """The page of an op or option, or with `:NAME` after it of one modifier."""
+    name, colon, modifier = name.partition(":")
+    declaration = find(name)
+    if isinstance(declaration, Refused):
+        return f"{declaration.name} of oiiotool is not supported: {declaration.reason}"
     if colon:
         return _modifier_page(declaration, modifier)
-    if isinstance(declaration, Refused):
-        return f"{declaration.name} of oiiotool is not here: {declaration.reason}"
     if isinstance(declaration, Option):
         rows = _modifier_rows(declaration.parameters())
-        return "\n".join([declaration.call, "", declaration.help, *(["", *rows] if rows else [])])
+        return "\n".join([declaration.call, "", f"{declaration.help}.", *(["", *rows] if rows else [])])
     return _op_page(declaration)
 
 
-def _modifier_page(declaration: type[Op] | Option | Refused, name: str) -> str:
-    parameters: tuple[Parameter, ...] = ()
-    if isinstance(declaration, Option):
-        flag, parameters = declaration.name, declaration.parameters()
-    elif isinstance(declaration, Refused):
-        flag = declaration.name
-    else:
-        flag, parameters = declaration.flag(), declaration.modifiers()
-    known = {parameter.name: parameter for parameter in parameters}
+def _modifier_page(declaration: type[Op] | Option, name: str) -> str:
+    flag = names_of(declaration)[0]
+    known = {
+        p.name: p for p in (declaration.parameters() if isinstance(declaration, Option) else declaration.modifiers())
+    }
     if name not in known:
-        raise ParameterError(
-            f"{flag} has no modifier '{name}'{nearest(name, known)}; it has {', '.join(known) or 'none'}"
-        )
+        hint = f"it has {', '.join(known) or 'none'}"
+        raise ParameterError(f"{flag} has no modifier '{name}'{nearest(name, known)}", hint=hint)
     one = known[name]
-    text = one.help if isinstance(declaration, (Option, Refused)) else on_a_line(one.help, declaration)
     example = f"\n\nExample: {flag}:{name}={one.sample}" if one.sample else ""
-    return f"{flag}:{name}=\n\n{textwrap.fill(one.described(text), 110)}{example}"
+    return f"{flag}:{name}=\n\n{textwrap.fill(described(one, declaration), 110)}{example}"
+
+
+def described(modifier: Parameter, declaration: type[Op] | Option | Refused) -> str:
+    """The help of a modifier with its values and its default."""
+    return modifier.described(on_a_line(modifier.help, declaration) if isinstance(declaration, type) else modifier.help)
 
 
 def _op_page(op: type[Op]) -> str:
@@ -119,7 +111,7 @@ _NAMED = re.compile(r"`(\w+)`(?: with `(\w+)`)?")
 
 
 def on_a_line(text: str, op: type[Op], quote: str = "") -> str:
-    """Text of an op's declaration, other filters as a line has them: `label` with `keep` is --texlabel:keep=1."""
+    """Text of an op's declaration, with other filters as on a line: `label` with `keep` becomes --texlabel:keep=1."""
     flags = {name.removeprefix("--tex"): name for shelf in filters.SHELVES for name in shelf.names}
     own = {p.name for p in op.modifiers()}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What shells and `man` want to know of the program: written from the declarations."""
+"""Completion scripts for shells and the page for `man`, generated from the declarations."""
 
 from __future__ import annotations
 
@@ -11,19 +11,32 @@ from ...core.parameters import Parameter
 from ...errors import ParameterError
 from ..language.parse import Option
 from ..vocabulary import LANGUAGE
-from .report import call, description, summary
+from .help import words
+from .report import call, declarations, description
 
 _BASH = """\
+_oiiotex_modifiers() {{
+  case "$1" in
+{modifiers}
+  esac
+}}
 _oiiotex() {{
-  local line="${{COMP_LINE:0:COMP_POINT}}"
+  local line="${{COMP_LINE:0:COMP_POINT}}" op
   local word="${{line##* }}"
   COMPREPLY=()
+  case "$line" in
+    *" --help :"* | *" -h :"*) COMPREPLY=($(compgen -W "{every}" -- "${{word##*:}}")); return ;;
+    *" --help "*:* | *" -h "*:*)
+      op="${{word%%:*}}" op="${{op##*-}}"
+      op="$(_oiiotex_modifiers "--tex$op" || _oiiotex_modifiers "${{word%%:*}}" || _oiiotex_modifiers "--$op")"
+      COMPREPLY=($(compgen -W "$op" -- "${{word##*:}}")); return ;;
+    *" --help "[!-]* | *" -h "[!-]* | *" --help " | *" -h ")
+      COMPREPLY=($(compgen -W "{topics}" -- "$word")); return ;;
+  esac
   case "$word" in
     -*:*)
       compopt -o nospace 2>/dev/null
-      case "${{word%%:*}}" in
-{modifiers}
-      esac ;;
+      COMPREPLY=($(compgen -S = -W "$(_oiiotex_modifiers "${{word%%:*}}")" -- "${{word##*:}}")) ;;
     -*) COMPREPLY=($(compgen -W "{options}" -- "$word")) ;;
     *) COMPREPLY=($(compgen -f -- "$word")) ;;
   esac
@@ -40,35 +53,26 @@ function __oiiotex_modifiers
     end
 end
 complete -c oiiotex -a '(__oiiotex_modifiers)'
-{options}"""
+{options}
+complete -c oiiotex -n '__fish_prev_arg_in --help -h' -x -a '{topics}'"""
 
 
 def completion(shell: str) -> str:
-    """A script for the shell that completes options, modifiers and files."""
+    """A script for the shell that completes options, modifiers, topics of --help and files."""
+    if shell not in ("bash", "zsh", "fish"):
+        raise ParameterError(f"--completion {shell}: expected bash, zsh or fish")
+    modifiers = {flag: [p.name for p in known] for flag, _, _, known in declarations()}
+    every = sorted({name for names in modifiers.values() for name in names})
+    topics = " ".join(dict.fromkeys((*words(), *(flag.lstrip("-") for flag in modifiers))))
     if shell == "fish":
-        return _fish()
-    if shell not in ("bash", "zsh"):
-        raise ParameterError(f"--completion {shell}: allowed is bash, zsh or fish")
-    names = {flag: [p.name for p in modifiers] for flag, _, _, modifiers in declarations()}
-    rows = [
-        f"""        {name}) COMPREPLY=($(compgen -W "{" ".join(f"{m}=" for m in modifiers)}" -- "${{word##*:}}")) ;;"""
-        for name, modifiers in names.items()
-        if modifiers
-    ]
-    script = _BASH.format(modifiers="\n".join(rows), options=" ".join(names))
+        return _fish(" ".join((topics, *(f":{name}" for name in every))))
+    rows = [f"    {flag}) echo {' '.join(names)} ;;" for flag, names in modifiers.items() if names]
+    rows.append("    *) return 1 ;;")
+    script = _BASH.format(modifiers="\n".join(rows), every=" ".join(every), topics=topics, options=" ".join(modifiers))
     return script if shell == "bash" else f"autoload -U +X bashcompinit && bashcompinit\n{script}"
 
 
-def declarations() -> Iterator[tuple[str, tuple[str, ...], str, tuple[Parameter, ...]]]:
-    """Of each op and option: its name, what follows it, what it does, its modifiers."""
-    for ops in LANGUAGE.ops.values():
-        for op in ops:
-            yield op.flag(), tuple(p.name.upper() for p in op.arguments()), summary(op), op.modifiers()
-    for option in LANGUAGE.options:
-        yield option.name, option.arguments, option.help, option.parameters()
-
-
-def _fish() -> str:
+def _fish(topics: str) -> str:
     modifiers, options = [], []
     for flag, arguments, help, known in declarations():
         if known:
@@ -78,21 +82,20 @@ def _fish() -> str:
         takes = " -r -F" if "FILE" in arguments else " -x" if arguments else ""
         text = help.replace("\\", "\\\\").replace("'", "\\'")
         options.append(f"complete -c oiiotex {kind} {flag.lstrip('-')}{takes} -d '{text}'")
-    return _FISH.format(modifiers="\n".join(modifiers), options="\n".join(options))
+    return _FISH.format(modifiers="\n".join(modifiers), options="\n".join(options), topics=topics)
 
-
-# --- man ---
 
 _EXIT = (
-    ("0", "All is done."),
-    ("1", "Something is wrong, which one line on standard error says; or images differ."),
-    ("130, 143", "Stopped by SIGINT, by SIGTERM."),
+    ("0", "Success."),
+    ("1", "An error, reported in one line on standard error; or compared images differ."),
+    ("3", "All files are written, and a measure exceeds a limit of the modifier fail."),
+    ("129, 130, 143", "Stopped by SIGHUP, SIGINT or SIGTERM."),
 )
 _ENVIRONMENT = (
-    ("OCIO", "The color config, unless --colorconfig says one."),
-    ("OIIOTEX_DEVICE", "The OpenCL device, unless --device says one."),
-    ("TMPDIR", "Where intermediate results lie that do not fit the budget."),
-    ("XDG_CACHE_HOME", "Where the cache folder lies: see --cache-info."),
+    ("OCIO", "The color config, unless --colorconfig is given."),
+    ("OIIOTEX_DEVICE", "The OpenCL device, unless --device is given."),
+    ("TMPDIR", "Folder for intermediate results that exceed the memory budget."),
+    ("XDG_CACHE_HOME", "Folder that contains the cache folder: see --cache-info."),
 )
 
 
@@ -100,7 +103,7 @@ def manual() -> str:
     """The program's page for `man`, in roff."""
     lines = [
         f'.TH OIIOTEX 1 "" "oiiotex {__version__}" "User Commands"',
-        ".ad l",  # long words are no cause for gaps
+        ".ad l",  # no gaps before long words
         ".SH NAME",
         "oiiotex \\- texture filters in an oiiotool\\-style chain",
         ".SH SYNOPSIS",
@@ -141,6 +144,6 @@ def _entry(name: str, text: str) -> tuple[str, ...]:
 
 
 def _roff(text: str) -> str:
-    """A text for roff: one line in which nothing is a command."""
+    """A text for roff as one line, with its special characters escaped."""
     text = " ".join(text.split()).replace("\\", "\\e").replace("-", "\\-")
     return f"\\&{text}" if text[:1] in (".", "'") else text

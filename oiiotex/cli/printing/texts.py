@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options that print texts of images, as they are read or of the top one.
+"""Options that print information on images: on each one as it is read, or on the top one.
 
-Where we depart from oiiotool
------------------------------
-1. Regular expressions of --metamatch are Python's, with the letter classes of POSIX added.
-2. --stats of unsigned 32 bit images are of 4294967295; oiiotool multiplies by -1. --dumpdata prints int8 as numbers.
-3. --printinfo:native=1 is of the image as it is now, with what --attrib has set.
-4. Where an image came from (oiio:SourcePath, oiio:SourceFileFormat) is said of its file, also where --eraseattrib has
-   been at work, and for all parts alike.
-5. --hash refuses files with channels of integers and of floats. Of deep files only --info and --printinfo print.
+Differences from oiiotool
+-------------------------
+1. Regular expressions of --metamatch are Python's, with the POSIX character classes added.
+2. --stats scales unsigned 32-bit images by 4294967295; oiiotool by -1. --dumpdata prints int8 as numbers.
+3. --printinfo:native=1 describes the current image, with the attributes that --attrib has set.
+4. oiio:SourcePath and oiio:SourceFileFormat are those of the file for all parts, also after --eraseattrib.
+5. --hash refuses files that mix integer and float channels. For deep files only --info and --printinfo work.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from .pixel_statistics import color_counts, range_counts
 
 
 def _asked(chain: Chain) -> Asked:
-    """What the options so far ask for."""
+    """The output that the options so far request."""
     settings = chain.settings
     info = settings.get("--info")
     return Asked(
@@ -44,7 +43,7 @@ def _asked(chain: Chain) -> Asked:
 
 
 def print_input(chain: Chain, image: Image, info: int | None = None, infoformat: str = "") -> None:
-    """Print what --info, --stats, --hash and --dumpdata ask of a file, or -i by its modifiers (info: 0, 1, 2)."""
+    """Print the output of --info, --stats, --hash and --dumpdata for a file; -i overrides them (info: 0, 1, 2)."""
     settings = chain.settings
     level = int("--info" in settings) if info is None else info
     asked = _asked(chain)
@@ -68,30 +67,27 @@ def _print(chain: Chain, image: Image, asked: Asked, filename: str = "") -> None
     sys.stdout.flush()
 
 
-# --- texts of images ---
-
-
 @dataclass(frozen=True)
 class InfoModifiers:
-    """Of --info."""
+    """Modifiers of --info."""
 
-    format: str = param("", choices=("", "text", "xml"), help="as text or xml")
-    verbose: bool = param(False, help="with all metadata, as -v does")
+    format: str = param("", choices=("", "text", "xml"), unset="text", help="Format of the output.")
+    verbose: bool = param(False, help="Output of all metadata, as with -v.")
 
 
 def print_inputs(chain: Chain, given: InfoModifiers) -> None:
-    """Print the size of every image as it is read; with -v its metadata."""
+    """Print the size of each image as it is read, with -v also its metadata."""
     chain.settings["--info"] = given
 
 
 @dataclass(frozen=True)
 class PrintInfoModifiers:
-    """Of --printinfo."""
+    """Modifiers of --printinfo."""
 
-    allsubimages: bool | None = param(None, help="of all parts; as -a says when left out")
-    native: bool = param(False, help="pixel types as in the file, not as ops see them")
-    stats: bool | None = param(None, help="with statistics; as --stats says when left out")
-    verbose: bool = param(True, help="with all metadata")
+    allsubimages: bool | None = param(None, unset="1 after -a, else 0", help="Output for all parts (subimages).")
+    native: bool = param(False, help="Pixel types of the file instead of those that ops work on.")
+    stats: bool | None = param(None, unset="1 after --stats, else 0", help="Output of pixel statistics.")
+    verbose: bool = param(True, help="Output of all metadata.")
 
 
 def print_top(chain: Chain, given: PrintInfoModifiers) -> None:
@@ -109,11 +105,11 @@ def print_top(chain: Chain, given: PrintInfoModifiers) -> None:
 
 @dataclass(frozen=True)
 class PrintStatsModifiers:
-    """Of --printstats."""
+    """Modifiers of --printstats."""
 
-    allsubimages: bool | None = param(None, help="of all parts; as -a says when left out")
-    native: bool = param(False, help="nothing, as in oiiotool: statistics are of the file's own numbers")
-    window: str = param("", help="of this window alone: WxH+X+Y or X0,Y0,X1,Y1")
+    allsubimages: bool | None = param(None, unset="1 after -a, else 0", help="Output for all parts (subimages).")
+    native: bool = param(False, help="Accepted and ignored, for oiiotool compatibility: values are the file's own.")
+    window: str = param("", unset="the data window", example="64x64+0+0", help="Region, as WxH+X+Y or X0,Y0,X1,Y1.")
 
 
 def print_statistics(chain: Chain, given: PrintStatsModifiers) -> None:
@@ -123,7 +119,7 @@ def print_statistics(chain: Chain, given: PrintStatsModifiers) -> None:
         asked,
         statistics=True,
         all_parts=asked.all_parts if given.allsubimages is None else given.allsubimages,
-        window=_window(given.window, first.window),  # of the first part, also for the others
+        window=_window(given.window, first.window),  # the first part's, also for the others
         channels=first.spec.nchannels,
     )
     _print(chain, chain.top, asked)
@@ -134,27 +130,24 @@ def _window(text: str, whole: Window) -> Window:
 
     window = parse_box(text, box_of(whole), scaling=True).window() if text else whole
     if window.empty:
-        raise ParameterError(f"window={text}: it has no pixel")
+        raise ParameterError(parameter="window", value=text, expected="a region with at least one pixel")
     return window
 
 
 def dump_inputs(chain: Chain, given: Dump) -> None:
-    """Print the pixels of every image as it is read."""
+    """Print the pixel values of each image as it is read."""
     chain.settings["--dumpdata"] = given
-
-
-# --- counting ---
 
 
 @dataclass(frozen=True)
 class CountModifiers:
-    """Of --colorcount."""
+    """Modifiers of --colorcount."""
 
-    eps: str = param("0.001", help="how far a value may be off, per channel")
+    eps: str = param("0.001", example="0.01,0.01,0.02", help="Tolerance of a match: one value, or one per channel.")
 
 
 def count_colors(chain: Chain, text: str, given: CountModifiers) -> None:
-    """Count the pixels of each color: R,G,B;R,G,B ..."""
+    """Count the pixels of each color in COLORS, as R,G,B:R,G,B ..."""
     from ...host.arithmetic import numbers_for_channels
 
     part = chain.top.first
@@ -168,7 +161,7 @@ def count_colors(chain: Chain, text: str, given: CountModifiers) -> None:
 
 
 def check_range(chain: Chain, low: str, high: str) -> None:
-    """Count the pixels outside a range of colors."""
+    """Count the pixels below LOW, above HIGH and in between."""
     from ...host.arithmetic import numbers_for_channels
 
     part = chain.top.first
@@ -180,18 +173,15 @@ def check_range(chain: Chain, low: str, high: str) -> None:
     print(f"{below:8}  < {low}\n{above:8}  > {high}\n{within:8}  within range")
 
 
-# --- texts of the program ---
-
-
 @dataclass(frozen=True)
 class EchoModifiers:
-    """Of --echo."""
+    """Modifiers of --echo."""
 
-    newline: int = param(1, ge=0, help="how many line ends follow")
+    newline: int = param(1, ge=0, help="Number of line ends after the text.")
 
 
 def echo(chain: Chain, text: str, given: EchoModifiers) -> None:
-    """Print a text."""
+    """Print TEXT."""
     if chain.acts():
         print(unescaped(text), end="\n" * given.newline, flush=True)
 
@@ -199,12 +189,12 @@ def echo(chain: Chain, text: str, given: EchoModifiers) -> None:
 OPTIONS = (
     Option("--info", print_inputs, InfoModifiers, state=True),
     Option("--printinfo", print_top, PrintInfoModifiers, needs=1),
-    state("--stats", "Print pixel statistics of every image as it is read"),
+    state("--stats", "Print pixel statistics of each image as it is read"),
     Option("--printstats", print_statistics, PrintStatsModifiers, needs=1, flat=True),
-    state("--hash", "Print the SHA-1 of the pixels of every image as it is read"),
+    state("--hash", "Print the SHA-1 hash of the pixels of each image as it is read"),
     Option("--dumpdata", dump_inputs, Dump, state=True),
-    Option("--metamatch REGEX", set_text("--metamatch"), text="Which metadata to print, by name", state=True),
-    Option("--no-metamatch REGEX", set_text("--no-metamatch"), text="Which metadata not to print", state=True),
+    Option("--metamatch REGEX", set_text("--metamatch"), text="Print only metadata named by REGEX", state=True),
+    Option("--no-metamatch REGEX", set_text("--no-metamatch"), text="Omit metadata named by REGEX", state=True),
     Option("--colorcount COLORS", count_colors, CountModifiers, needs=1, flat=True),
     Option("--rangecheck LOW HIGH", check_range, needs=1, flat=True),
     Option("--echo TEXT", echo, EchoModifiers, state=True),

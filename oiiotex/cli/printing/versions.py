@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Versions of the program and of what it stands on, as they are installed: none of it is imported."""
+"""Installed versions of the program and its libraries, read without importing them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _PACKAGES = (
 
 
 def versions() -> str:
-    """A line for each, and what says more."""
+    """One line per package, and which options print more."""
     lines = [f"oiiotex {__version__}", *(f"{name} {_installed(package)}" for name, package in _PACKAGES)]
-    lines.append("oiiotex --devices: what computes; --buildinfo: how OpenImageIO was built")
+    lines.append("OpenCL devices: oiiotex --devices; OpenImageIO's build: oiiotex --buildinfo")
     return "\n".join(lines)
 
 
 def _installed(package: str) -> str:
     try:
         return metadata.version(package)
-    except metadata.PackageNotFoundError:  # built by hand, or by a distribution that says nothing to Python
-        return "of a version that its installation does not say"
+    except metadata.PackageNotFoundError:  # built by hand, or by a distribution without Python metadata
+        return "(unknown version)"

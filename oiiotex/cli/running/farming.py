@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--farm: a line's frames, or shares of what it writes, on machines that a scheduler has."""
+"""--farm: distribute the frames of a line, or shares of its output, to a scheduler's machines."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from .progress import Display
 from .shares import Shares, line_of
 from .tasks import Job, Task, run_task, work
 
-_SHARES_A_WORKER = 4  # so that who is slow holds nobody up
-_LEAST_MEMORY = 2048  # MB that a task of a job template asks for, when the line does not say
+_SHARES_A_WORKER = 4  # small shares, so that a slow worker delays the others less
+_LEAST_MEMORY = 2048  # MB that a task of a job template requests, without --cache
 
 
 def spread(command: CommandLine, words: Sequence[str], tasks: list[Task], session: Session, display: Display) -> int:
-    """Do a line on a farm, or write what a farm does it by; returns the exit code."""
+    """Run a line on a farm, or write its job template; returns the exit code."""
     engine, _, place = command.settings["--farm"][0].partition("=")
     if engine not in ("dask", "openjd") or not place:
         raise ParameterError(
@@ -39,10 +39,10 @@ def spread(command: CommandLine, words: Sequence[str], tasks: list[Task], sessio
 
 
 def _require_shares(command: CommandLine) -> None:
-    """Refuse a line of which every share would be as much work as all of it."""
+    """Refuse a line whose ops need the whole image for every share."""
     for step in command.steps:
         if step.op is not None and issubclass(step.op, (Whole, InBands)):
-            raise ParameterError(f"--farm: {step.name} {step.op.reach}: such lines are spread by --frames")
+            raise ParameterError(f"--farm cannot split {step.name}, which {step.op.reach}", hint="use --frames")
 
 
 def _on_dask(address: str, words: Sequence[str], tasks: list[Task], session: Session, display: Display) -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The frames that a command line stands for: looked through, then done one after the other, or handed on."""
+"""Run the frames of a command line: check all of them first, then run them in order, in parallel or on a farm."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ log = logging.getLogger("oiiotex")
 
 
 def run_frames(command: CommandLine, words: list[str]) -> int:
-    """Do what the words say, which are `command`; returns the exit code."""
+    """Run all frames of a line, parsed as `command`; returns the exit code."""
     todo = frames(words, LANGUAGE.takes)
     for warning in dict.fromkeys(frame.warning for frame in todo if frame.warning):
         log.warning("%s", warning)
@@ -31,7 +31,7 @@ def run_frames(command: CommandLine, words: list[str]) -> int:
     workers = min(len(todo), session.resources.thread_count) if "--parallel-frames" in command.settings else 1
     if workers > 1:
         session.change(budget=session.settings.budget // workers)
-    tasks, status = _looked_through(todo, session, command)
+    tasks, status = _checked(todo, session, command)
     if "--farm" in command.settings:
         from .farming import spread
 
@@ -58,7 +58,7 @@ def run_frames(command: CommandLine, words: list[str]) -> int:
 
 @contextlib.contextmanager
 def _progress(session: Session, command: CommandLine) -> Iterator[Display]:
-    """What shows how far the session is, unless nobody wants to know."""
+    """The display of the session's progress; silent after -q, --noprogress and --openjd."""
     display = Display()
     if "--openjd" in command.settings:
         session.progress = replace(session.progress, tell=_tell_runner)
@@ -74,12 +74,12 @@ def _progress(session: Session, command: CommandLine) -> Iterator[Display]:
 
 
 def _tell_runner(done: int, total: int) -> None:
-    """Progress as a runner of Open Job Description reads it from what is printed."""
+    """Print progress in the format of Open Job Description."""
     print(f"openjd_progress: {100 * done / max(total, 1):.1f}", flush=True)
 
 
-def _looked_through(todo: list[Frame], session: Session, command: CommandLine) -> tuple[list[Task], int]:
-    """What is to be done, and the exit code so far: all frames are looked through before the first is worked on."""
+def _checked(todo: list[Frame], session: Session, command: CommandLine) -> tuple[list[Task], int]:
+    """The tasks and the exit code so far: checks all frames before the first one runs."""
     if "--device" in command.settings:
         from ...opencl import device
 

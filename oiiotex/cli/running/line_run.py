@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A command line, run. What only prints something imports no more than it needs for that."""
+"""Run a command line. Options that only print import no more than they need."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ..vocabulary import LANGUAGE
 
 log = logging.getLogger("oiiotex")
 
-_PRINTING = {  # options that print something and end; '': no words at all
-    "": "report.greeting",
-    "--help": "report.page",
+_PRINTING = {  # options that print and end; '': without arguments
+    "": "help.topic",
+    "--help": "help.topic",
     "--version": "versions.versions",
     "--plugin-path": "plugin_path.plugin_path",
     "--devices": "devices.device_list",
@@ -28,7 +28,7 @@ _PRINTING = {  # options that print something and end; '': no words at all
 
 
 def run(words: list[str], folder: str | os.PathLike[str] | None = None) -> int:
-    """Do what a command line says, in `folder` if one is given; returns the exit code, 1 where images differ."""
+    """Run a command line, in `folder` if given; returns the exit code."""
     if folder is not None:
         with contextlib.chdir(folder):
             return run(words)
@@ -55,12 +55,12 @@ class _OneLine(logging.Formatter):
     """The message alone."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The text of a record."""
+        """The message of a record in one line."""
         return one_line(super().format(record))
 
 
 def _printed(command: CommandLine) -> str | None:
-    """The text of the options that print something and end; None where there is work to do."""
+    """The output of an option that prints and ends; None if there is none."""
     settings = command.settings
     option = next((one for one in _PRINTING if one in settings), None if settings or command.steps else "")
     if option is None:

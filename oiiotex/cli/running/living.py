@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texlive: a page in the browser, on what the line has made so far."""
+"""--texlive: a page in the browser for the top image."""
 
 from __future__ import annotations
 
@@ -14,33 +14,31 @@ from ..stack.chain import Chain
 
 @dataclass(frozen=True)
 class LiveModifiers:
-    """Of --texlive."""
+    """Modifiers of --texlive."""
 
-    port: int = param(0, ge=0, le=65535, help="where it listens; 0: any that is free")
-    open: bool = param(True, help="open it in the browser")
-    host: str = param("127.0.0.1", help="the address that is listened at; beyond this machine with token alone")
-    token: str = param("", help="of the URL, 16 letters and digits or more; a new one when left out")
-    graph: Path | None = param(None, help="an exemplar graph to zoom into, instead of an image")
-    document: Path | None = param(
-        None, help="where what is done there is kept; NAME.texlive.json in the current folder when left out"
-    )
+    port: int = param(0, ge=0, le=65535, help="TCP port of the server. 0: any free port.")
+    open: bool = param(True, help="Open the page in the browser.")
+    host: str = param("127.0.0.1", example="0.0.0.0", help="Address of the server. Other machines require token.")
+    token: str = param("", unset="random", example="0a1b2c3d4e5f6a7b", help="Token in the URL: 16 or more characters.")
+    graph: Path | None = param(None, example="graph.json", help="Exemplar graph to zoom into, instead of an image.")
+    document: Path | None = param(None, unset="NAME.texlive.json", help="File that stores the state of the page.")
 
 
 def show(chain: Chain, given: LiveModifiers) -> None:
-    """Tune, paint and zoom in a browser: the page of the top image, or of a graph."""
+    """Open a page in the browser to tune, paint and zoom the top image or a graph."""
     if given.graph is None:
         image = chain.top
     elif chain.stack:
-        raise ParameterError("graph says what is zoomed into: leave the image out")
+        raise ParameterError("graph conflicts with an image on the stack: remove one of them")
     else:
         image = None
-    from ..vocabulary import LANGUAGE  # which has this option
+    from ..vocabulary import LANGUAGE  # imports this module
 
     words = list(chain.session.settings.words)
     end = next(n for n, word in enumerate(words) if word.lstrip("-").split(":")[0] == "texlive")
     for step in parse(words[end + 1 :], LANGUAGE).steps:
         if step.option is None or not (step.option.throughout or step.option.control):
-            raise ParameterError(f"nothing behind it is done, as {step.word}: the page saves what is made there")
+            raise ParameterError(f"{step.word} after --texlive never runs: save results on the page")
     if not chain.acts():
         return
     from ...live.server import serve

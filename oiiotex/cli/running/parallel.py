@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Jobs in processes of their own on this machine: frames of a line, shares of what it writes, materials of a library.
+"""Jobs in worker processes on this machine: frames of a line, shares of its output, materials of a library.
 
-Each process (`worker`) is led by a thread here, over two pipes that nobody else has: nothing listens.
+A thread here drives each process (`worker`) over two private pipes; no port is opened.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ log = logging.getLogger("oiiotex")
 
 
 class WorkerDied(Error):
-    """The process that was at a job has ended before it."""
+    """A worker process ended during its job."""
 
 
 def run_in_parallel(tasks: list[Task], workers: int, session: Session, display: Display, command: CommandLine) -> int:
-    """Each frame in a process of its own, with its share of the memory; what they print comes in order."""
+    """Run each frame in a worker with its share of the memory; outputs are printed in order of frames."""
     jobs = [Job(task, budget=session.resources.budget, threads=1) for task in tasks]
     status = 0
     with worker_processes(workers, "--debug" in command.settings) as pool, session.resources.stats.time("frames"):
@@ -57,7 +57,7 @@ def run_in_parallel(tasks: list[Task], workers: int, session: Session, display: 
 
 @contextlib.contextmanager
 def worker_processes(count: int, debugging: bool) -> Iterator[Workers]:
-    """Processes that are ended with the block; at once, and cleaning up behind themselves, where it raises."""
+    """Worker processes for a block; if it raises, they remove unfinished files and end at once."""
     workers = Workers(count, debugging)
     try:
         yield workers
@@ -69,7 +69,7 @@ def worker_processes(count: int, debugging: bool) -> Iterator[Workers]:
 
 
 class Workers:
-    """Processes that do jobs, started as jobs come; deaf to Ctrl-C, and ended with this process whatever ends it."""
+    """Processes that run jobs, started on demand; they ignore Ctrl-C and end when this process ends."""
 
     def __init__(self, count: int, debugging: bool):
         self._words = str(log.getEffectiveLevel()), str(int(debugging)), os.getcwd()
@@ -80,21 +80,21 @@ class Workers:
         self._stopped = False
 
     def submit(self, work: Callable[[AnyJob], Result], job: AnyJob, retries: int = 0) -> Future[Result]:
-        """Have a function of a module do a job; `WorkerDied` once that many processes and one have died at it."""
+        """Run a job with a function of a module; `WorkerDied` after `retries` + 1 processes have died."""
         return self._threads.submit(self._done, work, job, retries)
 
     def stop(self) -> None:
-        """End all processes, whatever they do."""
+        """End all processes at once."""
         with self._lock:
-            self._stopped = True  # none is started any more
+            self._stopped = True  # starts no further process
             for process in self._processes:
                 process.terminate()
 
     def close(self) -> None:
-        """Wait for jobs that are under way, then end the processes."""
+        """Wait for running jobs, then end the processes."""
         self._threads.shutdown(cancel_futures=True)
         for process in self._processes:
-            with contextlib.suppress(OSError):  # it has ended, and what was written to it last has not arrived
+            with contextlib.suppress(OSError):  # it has ended before reading everything
                 present(process.stdin).close()
             present(process.stdout).close()
             process.wait()
@@ -109,19 +109,19 @@ class Workers:
                 result, error = pickle.load(present(process.stdout))
             except (OSError, EOFError, pickle.UnpicklingError):
                 self._own.process = None
-                process.terminate()  # where it closed its pipes and yet lives
+                process.terminate()  # it may have closed its pipes and still run
                 if attempt == retries or self._stopped:
                     break
                 continue
             if error is not None:
                 raise error
             return result
-        raise WorkerDied("a worker process has ended of itself: killed, or out of memory? Have fewer work at a time")
+        raise WorkerDied("a worker process was killed or ran out of memory; use fewer workers")
 
     def _started(self) -> Popen[bytes]:
         with self._lock:
             if self._stopped:
-                raise WorkerDied("the run is being ended")
+                raise WorkerDied("the run is ending")
             process = start_python(
                 "oiiotex.cli.running.worker", *self._words, stdin=PIPE, stdout=PIPE, stderr=streams.stderr()
             )
@@ -131,6 +131,6 @@ class Workers:
 
 
 def _without_interrupts() -> None:
-    """SIGINT waits, for this thread and for processes that it starts: it is for the main thread, who ends them."""
+    """Block SIGINT in this thread and in processes that it starts: the main thread handles it and ends them."""
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

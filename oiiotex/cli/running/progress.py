@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a user sees while a run works: a bar on a terminal, now and then a line in a log."""
+"""Progress of a run: a bar on a terminal, a line every ten seconds in a log."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 _TICK = 0.25  # s
-_QUIET = 1.0  # s before a bar is shown: what is over sooner needs none
-_LINES = 10.0  # s between the lines of a log
+_QUIET = 1.0  # s before a bar appears
+_LINES = 10.0  # s between lines in a log
 _BAR = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}, {rate_fmt}"
-_NO_BAR = "{desc} {elapsed}"  # of stages that do not say how far they are
+_NO_BAR = "{desc} {elapsed}"  # for stages of unknown length
 
 
 class Display:
-    """Shows stage, share, rate and time left, from a thread of its own: work only says where it is."""
+    """Shows stage, percentage, rate and time left from a separate thread."""
 
     def __init__(self, terminal: bool | None = None):
         self._terminal = sys.stderr.isatty() if terminal is None else terminal
@@ -36,10 +36,8 @@ class Display:
         self._lock = threading.RLock()
         self._ended = threading.Event()
 
-    # --- what work says ---
-
     def stage(self, name: str, begins: bool) -> None:
-        """A stage begins or ends; of stages within another thread's nothing is shown."""
+        """Begin or end a stage; stages of other threads are not shown."""
         if threading.get_ident() != self._owner:
             return
         with self._lock:
@@ -52,7 +50,7 @@ class Display:
                 self.clear()
 
     def advance(self, done: int, total: int) -> None:
-        """So many steps of the stage are done."""
+        """Set the number of finished steps of the stage."""
         with self._lock:
             if total != self._total or done < self._done:
                 self._restart(total)
@@ -62,14 +60,12 @@ class Display:
         self._done, self._total, self._begun = 0, total, time.monotonic()
 
     def frame(self, number: int, count: int) -> None:
-        """The frame of a sequence that is worked on, from 1 to `count`."""
+        """Set the current frame of a sequence, from 1 to `count`."""
         self._prefix = f"frame {number}/{count}: " if count > 1 else ""
-
-    # --- what is shown ---
 
     @contextlib.contextmanager
     def shown(self) -> Iterator[None]:
-        """While this lasts."""
+        """Show progress during a block."""
         ticker = threading.Thread(target=self._tick, name="oiiotex-progress", daemon=True)
         ticker.start()
         handlers = logging.getLogger().handlers
@@ -90,13 +86,13 @@ class Display:
         return True
 
     def clear(self) -> None:
-        """Make room for what is printed."""
+        """Clear the bar before other output."""
         with self._lock:
             if self._bar is not None:
                 self._bar.clear()
 
     def print(self, text: str) -> None:
-        """Print a line of the run's own."""
+        """Print a line of the run's output."""
         self.clear()
         print(text)
 
@@ -115,7 +111,7 @@ class Display:
 
             self._bar = tqdm(leave=False, file=sys.stderr)
         bar = self._bar
-        bar.ncols, bar.nrows = _terminal_size()  # tqdm draws nothing where a terminal says that it has 0 rows
+        bar.ncols, bar.nrows = _terminal_size()  # tqdm draws nothing on a terminal that reports 0 rows
         bar.desc, bar.n, bar.total = self._text(), self._done, self._total or None
         bar.start_t = bar._time() - (now - self._begun)
         bar.bar_format = _BAR if self._total else _NO_BAR
@@ -129,7 +125,7 @@ class Display:
         if self._total and self._done:
             left = (now - self._begun) * (self._total - self._done) / self._done
             text += f", {100 * self._done / self._total:.0f} %, {left:.0f} s left"
-        with contextlib.suppress(OSError):  # nobody listens
+        with contextlib.suppress(OSError):  # stderr is closed
             print(text, file=sys.stderr, flush=True)
 
     def _text(self) -> str:
@@ -137,7 +133,7 @@ class Display:
 
 
 def _terminal_size() -> tuple[int, int]:
-    """Columns, less one that some terminals keep for the cursor, and rows."""
+    """Columns, minus one that some terminals reserve for the cursor, and rows."""
     try:
         columns, rows = os.get_terminal_size(sys.stderr.fileno())
     except (OSError, ValueError):

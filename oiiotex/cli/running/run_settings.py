@@ -1,29 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings that hold for the whole run, wherever they stand, and what prints something and ends."""
+"""Options that apply to the whole run, wherever they stand, and options that print and end."""
 
 from __future__ import annotations
 
-from ..language.parse import Option
+from ..language.parse import settings_of
 
-OPTIONS = tuple(
-    Option(call, text=text, aliases=tuple(aliases))
-    for call, text, *aliases in (
-        ("--device DEVICE", "OpenCL device: number, gpu, cpu or part of its name; else $OIIOTEX_DEVICE"),
-        ("--devices", "List the OpenCL devices and whether they work; with -v what was tried and why"),
-        ("--threads N", "Number of CPU threads, 0 to 4096. Default: 0, as many as the process may use"),
-        ("--cache MB", "Memory budget; default: a quarter of the machine's"),
-        ("--colorconfig FILE", "OCIO config; else $OCIO, else a built-in one"),
-        ("--interchange SPACE OURS", "SPACE of a config without interchange roles is lin_rec709, ACES2065-1 ..."),
-        ("-q", "Print less"),
-        ("--noprogress", "No bar on a terminal, and no lines of progress in a log"),
-        ("--runstats", "Say where the time went, and measure the results"),
-        ("--debug", "Show a traceback where something fails"),
-        ("--version", "Print versions"),
-        ("--completion SHELL", "Print what bash, zsh or fish needs to complete command lines"),
-        ("--manpage", "Print the page for man"),
-        ("--plugin-path", "Print where the plugin lies by which OpenImageIO opens .oiiotex files"),
-        ("--cache-info", "Print what lies in the cache folder"),
-        ("--cache-clear", "Empty the cache folder"),
-        ("--help", "Print this, or with a name after it that op's page; OP:MODIFIER: of one", "-h"),
-    )
+OPTIONS = settings_of(
+    ("--device DEVICE", "Select the OpenCL device: number, gpu, cpu or part of its name. Default: $OIIOTEX_DEVICE"),
+    ("--devices", "List the OpenCL devices and whether they work; with -v all details"),
+    ("--threads N", "Set the number of CPU threads, 0 to 4096. Default: 0, all that the process may use"),
+    ("--cache MB", "Set the memory budget, in MB. Default: a quarter of the machine's memory"),
+    ("--colorconfig FILE", "Set the OCIO config. Default: $OCIO, else a built-in config"),
+    (
+        "--interchange SPACE OURS",
+        "Declare SPACE of a config without interchange roles as lin_rec709, ACES2065-1 ...",
+    ),
+    ("-q", "Print errors only"),
+    ("--noprogress", "Print no progress"),
+    ("--runstats", "Print the time of each step, and measure the results"),
+    ("--debug", "Print a traceback after an error"),
+    ("--version", "Print the versions of the program and its libraries"),
+    ("--completion SHELL", "Print a script that completes command lines in bash, zsh or fish"),
+    ("--manpage", "Print the manual page in roff, for man"),
+    ("--plugin-path", "Print the folder of the plugin with which OpenImageIO reads .oiiotex files"),
+    ("--cache-info", "Print the contents of the cache folder"),
+    ("--cache-clear", "Empty the cache folder"),
+    ("--help", "Print help: one screen, or after it all, a group, OP, OP:MODIFIER, :MODIFIER or a word", "-h"),
 )

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a line writes, computed in shares: each lies in FILE.parts, until a run with --join makes FILE of them.
+"""Shares of a line's output: each is kept in FILE.parts, until a run with --join assembles FILE from them.
 
-A share is some rows of every part, in cells as high as the bands that are written. Cells bear a hash of the line, of
-the program's version and of the files that were read, so that another line's are not taken, and those of a run that
-was cut off are made anew.
+A share is a set of rows of every part, in cells as high as the bands that are written. Cells are keyed by a hash of the
+line, the program's version and the input files, so that cells of another line or of changed inputs are never used.
 """
 
 from __future__ import annotations
@@ -22,40 +21,37 @@ from ...deferred import np
 from ...errors import ParameterError
 from ...io.checkpoint import Checkpoint
 from ...session import Session
-from ..language.parse import Option, without
+from ..language.parse import settings_of, without
 
-OPTIONS = tuple(
-    Option(call, text=text)
-    for call, text in (
-        ("--share I/N", "Compute share I of N of what is written, into FILE.parts; --join makes FILE of them"),
-        ("--join", "Write what shares of the same line have left in FILE.parts; what is missing is computed"),
-        ("--farm ENGINE", "Spread the line: dask=tcp://HOST:PORT, dask=local:N, openjd=FILE[,SHARES]"),
-        ("--openjd", "Tell progress and failure as Open Job Description's runners read it"),
-    )
+OPTIONS = settings_of(
+    ("--share I/N", "Compute share I of N of the output, in FILE.parts; assemble FILE with --join"),
+    ("--join", "Write FILE from the shares of the same line in FILE.parts, and compute missing ones"),
+    ("--farm ENGINE", "Distribute frames or shares: dask=tcp://HOST:PORT, dask=local:N, openjd=FILE[,SHARES]"),
+    ("--openjd", "Print progress and failures in the format of Open Job Description"),
 )
-_SPREAD = {"share": 1, "join": 0, "farm": 1, "openjd": 0}  # options, and how many words are behind each
-_HOW = _SPREAD | {  # what says how a line is run and not what it makes
+_SPREAD = {"share": 1, "join": 0, "farm": 1, "openjd": 0}  # options and their numbers of arguments
+_HOW = _SPREAD | {  # options that do not change the output
     "device": 1, "threads": 1, "cache": 1, "v": 0, "verbose": 0, "q": 0, "noprogress": 0, "runstats": 0, "debug": 0,
 }  # fmt: skip
-_MULTIPLE = 64  # rows; of cells, as of bands
+_MULTIPLE = 64  # rows of cells, as of bands
 _SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
 
 
 @dataclass(frozen=True)
 class Shares:
-    """How a run goes about what its line writes."""
+    """The part of a line's output that a run computes."""
 
-    words: tuple[str, ...]  # what the line makes
-    number: int = 0  # of the share that is computed; 0: all are put together
+    words: tuple[str, ...]  # of the line, without options that do not change the output
+    number: int = 0  # of the share to compute; 0: assemble all
     count: int = 0
 
     @classmethod
     def of(cls, words: Sequence[str], number: int = 0, count: int = 0) -> Shares:
-        """Of a line, with all it says."""
+        """From the complete words of a line."""
         return cls(without(words, _HOW), number, count)
 
     def compute(self, session: Session, image: Image, path: str, inputs: Sequence[str]) -> None:
-        """Keep this share of an image beside the file that it will be; what is there already stays."""
+        """Compute this share of an image into FILE.parts; existing cells are kept."""
         keeper, session.resources.keeper = session.resources.keeper, Checkpoint(Path(path))
         try:
             for number, part in enumerate(image.parts):
@@ -68,7 +64,7 @@ class Shares:
             session.resources.keeper = keeper
 
     def joined(self, session: Session, image: Image, inputs: Sequence[str]) -> Image:
-        """The image, read from what is kept of it; for who writes it, with `session.resources.checkpoints`."""
+        """The image, read from its cells; to be written within `session.resources.checkpoints`."""
         parts = [self._joined(session, part, self._key(n, part, inputs)) for n, part in enumerate(image.parts)]
         return Image(tuple(parts), image.source)
 
@@ -85,7 +81,7 @@ class Shares:
         return replace(part, fetch=lambda window: assembled(window, size, whole, cell), ready=False)
 
     def _key(self, number: int, part: Part, inputs: Sequence[str]) -> str:
-        from ...io.disk_cache import hash_of  # only where there are shares
+        from ...io.disk_cache import hash_of  # few lines have shares
 
         files = [(name, *_facts(name)) for name in sorted(inputs) if os.path.isfile(name)]
         return hash_of(
@@ -94,21 +90,21 @@ class Shares:
 
 
 def shares_of(settings: dict[str, tuple[str, ...]], words: Sequence[str]) -> Shares | None:
-    """What a line's --share or --join says; None where it says neither."""
+    """The shares that --share or --join selects; None without these options."""
     if "--join" in settings:
         if "--share" in settings:
-            raise ParameterError("--share and --join: a run does one of them")
+            raise ParameterError("--share conflicts with --join: run the shares first, then --join alone")
         return Shares.of(words)
     if "--share" not in settings:
         return None
     match = _SHARE.fullmatch(settings["--share"][0])
     if not match or int(match[1]) > int(match[2]):
-        raise ParameterError(f"--share {settings['--share'][0]}: expected I/N, I from 1 to N, N to 999999")
+        raise ParameterError(f"--share {settings['--share'][0]}: expected I/N with I from 1 to N, and N up to 999999")
     return Shares.of(words, int(match[1]), int(match[2]))
 
 
 def line_of(words: Sequence[str]) -> tuple[str, ...]:
-    """The line as it would be run in one piece: what a file says of how it was made."""
+    """The line without options of the farm, as files record it."""
     return without(words, _SPREAD)
 
 
@@ -121,6 +117,6 @@ def _cell_rows(part: Part) -> int:
 
 
 def _facts(path: str) -> tuple[int, int]:
-    """By what a file is known again on every machine that sees it: bytes, and ns of its last change."""
+    """Size in bytes and time of the last change in ns: they identify a file on every machine."""
     status = os.stat(path)
     return status.st_size, status.st_mtime_ns

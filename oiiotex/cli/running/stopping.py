@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Signals that end a run: the first unwinds it, a second one ends it at once. Either leaves nothing half behind.
+"""Signals that end a run: the first unwinds it, a second one ends it at once; no unfinished file remains.
 
-It imports little: a signal that comes while the program is loaded is answered, too.
+Imports little, so that signals are handled while the program is loading.
 """
 
 from __future__ import annotations
 
-import _signal as signal  # what `signal` gives names to, which takes a thousandth of a second
+import _signal as signal  # `signal` itself takes a millisecond to name its constants
 import os
 import sys
 from collections.abc import Callable
@@ -14,33 +14,33 @@ from types import FrameType
 
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _ATOMIC = "oiiotex.io.atomic"
-_GRACE = 0.5  # s for the main thread to hear a signal, and then to put away what it writes
+_GRACE = 0.5  # s for the main thread to handle a signal, and again to remove unfinished files
 
 _requested = 0  # the signal that asked the run to end
 
 
 class Stopped(BaseException):
-    """A signal asked the run to end: unwinds it, so that nothing half is left behind."""
+    """A signal ends the run: unwinding removes unfinished files."""
 
     def __init__(self, number: int):
         self.number = number
 
 
 def stop_on_signals() -> None:
-    """From here on SIGINT, SIGTERM and SIGHUP raise `Stopped` in the main thread."""
+    """Let SIGINT, SIGTERM and SIGHUP raise `Stopped` in the main thread."""
     _handle(SIGNALS, _stop)
     sys.unraisablehook = _end_or_report
 
 
 def end_on_signals() -> None:
-    """From here on SIGTERM and SIGHUP end this process at once: a worker, which is deaf to SIGINT."""
+    """Let SIGTERM and SIGHUP end this process at once: a worker, which ignores SIGINT."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _handle(SIGNALS[1:], end_at_once)
     watch_signals()
 
 
 def ignore_interrupts() -> None:
-    """All is done: SIGINT while Python ends changes no exit code."""
+    """Ignore SIGINT while Python ends, so that it does not change the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -51,7 +51,7 @@ def _handle(numbers: tuple[int, ...], handler: Callable[[int, FrameType | None],
 
 
 def watch_signals() -> None:
-    """Have a thread end the process where the main thread does not hear a signal: other people's code keeps it."""
+    """Start a thread that ends the process if library code keeps the main thread from handling a signal."""
     import threading
 
     source, sink = os.pipe()
@@ -65,7 +65,7 @@ def _watch(source: int) -> None:
 
     while True:
         number = os.read(source, 1)[0]
-        if signal.getsignal(number) not in (_stop, end_at_once):  # somebody else's, as a server has them
+        if signal.getsignal(number) not in (_stop, end_at_once):  # another handler, such as a server's
             continue
         time.sleep(_GRACE)
         if _requested and _writing():
@@ -75,22 +75,22 @@ def _watch(source: int) -> None:
 
 
 def raise_if_stopped() -> None:
-    """Raise `Stopped` again, where C code (a module while it is imported) has turned it into an error of its own."""
+    """Raise `Stopped` again if C code, such as an importing module, has replaced it by another error."""
     if _requested:
         raise Stopped(_requested)
 
 
 def end_at_once(number: int, _: object = None) -> None:
-    """A signal's handler: what is half written goes, and the process with it."""
+    """Signal handler: remove unfinished files and end the process."""
     if _writing():
         sys.modules[_ATOMIC].discard_all()
     os._exit(128 + number)
 
 
 def end_unwound(number: int) -> None:
-    """End the process once `Stopped` has unwound it: a signal may have come between a file and who would remove it.
+    """End the process after `Stopped` has unwound it, and remove files that unwinding missed.
 
-    Python does not take itself down: threads of other people's code still run, which that aborts.
+    Python does not finalize itself: that aborts while threads of libraries still run.
     """
     import atexit
 
@@ -99,27 +99,27 @@ def end_unwound(number: int) -> None:
 
 
 def _writing() -> bool:
-    """Whether there are unfinished files; the module that makes them may not have been loaded yet."""
+    """Whether there are unfinished files, without loading the module that writes them."""
     return hasattr(sys.modules.get(_ATOMIC), "discard_all") and sys.modules[_ATOMIC].is_writing()
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
     global _requested
-    if _requested or _imports(frame):  # modules of C++ take an exception while they are loaded for the end of all
+    if _requested or _imports(frame):  # C++ modules abort on an exception while they are loading
         end_at_once(number)
     _requested = number
     raise Stopped(number)
 
 
 def _imports(frame: FrameType | None) -> bool:
-    """Whether something is being imported in that frame."""
+    """Whether a frame is inside an import."""
     while frame is not None and not frame.f_code.co_filename.startswith("<frozen importlib"):
         frame = frame.f_back
     return frame is not None
 
 
 def _end_or_report(lost: sys.UnraisableHookArgs) -> None:
-    """`Stopped`, raised where Python drops exceptions (destructors, the import machinery), ends the run at once."""
+    """End the run at once on a `Stopped` raised where Python drops exceptions: in destructors and imports."""
     if isinstance(lost.exc_value, Stopped):
         end_at_once(lost.exc_value.number)
     sys.__unraisablehook__(lost)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Standard streams: ours are for what we say; what libraries print of their own accord goes nowhere."""
+"""Standard streams: our own output passes, output of libraries is discarded."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ import os
 import sys
 import warnings
 
-_loud = 2  # where the real stderr is
+_loud = 2  # descriptor of the real stderr
 
 
 def open_standard_streams() -> None:
-    """What came closed goes nowhere: else the next file opened would get its number, and what libraries print."""
+    """Open closed streams to nowhere: else the next file would get their numbers, and the output of libraries."""
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
     sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115 - open as long as the process
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="surrogateescape")  # names that are not UTF-8 are printed as they are
+        sys.stdout.reconfigure(errors="surrogateescape")  # print names that are not UTF-8 unchanged
         if sys.stdout.isatty():
             encoding = sys.stdout.encoding
             sys.stdout = _Terminal(sys.stdout.detach(), encoding, "backslashreplace", line_buffering=True)
 
 
 class _Terminal(io.TextIOWrapper):
-    """Names and metadata come from strangers: on a terminal what would steer it is shown as Python writes it."""
+    """A terminal on which control characters in names and metadata are printed escaped."""
 
     def write(self, text: str) -> int:
-        """Write a text."""
+        """Write a string with its control characters escaped."""
         super().write("".join(c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in text))
         return len(text)
 
 
 def quiet_libraries() -> None:
-    """An error is one line, of ours: libpng, libjpeg and others print theirs too, past Python."""
+    """Discard what libpng, libjpeg and others print on stderr: an error is one line, ours."""
     global _loud
     if _loud != 2:
         return
@@ -49,12 +49,12 @@ def quiet_libraries() -> None:
 
 
 def stderr() -> int:
-    """The descriptor of the real stderr, for processes that are started."""
+    """The descriptor of the real stderr, for child processes."""
     return _loud
 
 
 def drop(number: int) -> None:
-    """What is printed there from here on goes nowhere, and what is read there is empty."""
+    """Redirect a descriptor to nowhere."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     os.dup2(nowhere, number)
     os.close(nowhere)

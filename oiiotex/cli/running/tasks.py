@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One frame of a command line, done: here, in another process, or on another machine."""
+"""Run one frame of a command line: in this process, in another one, or on another machine."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from ..vocabulary import LANGUAGE
 from .shares import Shares, line_of, shares_of
 
 log = logging.getLogger("oiiotex")
-_resident: dict[tuple[object, ...], Session] = {}  # the session that this process did its last job with
-_at_work = threading.Lock()  # a line has a current folder and OpenImageIO's threads to itself
+_resident: dict[tuple[object, ...], Session] = {}  # the session of this process's last job
+_at_work = threading.Lock()  # lines share the current folder and OpenImageIO's threads
 
 
 class Task(NamedTuple):
-    """A frame, how many of its steps there is reason to do, and of each use of an op the file written next."""
+    """A frame, the number of its steps that matter, and for each use of an op the file that is written next."""
 
     frame: Frame
     steps: int
@@ -39,21 +39,21 @@ class Job(NamedTuple):
     """A task for another process."""
 
     task: Task
-    budget: int = 0  # bytes of memory that it may hold; 0: as its line and its machine say
-    threads: int = 0  # 0: as its line says
-    shares: Shares | None = None  # what is made of what the line writes; None: all
-    folder: str = ""  # where the line's names lie; '': the current one
-    version: str = __version__  # of the program that asks
+    budget: int = 0  # memory in bytes; 0: by its line and its machine
+    threads: int = 0  # 0: by its line
+    shares: Shares | None = None  # the share of the output to compute; None: all
+    folder: str = ""  # of the line's relative names; '': the current folder
+    version: str = __version__  # of the sender
 
 
 def run_task(task: Task, session: Session, shares: Shares | None = None) -> int:
-    """Do a task; returns its exit code."""
+    """Run a task; returns its exit code."""
     return session.resources.on_a_device(lambda: _run_chain(task, session, shares))
 
 
 def _run_chain(task: Task, session: Session, shares: Shares | None) -> int:
     command = parse(list(task.frame.words), LANGUAGE)
-    session.change(all_parts=False, autocc=False)  # options of the line set them anew for each frame
+    session.change(all_parts=False, autocc=False)  # options of the line set them for each frame
     chain = Chain(session, read_input, task.frame)
     chain.written_next = iter(task.files)
     chain.shares = shares or shares_of(command.settings, task.frame.words)
@@ -62,12 +62,12 @@ def _run_chain(task: Task, session: Session, shares: Shares | None) -> int:
 
 
 def work(job: Job) -> tuple[str, Error | None, int]:
-    """Do a job: (what it printed, its error, its exit code)."""
+    """Run a job; returns (its output, its error, its exit code)."""
     if job.version != __version__:
-        text = f"a worker has oiiotex {__version__}, the line is from {job.version}: they must be the same"
+        text = f"a worker runs oiiotex {__version__}: expected {job.version}, the version of the sender"
         return "", Error(text), 1
     if job.folder and not os.path.isdir(job.folder):
-        return "", Error(f"a worker does not see the folder {job.folder}"), 1
+        return "", Error(f"a worker has no access to the folder {job.folder}"), 1
     printed = io.StringIO()
     try:
         with _at_work, contextlib.chdir(job.folder or os.curdir), contextlib.redirect_stdout(printed):
@@ -78,7 +78,7 @@ def work(job: Job) -> tuple[str, Error | None, int]:
 
 
 def _session_of(job: Job) -> Session:
-    """A session with the device and the colors of the last one, where that was opened alike."""
+    """A session that reuses the device and the color config of the last one if their settings are equal."""
     words = list(job.task.frame.words)
     session = session_for(parse(words, LANGUAGE), words)
     settings = session.settings
@@ -90,9 +90,6 @@ def _session_of(job: Job) -> Session:
     _resident.clear()
     _resident[key] = session
     return session
-
-
-# --- settings ---
 
 
 def session_for(command: CommandLine, words: list[str]) -> Session:
@@ -122,7 +119,7 @@ def limit_threads(count: int) -> None:
 
 
 def skip(error: Error, command: CommandLine) -> None:
-    """Go on with the next frame, where that is wanted."""
+    """Log the error of a frame if --skip-bad-frames is set, else raise it."""
     if "--skip-bad-frames" not in command.settings:
         raise error
     log.error("oiiotex ERROR: %s", error)

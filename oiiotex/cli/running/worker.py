@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A process that does jobs as `parallel.Workers` sends them: `oiiotex.cli.running.worker LEVEL DEBUGGING FOLDER`.
+"""A process that runs the jobs of `parallel.Workers`: `oiiotex.cli.running.worker LEVEL DEBUGGING FOLDER`.
 
-It is started deaf to Ctrl-C, which is for its parent, and stays so. Where the parent goes, however that is ended, it
-goes too, and leaves nothing half.
+It ignores Ctrl-C, which its parent handles. When the parent ends for any reason, it removes its unfinished files and
+ends.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from .streams import drop, quiet_libraries
 
 
 def serve(level: int, debugging: bool, folder: str) -> None:
-    """Do jobs until the parent has no more."""
+    """Run jobs until the parent closes the pipe."""
     end_on_signals()
     with open(os.dup(0), "rb") as requests, open(os.dup(1), "wb") as answers:
-        drop(0)  # neither libraries nor what they start read or write there
+        drop(0)  # libraries and their child processes must not use the pipes
         drop(1)
         if not debugging:
             quiet_libraries()
@@ -36,7 +36,7 @@ def serve(level: int, debugging: bool, folder: str) -> None:
 
 
 class _Server:
-    """Does one job at a time, and listens meanwhile whether the parent is there."""
+    """Runs one job at a time, while a thread watches whether the parent is alive."""
 
     def __init__(self, requests: BinaryIO, answers: BinaryIO, debugging: bool):
         self._requests, self._answers, self._debugging = requests, answers, debugging
@@ -45,7 +45,7 @@ class _Server:
         self._listener = threading.Thread(target=self._listen, daemon=True)
 
     def serve(self) -> None:
-        """Until there is no more."""
+        """Answer requests until the pipe is closed."""
         self._listener.start()
         while (request := self._waiting.get()) is not None:
             answer = self._answer(request)
@@ -58,7 +58,7 @@ class _Server:
         while True:
             try:
                 request = pickle.load(self._requests)
-            except (EOFError, OSError, pickle.UnpicklingError):  # nobody is there, or died while asking
+            except (EOFError, OSError, pickle.UnpicklingError):  # the parent has ended, perhaps while sending
                 break
             self._busy = True
             self._waiting.put(request)
@@ -80,14 +80,14 @@ class _Server:
 def _pickled(error: Exception) -> bytes:
     try:
         pickled = pickle.dumps((None, error))
-        pickle.loads(pickled)  # exceptions with fields of their own may not come back
+        pickle.loads(pickled)  # exceptions with required arguments fail here
         return pickled
     except Exception:
         return pickle.dumps((None, Error(f"internal, {type(error).__name__}: {error}")))
 
 
 def main(level: str, debugging: str, folder: str) -> Any:
-    """As the words say."""
+    """Run the worker."""
     try:
         serve(int(level), debugging == "1", folder)
     except BrokenPipeError:  # the parent has gone

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The image stack: does the steps of a command line one after the other."""
+"""The image stack: runs the steps of a command line in order."""
 
 from __future__ import annotations
 
@@ -31,44 +31,42 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("oiiotex")
 
-_DEEPEST = 40  # ops that wait for each other's pixels: each takes up to a dozen calls, and Python has 1000
-_BEYOND_A_LIMIT = 3  # the exit code where all is written, and a measure is beyond its limit
+_DEEPEST = 40  # of ops whose pixels depend on each other: each takes up to 12 calls of Python's 1000
+_BEYOND_A_LIMIT = 3  # exit code: all is written, and a measure exceeds its limit
 
 
 class Chain:
-    """A stack of images, what is set for what follows, and what waits."""
+    """The stack, the settings for later steps, and ops that still lack operands."""
 
-    dry = False  # the line is only looked through: see `rehearsal`
+    dry = False  # True in a rehearsal
 
     def __init__(self, session: Session, read_input: Callable[[Chain, str], None], frame: Frame | None = None):
-        self.read_input = read_input  # what is done with a file's name
+        self.read_input = read_input  # called with a file name
         self.session = session
         self.frame = frame
-        self.inputs: set[str] = set()  # the files that were read, and names that computed images have
-        self.written: set[str] = set()  # real paths of files that ops wrote: nothing that follows may overwrite them
+        self.inputs: set[str] = set()  # the files read so far, and names of computed images
+        self.written: set[str] = set()  # real paths of files that ops wrote: later steps must not overwrite them
         self.stack: list[Image] = []  # the last is the top
         self.labeled: dict[str, Image] = {}  # by the names of --label
         self.user: dict[str, int | float | str] = {}  # variables of expressions
         self.first = First()
-        self.settings: dict[str, Any] = {}  # what options have set for later ones, by the option's name
+        self.settings: dict[str, Any] = {}  # of options for later ones, by the option's name
         self.status = 0  # exit code so far
         self.evaluating = True  # of expressions
-        self.position = 0  # of the step that comes next; control flow moves it
-        self.skipping = False  # the condition around the steps does not hold
+        self.position = 0  # of the next step; control flow moves it
+        self.skipping = False  # inside a condition that is false
         self.loops: list[Any] = []  # the open --if, --while and --for
         self.unwritten = False  # an image has been made and not written
         self.used = False  # something was written or printed
-        self.shares: Shares | None = None  # what is made of what the line writes; None: all, here and now
-        self.written_next: Iterator[str] = iter(())  # of each use of an op the file that comes next, '' if unknown
+        self.shares: Shares | None = None  # the part of the output to compute; None: all
+        self.written_next: Iterator[str] = iter(())  # for each use of an op the next file, '' if unknown
         self._waiting: list[tuple[Step, tuple[str, ...], dict[str, Any]]] = []
-
-    # --- the stack ---
 
     @property
     def top(self) -> Image:
         """The current image."""
         if not self.stack:
-            raise ParameterError("there is no image to work on")
+            raise ParameterError("the stack is empty", expected="an image", hint="name an input file first")
         return self.stack[-1]
 
     def push(self, image: Image) -> None:
@@ -81,10 +79,8 @@ class Chain:
         self.stack.pop()
         return image
 
-    # --- running ---
-
     def run(self, steps: Sequence[Step]) -> None:
-        """Do all steps."""
+        """Run all steps."""
         self.position = 0
         while self.position < len(steps):
             step = steps[self.position]
@@ -100,7 +96,7 @@ class Chain:
                 log.error("oiiotex ERROR: %s", error)
         self._nothing_waits()
         if self.loops:
-            raise ParameterError(f"{self.loops[-1].name} has no end")
+            raise ParameterError(f"{self.loops[-1].name} is not closed", expected=f"--end{self.loops[-1].name[2:]}")
 
     def _do(self, step: Step) -> None:
         word = self.expressed(step.word) if not (self.skipping and step.option) else step.word
@@ -133,24 +129,24 @@ class Chain:
         option.run(self, *texts, *modifiers)
 
     def expressed(self, text: str) -> str:
-        """The text with its expressions evaluated."""
+        """The string with its expressions evaluated."""
         if not self.evaluating or "{" not in text:
             return text
-        from ..language.expressions import substituted  # few lines have any
+        from ..language.expressions import substituted  # few lines need it
 
         return substituted(text, self)
 
     def known(self, image: Image) -> Image:
-        """The image, of which an expression asks something: a line that is only looked through may not know it yet."""
+        """The image that an expression reads; unknown in a rehearsal if it is not computed yet."""
         return image
 
     def _nothing_waits(self) -> None:
-        """Refuse to go on past an op that still lacks operands: what follows would happen to the wrong image."""
+        """Refuse further steps while an op lacks operands: they would change the wrong image."""
         if self._waiting:
             step, _, values = self._waiting[0]
             need = self._need(step, values)
             with errors_of_step(step):
-                raise ParameterError(f"takes {need} image(s), there are {len(self.stack)}")
+                raise ParameterError(f"expected {need} image(s) on the stack, found {len(self.stack)}")
 
     def _need(self, step: Step, values: dict[str, Any]) -> int:
         if step.op is not None:
@@ -189,13 +185,13 @@ class Chain:
         self.unwritten = True
 
     def _rename(self, names: dict[str, str]) -> None:
-        """Let `-d CHANNEL=TYPE` follow a channel to its new name, where the type of the first file no longer holds."""
+        """Transfer the types of `-d CHANNEL=TYPE` to new names of channels."""
         if names:
             types = self.settings.get("-d channels", {})
             self.settings["-d channels"] = types | {new: types.get(old) for new, old in names.items()}
 
     def _entitled(self, op: type[Op], operands: list[Image], image: Image) -> Image:
-        """The image under its title; computed now where too many ops would wait for each other's pixels."""
+        """The image with its title; computed now if too many ops depend on each other's pixels."""
         before = max((part.depth for operand in operands for part in operand.parts), default=-1)
         title = title_of(op, operands, image)
         parts = [dataclasses.replace(part, depth=before + 1, title=title) for part in image.parts]
@@ -204,7 +200,7 @@ class Chain:
         return Image(tuple(parts), image.source)
 
     def images_of(self, op: Op) -> Sequence[Image]:
-        """The images that an op makes, its files written, its lines printed, and measures beyond a limit said."""
+        """The images that an op computes; writes its files, prints its lines and reports exceeded limits."""
         beside = next(self.written_next, "")
         with self.session.resources.keeping(beside) if beside else contextlib.nullcontext():
             uses = run(op, self.session, self.written, not self.settings.get("--nosoftwareattrib"))
@@ -214,63 +210,62 @@ class Chain:
         return [use.image for use in uses]
 
     def acts(self, *parts: Part) -> bool:
-        """Ask for leave to print or to write: a line that is only looked through has none, and notes where it would.
+        """Whether to print or write now: False in a rehearsal, which notes the step.
 
-        `parts`: whose pixels that takes; refused as `Resources.require_streamable` says.
+        `parts`: those whose pixels are needed; raises as `Resources.require_streamable` does.
         """
         self.session.resources.require_streamable(*parts)
         self.used, self.unwritten = True, False
         return True
 
     def note(self, level: int, text: str) -> None:
-        """Log what is left undone; where a line is only looked through, perhaps later."""
+        """Log that something is skipped; in a rehearsal only if the step never runs."""
         log.log(level, "%s", text)
 
     def set_global(self, name: str, kind: oiio.TypeDesc, value: object, before: object) -> None:
-        """Set an attribute of OpenImageIO, which had the value `before`."""
+        """Set an attribute of OpenImageIO; `before` is its former value."""
         oiio.attribute(name, kind, value)
 
     def tell(self, text: str) -> None:
-        """Print a line that -v asks for."""
+        """Print a line if -v is set."""
         if self.settings.get("-v"):
             print(text, flush=True)
 
     def will_write(self, image: Image, path: str, how: Format) -> None:
-        """Look at what is about to be written; of a line that is only looked through, check that it could be."""
+        """Called before a file is written; in a rehearsal it checks that writing is possible."""
 
     def opened(self, path: str, native: bool = False, config: oiio.ImageSpec | None = None) -> Image:
         """The image of a file."""
         return read(path, self.session.resources.cache, native=native, config=config)
 
     def require_free(self, path: str) -> None:
-        """Refuse a name under which a filter has just written."""
+        """Refuse a name that an op has just written."""
         if os.path.realpath(path) in self.written:
-            raise ParameterError(f"{path} has just been written by an op's modifier")
+            raise ParameterError(f"{path} has just been written by an op's modifier: use another name")
 
     def changed(self, path: str) -> float:
-        """When a file was last changed, in seconds; 0 where there is none."""
+        """The time of a file's last change in seconds; 0 if it does not exist."""
         return os.path.getmtime(path) if os.path.exists(path) else 0.0
 
     def has_file(self, path: str) -> bool:
-        """Whether there is such a file."""
+        """Whether a file exists."""
         return os.path.exists(path)
 
     def _of_frame(self, op: type[Op]) -> dict[str, Any]:
-        """The frame's number for the op's parameters that are the number of a frame."""
+        """The frame number, by the op's parameters that take it."""
         number = self.frame.number if self.frame else None
         return {p.attribute: number for p in op.parameters() if p.frame and number is not None}
 
     def image(self, index: int) -> Image:
         """The image at that depth, 0 the top."""
         if not 0 <= index < len(self.stack):
-            raise ParameterError(f"there is no image {index}: the stack holds {len(self.stack)}")
+            raise ParameterError(f"no image {index} on the stack, which has {len(self.stack)}")
         return self.stack[-1 - index]
 
     def _bound(self, op: type[Op], operands: list[Image], values: dict[str, Any]) -> dict[str, Any]:
-        """The values, with the operands by the names under which the op declares them.
+        """The values and the operands, by the names that the op declares.
 
-        From the bottom up: what it always takes, those behind the first that a count asks for, then each image that a
-        modifier asks for.
+        Operands are, from the bottom up: required images, those after the first that a count adds, then optional ones.
         """
         declared = op.images()
         if len(declared) == 1 and declared[0].many:
@@ -295,20 +290,20 @@ class Chain:
         if self.has_file(name):
             return self.opened(name)
         parts = ", ".join(part.name for part in operands[0].parts) if operands else ""
-        has = f"the image has {parts}" if parts else "there is no image"
+        has = f"the image has {parts}" if parts else "no image is given"
         problem = f"neither a part ({has}) nor a file"
         raise ParameterError(problem, parameter=parameter.name, value=name, expected=parameter.expected)
 
 
 def require_flat(images: Iterable[Image]) -> None:
-    """Raise an ImageError where one has a deep part."""
+    """Raise an ImageError if an image has a deep part."""
     for image in images:
         if any(part.spec.deep for part in image.parts):
-            raise ImageError(f"{image.title} is deep: expected a flat image; put --flatten before it")
+            raise ImageError(f"{image.title} is deep: expected a flat image; add --flatten before this step")
 
 
 def _with_metadata_of(operands: list[Image], result: Image) -> Image:
-    """The result, with what else is in the metadata of the operands (--metamerge)."""
+    """The result with the operands' metadata that it lacks (--metamerge)."""
 
     def merge(spec: oiio.ImageSpec) -> None:
         for operand in operands:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the first image that was read says of the files that are written."""
+"""Types of computed images, as the first image read sets them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...deferred import oiio
 
 @dataclass
 class First:
-    """What the first image read says of how computed images are written."""
+    """Spec, types and tiles of the first image read: defaults for writing computed images."""
 
     spec: oiio.ImageSpec | None = None
     pixel_type: oiio.TypeDesc | None = None
@@ -20,7 +20,7 @@ class First:
     tile: tuple[int, int] | None = None
 
     def learn(self, image: Image) -> None:
-        """Take in an image that has been read: its type, where it has a wider one than those before."""
+        """Update from an image that has been read: a wider type replaces the former one."""
         for part in image.parts:
             self.spec = self.spec or part.spec
             own = part.spec.format
@@ -38,7 +38,7 @@ class First:
 
 
 def merged_type(a: oiio.TypeDesc, b: oiio.TypeDesc) -> oiio.TypeDesc:
-    """The type that holds the values of both, as oiiotool merges them."""
+    """The type that holds the values of both, by oiiotool's rules."""
     order = ("uint8", "int8", "uint16", "int16", "half", "uint", "int", "float", "double")
     low, high = sorted((str(a), str(b)), key=order.index)
     if low in ("int8", "int16") and high in ("uint16", "half") and low != high:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options that move images on the stack, and parts between images."""
+"""Options for the stack, and for parts (subimages) and MIP levels of images."""
 
 from __future__ import annotations
 
@@ -18,67 +18,39 @@ from .chain import Chain
 
 
 def label(chain: Chain, name: str) -> None:
-    """Name the top image: naming it puts it on the stack again."""
+    """Name the top image; NAME as an input pushes it again."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
-        raise ParameterError(f"'{name}' is no label: expected letters, digits and _")
+        raise ParameterError(f"'{name}': expected a label of letters, digits and _")
     chain.labeled[name] = chain.stack[-1] = _cached(chain, chain.top)
 
 
 def duplicate(chain: Chain) -> None:
-    """Put the top image on the stack once more."""
+    """Push a copy of the top image."""
     chain.stack[-1] = _cached(chain, chain.top)
     chain.push(chain.top)
 
 
 def _cached(chain: Chain, image: Image) -> Image:
-    """The image, whose computed pixels are kept for a while: they will be asked for more than once."""
+    """The image with cached pixels, for repeated use."""
     return Image(tuple(cached(part, chain.session.resources.cache) for part in image.parts), image.source)
 
 
-def swap(chain: Chain) -> None:
-    """Exchange the two top images."""
-    chain.stack[-2:] = chain.stack[:-3:-1]
-
-
-def drop(chain: Chain) -> None:
-    """Pop the top image."""
-    chain.pop()
-
-
-def drop_bottom(chain: Chain) -> None:
-    """Remove the bottom image."""
-    chain.stack.pop(0)
-
-
-def reverse(chain: Chain) -> None:
-    """Reverse the stack."""
-    chain.stack.reverse()
-
-
 def extract(chain: Chain, text: str) -> None:
-    """Bring the image of that depth to the top, 0 the top."""
+    """Move the image at depth INDEX to the top; 0 is the top."""
     index = whole_number(text)
     chain.image(index)
     chain.push(chain.stack.pop(len(chain.stack) - 1 - index))
 
 
-def clear(chain: Chain) -> None:
-    """Remove all images."""
-    chain.stack.clear()
-
-
-# --- parts and levels ---
-
-
 @dataclass(frozen=True)
 class SubimageModifiers:
-    """Of --subimage."""
+    """Modifiers of --subimage."""
 
-    delete: bool = param(False, help="drop that part and keep the others")
+    delete: bool = param(False, help="Remove that part and keep the others.")
 
 
 def subimage(chain: Chain, which: str, given: SubimageModifiers) -> None:
-    """Keep one part, by number or name."""
+    """Keep one part (subimage), by number or name."""
     image = chain.top
     names = [part.spec.get_string_attribute("oiio:subimagename") for part in image.parts]
     if re.fullmatch(r"\d+", which) and int(which) < len(names):
@@ -87,17 +59,17 @@ def subimage(chain: Chain, which: str, given: SubimageModifiers) -> None:
         index = names.index(which)
     else:
         has = ", ".join(f"{n} {name}".strip() for n, name in enumerate(names))
-        raise ParameterError(f"{image.source} has no part '{which}'; it has {has}")
+        raise ParameterError(f"{image.source} has no part '{which}': expected one of {has}")
     if len(names) == 1:
         if given.delete:
-            raise ParameterError(f"{image.source} has only one part")
+            raise ParameterError(f"cannot delete the only part of {image.source}")
         return
     kept = image.parts[:index] + image.parts[index + 1 :] if given.delete else (image.parts[index],)
     chain.stack[-1] = Image(kept, image.source)
 
 
 def split_parts(chain: Chain) -> None:
-    """Replace an image by one for each of its parts."""
+    """Split the top image into one image per part."""
     image = chain.pop()
     for part in image.parts:
         chain.push(Image((part,), image.source))
@@ -105,15 +77,15 @@ def split_parts(chain: Chain) -> None:
 
 @dataclass(frozen=True)
 class AppendModifiers:
-    """Of --siappend."""
+    """Modifiers of --siappend."""
 
-    n: int = param(2, ge=2, le=1 << 20, help="how many images")
+    n: int = param(2, ge=2, le=1 << 20, help="Number of images.")
 
 
 def append_parts(chain: Chain, given: AppendModifiers) -> None:
-    """Make the last two (n) images the parts of one."""
+    """Join the top two (n) images as parts of one image."""
     if given.n > len(chain.stack):
-        raise ParameterError(f"n={given.n}: there are {len(chain.stack)} images")
+        raise ParameterError(f"n={given.n}: the stack has {len(chain.stack)} images")
     images = chain.stack[-given.n :]
     parts = [part for image in images for part in image.parts]
     del chain.stack[-given.n :]
@@ -121,7 +93,7 @@ def append_parts(chain: Chain, given: AppendModifiers) -> None:
 
 
 def _distinct(parts: list[Part]) -> tuple[Part, ...]:
-    """The parts under names that differ."""
+    """The parts with unique names."""
     taken: set[str] = set()
     named = []
     for n, part in enumerate(parts):
@@ -134,13 +106,13 @@ def _distinct(parts: list[Part]) -> tuple[Part, ...]:
 
 
 def append_all(chain: Chain) -> None:
-    """Make all images the parts of one."""
+    """Join all images as parts of one image."""
     if len(chain.stack) > 1:
         append_parts(chain, AppendModifiers(len(chain.stack)))
 
 
 def split_layers(chain: Chain) -> None:
-    """Replace an image by one for each layer: channels whose names begin alike, up to a dot."""
+    """Split the top image into one image per layer: channels that share the name before the dot."""
     image = chain.pop()
     names = list(image.first.spec.channelnames)
     layers = [
@@ -154,7 +126,7 @@ def split_layers(chain: Chain) -> None:
 
 
 def _layer(part: Part, begin: int, end: int, name: str) -> Part:
-    """Some channels of a part, without the layer's name before theirs."""
+    """Channels of a part, without the layer's name in theirs."""
     bare = [channel.removeprefix(f"{name}.") if name else channel for channel in part.spec.channelnames[begin:end]]
 
     def narrow(spec: oiio.ImageSpec) -> None:
@@ -179,7 +151,7 @@ def without_levels(chain: Chain) -> None:
 
 
 def _copied(part: Part) -> Part:
-    """The part as if an op had made it: as floats, and of no file any more."""
+    """The part as a computed one, in float and without a file."""
     spec = oiio.ImageSpec(part.spec)
     spec.set_format(part.working_type)
     for name in ("oiio:miplevels", "oiio:subimages"):
@@ -188,7 +160,7 @@ def _copied(part: Part) -> Part:
 
 
 def select_level(chain: Chain, text: str) -> None:
-    """Keep one level of a MIP-mapped image, 0 the largest."""
+    """Keep one level of a MIP-mapped image; 0 is the largest."""
     image, level = chain.top, whole_number(text)
     if not any(part.levels for part in image.parts):
         return
@@ -196,24 +168,21 @@ def select_level(chain: Chain, text: str) -> None:
     for part in image.parts:
         levels = (part, *part.levels)
         if level >= len(levels):
-            raise ParameterError(f"{image.source} has no MIP level {level}; it has {len(levels)}")
+            raise ParameterError(f"{image.source} has no MIP level {level}: expected 0 to {len(levels) - 1}")
         parts.append(dataclasses.replace(levels[level], levels=()))
     chain.stack[-1] = Image(tuple(parts), image.source)
 
 
-# --- thumbnails ---
-
-
 @dataclass(frozen=True)
 class ThumbnailModifiers:
-    """Of --thumbnail-get."""
+    """Modifiers of --thumbnail-get."""
 
-    fail: bool = param(True, help="an image without a thumbnail is an error; 0: a small version is made of it")
-    index: int = param(0, ge=0, le=0, help="which thumbnail; OpenImageIO gives only the first")
+    fail: bool = param(True, help="Error for images without a thumbnail. 0: the image itself is scaled down.")
+    index: int = param(0, ge=0, le=0, help="Number of the thumbnail. OpenImageIO reads only the first.")
 
 
 def thumbnail(chain: Chain, given: ThumbnailModifiers) -> None:
-    """Replace an image by the thumbnail in its file."""
+    """Replace the top image by the thumbnail in its file."""
     image = chain.top
     part = image.first
     if part.thumbnail is not None:
@@ -225,7 +194,7 @@ def thumbnail(chain: Chain, given: ThumbnailModifiers) -> None:
 
 
 def _thumbnail_of(chain: Chain, part: Part) -> Part:
-    """A version of the display window that fits into 256 x 256 pixels."""
+    """The display window, scaled to fit 256x256 pixels."""
     from ...host.kinds import checked, once
 
     spec = oiio.ImageSpec(part.spec)
@@ -265,12 +234,12 @@ def _shape(spec: oiio.ImageSpec) -> tuple[int, int, int]:
 OPTIONS = (
     Option("--label NAME", label, needs=1),
     Option("--dup", duplicate, needs=1),
-    Option("--swap", swap, needs=2),
-    Option("--pop", drop, needs=1),
-    Option("--popbottom", drop_bottom, needs=1),
-    Option("--stackreverse", reverse, needs=1),
+    Option("--swap", lambda chain: chain.stack.insert(-1, chain.pop()), text="Swap the two top images", needs=2),
+    Option("--pop", lambda chain: chain.pop(), text="Pop the top image", needs=1),
+    Option("--popbottom", lambda chain: chain.stack.pop(0), text="Remove the bottom image", needs=1),
+    Option("--stackreverse", lambda chain: chain.stack.reverse(), text="Reverse the stack", needs=1),
     Option("--stackextract INDEX", extract, needs=1),
-    Option("--stackclear", clear),
+    Option("--stackclear", lambda chain: chain.stack.clear(), text="Remove all images"),
     Option("--subimage PART", subimage, SubimageModifiers, needs=1),
     Option("--sisplit", split_parts, needs=1),
     Option("--siappend", append_parts, AppendModifiers, needs=2),

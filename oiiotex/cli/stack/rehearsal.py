@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A command line looked through before it is run: what is wrong with it is said before a pixel is computed.
+"""A rehearsal of a command line: reports errors before a pixel is computed.
 
-The steps are done as ever, by the same code, on images whose pixels cannot be asked for and with a session that opens
-no device: what an op refuses before it looks at pixels or works on the device, whose memory is known, and what a
-file's name, folder, format or type refuse, is found now. Where an op does look, what it makes is known by declaration
-alone (`run.foreseen`), and what later steps would refuse of such an image is left to the run. Where an expression or
-an option looks at pixels nothing can be said of the steps behind it.
+It runs the steps with the code of the run, on images without pixels and in a session that opens no device. It finds the
+errors that ops raise before they read pixels or use the device, whose memory is known, and errors in names, folders,
+formats and types of files. Once an op reads pixels, its result is known only as declared (`run.foreseen`), and errors
+of later steps on that image are left to the run. An expression or option that reads pixels ends the rehearsal.
 """
 
 from __future__ import annotations
@@ -43,27 +42,27 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("oiiotex")
 
-_MOST_STEPS = 2000  # of loops, the rest is left to the run
+_MOST_STEPS = 2000  # in loops; the rest is left to the run
 
 
 @dataclass(frozen=True)
 class Foresight:
-    """What a line has shown."""
+    """The result of a rehearsal."""
 
-    steps: int  # of its first ones, up to the last that prints, writes or decides something: the others are in vain
-    notes: tuple[tuple[int, str], ...] = ()  # logging level and text of what the run will not say
-    files: tuple[str, ...] = ()  # of each use of an op the file that is written next, as far as it is known
+    steps: int  # up to the last one that prints, writes or controls: the run skips the others
+    notes: tuple[tuple[int, str], ...] = ()  # level and text of log lines for skipped steps
+    files: tuple[str, ...] = ()  # for each use of an op the file that is written next, if known
 
 
 @dataclass
 class Rehearsals:
-    """Looks lines of one run through, one after the other: a later one may read what an earlier one writes."""
+    """Rehearses the lines of one run in order: a later one may read files that an earlier one writes."""
 
     session: Session
-    files: dict[str, Image] = field(default_factory=dict)  # that would be written, by their real paths
+    files: dict[str, Image] = field(default_factory=dict)  # that the run will write, by their real paths
 
     def foresight(self, steps: Sequence[Step], frame: Frame | None) -> Foresight:
-        """What can be said of the steps."""
+        """Rehearse the steps; raises the errors that the run would raise."""
         chain = _Rehearsal(_untouched(self.session), frame, self.files, self.session.progress.measure)
         try:
             with _quiet(), chain.globals:
@@ -79,7 +78,7 @@ class Rehearsals:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """What there is to log is logged when it is done."""
+    """Disable logging: the run logs."""
     before, log.disabled = log.disabled, True
     try:
         yield
@@ -88,7 +87,7 @@ def _quiet() -> Iterator[None]:
 
 
 class _Unopened(Resources):
-    """Resources of a session that opens no device and looks at no pixel."""
+    """Resources of a session that opens no device and reads no pixel."""
 
     def __init__(self, settings: Settings, behind: Resources):
         super().__init__(settings)
@@ -96,89 +95,89 @@ class _Unopened(Resources):
 
     @functools.cached_property
     def device(self) -> Device:
-        """One of which nothing but its memory is known: whoever asks for more is about to work."""
+        """A device of which only the memory is known; all else raises `Unseen`."""
         from ...opencl.device import choose
         from ...opencl.unopened import UnopenedDevice
 
         try:
             return UnopenedDevice(choose(self.settings.device_name, self.settings.threads))
-        except DeviceError:  # the run says so, if it needs one
+        except DeviceError:  # the run raises it if it needs a device
             raise Unseen from None
 
     @property
     def workers(self) -> NoReturn:
-        """None: work begins."""
+        """Raises `Unseen`: work begins."""
         raise Unseen
 
     @functools.cached_property
     def color(self) -> ColorConfig:
-        """That of the run: loaded once. What it would warn of, the run says."""
+        """The config of the run, loaded once, without its warnings, which the run prints."""
         return self._behind.color.unwarned()
 
     @functools.cached_property
     def cache(self) -> PieceCache:
-        """One through which no pixel comes."""
+        """A cache without pixels."""
         return _Closed(self._behind.cache.limit)
 
 
 def _untouched(session: Session) -> Session:
-    """With the settings and the colors of that session."""
+    """A session for rehearsals with the settings and the color config of `session`."""
     settings = replace(session.settings, autocc=False, all_parts=False, profile=False)
     return Session.of(_Unopened(settings, session.resources), Progress())
 
 
 class _Closed(PieceCache):
-    """A cache whose pieces are not to be had."""
+    """A cache that raises `Unseen` for every piece."""
 
     def get(self, key: Any, make: Any) -> NoReturn:
-        """Nothing."""
+        """Raises `Unseen`."""
         raise Unseen
 
 
 class _Unknown(Image):
-    """An image of which nothing is known, not even what an op declares."""
+    """An image of which nothing is known."""
 
     def __init__(self) -> None:
         pass
 
     def __getattribute__(self, name: str) -> Any:
-        """What has `Image` as its class."""
+        """Raise `Unseen`, except for special attributes."""
         if name.startswith("__"):
             return super().__getattribute__(name)
         raise Unseen
 
 
 class _Rehearsal(Chain):
-    """A chain that does everything but compute, print and write."""
+    """A chain that does not compute, print or write."""
 
     dry = True
 
     def __init__(self, session: Session, frame: Frame | None, files: dict[str, Image], measures: bool):
         super().__init__(session, read_input, frame)
         self._files = files
-        self._measures = measures  # the run says them
+        self._measures = measures  # the run prints them
         self._count = 0
         self._needed = 0  # steps up to the last that prints or writes
-        self._certain = False  # what has failed will fail in the run
+        self._certain = False  # the error will also occur in the run
         self._outputs = 0
         self._uses = 0  # of ops
-        self.files: list[str] = []  # that are written next after each of them
+        self.files: list[str] = []  # the file written next after each of them
         self._idle: list[str] = []  # settings of outputs since the last one
         self._last = ""  # the last op
         self._notes: list[tuple[int, int, str]] = []  # step, level and text
-        self.globals = contextlib.ExitStack()  # attributes of OpenImageIO, which it gives back as they were
+        self.globals = contextlib.ExitStack()  # restores attributes of OpenImageIO
 
     def foresight(self, steps: Sequence[Step]) -> Foresight:
-        """What has been seen when all steps have been done."""
+        """The result after all steps."""
         control = max((n + 1 for n, step in enumerate(steps) if step.option and step.option.control), default=0)
         needed = max(self._needed, control) if self._needed else 0
         notes = [(level, text) for position, level, text in self._notes if position > needed]
         if self.unwritten and not self.used:
-            notes.append((logging.WARNING, "nothing was written: did you forget -o?"))
+            notes.append((logging.WARNING, "no file was written: did you forget -o?"))
         elif self.unwritten and self._outputs:
-            notes.append((logging.WARNING, f"{self._last} behind the last output is not done: did you forget -o?"))
+            notes.append((logging.WARNING, f"{self._last} after the last output is skipped: did you forget -o?"))
         if self._outputs and self._idle:
-            notes.append((logging.WARNING, f"{', '.join(self._idle)} behind the last output changes nothing"))
+            notes.append((logging.WARNING, f"{', '.join(self._idle)} after the last output has no effect"))
         return Foresight(needed, tuple(notes), tuple(self.files))
 
     def _do(self, step: Step) -> None:
@@ -194,12 +193,12 @@ class _Rehearsal(Chain):
             looked_at = before[-max(1, step.option.needs) :] if step.option else before
             if not self._certain and any(map(is_foreseen, looked_at)):
                 self.stack = [_Unknown() if is_foreseen(image) else image for image in before]
-                super()._do(step)  # what fails whatever the image is, fails again
+                super()._do(step)  # an error that does not depend on the image occurs again
                 raise Unseen from None
             raise
 
     def images_of(self, op: Op) -> Sequence[Image]:
-        """What is known of the op's images."""
+        """The op's images as declared."""
         self._last = op.flag()
         self._uses += 1
         measured = self._measures and op.prefix == Op.prefix
@@ -210,7 +209,7 @@ class _Rehearsal(Chain):
 
     @contextlib.contextmanager
     def _certainly(self) -> Iterator[None]:
-        """What fails here will fail in the run, whatever is known of the images."""
+        """Mark errors of a block as certain: they do not depend on unknown images."""
         try:
             yield
         except Error:
@@ -218,34 +217,34 @@ class _Rehearsal(Chain):
             raise
 
     def known(self, image: Image) -> Image:
-        """The image, unless it is not made yet: nothing can be said of it."""
+        """The image; raises `Unseen` if it is not computed yet."""
         if is_foreseen(image):
             raise Unseen
         return image
 
     def acts(self, *parts: Part) -> bool:
-        """No."""
+        """False."""
         with self._certainly():
             super().acts(*parts)
         self._needed = self.position
         return False
 
     def set_global(self, name: str, kind: oiio.TypeDesc, value: object, before: object) -> None:
-        """Set an attribute of OpenImageIO until the line has been looked through."""
+        """Set an attribute of OpenImageIO until the end of the rehearsal."""
         self.globals.callback(oiio.attribute, name, kind, before)
         super().set_global(name, kind, value, before)
 
     def tell(self, text: str) -> None:
-        """Not now."""
+        """Note that the step prints."""
         if self.settings.get("-v"):
             self._needed = self.position
 
     def note(self, level: int, text: str) -> None:
-        """For later, if the step is not done."""
+        """Keep the line for the log, in case the run skips the step."""
         self._notes.append((self.position, level, text))
 
     def will_write(self, image: Image, path: str, how: Format) -> None:
-        """Refuse what cannot be written; from here on the file is there."""
+        """Refuse a file that cannot be written; later steps see the file."""
         self._outputs += 1
         self._idle.clear()
         self.files += [path] * (self._uses - len(self.files))
@@ -254,7 +253,7 @@ class _Rehearsal(Chain):
         self._files[os.path.realpath(path)] = as_foreseen(image)
 
     def _place_of(self, path: str) -> str:
-        """A file's name; in a folder that is there already where its own is to be made."""
+        """A file name, in an existing folder if --create-dir will create its own."""
         folder, name = os.path.split(path)
         if not self.settings.get("--create-dir"):
             return path
@@ -263,21 +262,21 @@ class _Rehearsal(Chain):
         return os.path.join(folder, name)
 
     def opened(self, path: str, native: bool = False, config: oiio.ImageSpec | None = None) -> Image:
-        """An image without pixels."""
+        """The image of a file, without pixels."""
         if os.path.realpath(path) in self._files:
             return Image(self._files[os.path.realpath(path)].parts, path)
         with self._certainly():
             return super().opened(path, native, config)
 
     def require_free(self, path: str) -> None:
-        """Refuse a name under which a filter would just have written."""
+        """Refuse a name that an op of the run writes."""
         with self._certainly():
             super().require_free(path)
 
     def changed(self, path: str) -> float:
-        """When a file was last changed: what will be written is newer than anything."""
+        """The time of a file's last change; infinity for files that the run will write."""
         return math.inf if os.path.realpath(path) in self._files else super().changed(path)
 
     def has_file(self, path: str) -> bool:
-        """Whether there is such a file, or will be."""
+        """Whether a file exists or will be written."""
         return os.path.realpath(path) in self._files or super().has_file(path)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ops whose pixels follow from others than that at their place: crops, turns, scalings, warps, filters."""
+"""Ops whose pixels depend on pixels at other coordinates: crops, quarter turns, resizing, warps, filters."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Filters that look at a neighborhood, or at all of the image."""
+"""Filters over a neighborhood or the whole image."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from .placing import moved
 from .warping import FILTERS
 
 KERNELS = (*FILTERS, "binomial", "laplacian")
-_STACK = 1 << 20  # bytes; OpenImageIO keeps what a median sorts on a thread's stack, and dies where it is too much
-_PERIOD = 12  # of all patterns of mosaics
+_STACK = 1 << 20  # bytes; OpenImageIO sorts a median's values on a thread's stack, and crashes if it overflows
+_PERIOD = 12  # px, of all mosaic patterns
 
 
 def kernel_of(name: str, width: float, height: float) -> oiio.ImageBuf:
-    """A kernel, its middle at the origin; raises as `kernel_size` does."""
+    """A kernel centered at the origin; raises as `kernel_size` does."""
     kernel_size(name, width, height)
     return checked(oiio.ImageBufAlgo.make_kernel(name, width, height))
 
@@ -35,24 +35,25 @@ def kernel_of(name: str, width: float, height: float) -> oiio.ImageBuf:
 def kernel_size(name: str, width: float, height: float) -> tuple[int, int]:
     """Columns and rows of the kernel that `kernel_of` would make, odd numbers; 0 stands for the filter's own width.
 
-    Raises ParameterError for a kernel that there is not, or a size that it cannot have.
+    Raises ParameterError for an unknown kernel, or a size that it cannot have.
     """
     if name not in KERNELS:
-        raise ParameterError(f"kernel {name}: no such kernel{nearest(name, KERNELS)}; there is {', '.join(KERNELS)}")
+        raise ParameterError(f"unknown kernel {name}{nearest(name, KERNELS)}", expected=f"one of {', '.join(KERNELS)}")
+    size = f"kernel {width:g}x{height:g}"
     if width < 0 or height < 0:
-        raise ParameterError(f"kernel {width:g}x{height:g}: a size of 0 or more is wanted")
-    # both read past their end there
+        raise ParameterError(size, expected="a size >= 0")
+    # OpenImageIO would read past the end of these kernels
     if name == "binomial" and not (width % 2 == height % 2 == 1):
-        raise ParameterError(f"kernel {width:g}x{height:g}: a binomial kernel has odd whole sizes")
+        raise ParameterError(size, expected="odd integer sizes for a binomial kernel")
     if name == "laplacian" and (width, height) != (3, 3):
-        raise ParameterError(f"kernel {width:g}x{height:g}: a laplacian kernel is 3x3")
+        raise ParameterError(size, expected="3x3 for a laplacian kernel")
     columns = width or FILTERS.get(name, 1)
     rows = height or columns
     return math.ceil(columns) | 1, math.ceil(rows) | 1
 
 
 def _reach(kernel: Part) -> tuple[int, int]:
-    """How far a kernel looks to the side it looks farther to, each way."""
+    """The larger reach of a kernel across (left or right) and down (up or down), px."""
     window = kernel.window
     return max(abs(window.left), abs(window.right - 1)), max(abs(window.top), abs(window.bottom - 1))
 
@@ -65,19 +66,19 @@ def _blur_halo(use: Any) -> tuple[int, int]:
 
 @dataclass(frozen=True, kw_only=True)
 class Convolve(Area):
-    """Convolve with an image, the kernel; its origin is its middle."""
+    """Convolve the image with a kernel image, centered at its origin."""
 
     name: ClassVar[str] = "convolve"
 
-    kernel: Image = image(help="the kernel; its first channel counts")
+    kernel: Image = image(help="Kernel, of which the first channel is used.")
 
     def halo(self) -> tuple[int, int]:
-        """As far as any of the kernel's parts goes."""
+        """The largest reach of the kernel's parts."""
         across, down = zip(*map(_reach, self.kernel.parts), strict=True)
         return max(across), max(down)
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
-        """The convolved part, not yet computed; the kernel is held whole."""
+        """The convolved part, not yet computed; the whole kernel is in memory."""
         kernel = parts[1]
         require_kernel(kernel.spec.width, kernel.spec.height, session)
         session.resources.require(kernel.spec.width * kernel.spec.height * kernel.pixel_bytes, "a kernel")
@@ -91,15 +92,15 @@ class Convolve(Area):
 
 @dataclass(frozen=True, kw_only=True)
 class Ranked(Area):
-    """A pixel becomes one of those around it."""
+    """Replaces each value by one from its neighborhood."""
 
-    size: str = argument(help="width x height in whole pixels")
+    size: str = argument(help="Width and height WxH of the neighborhood, in integer pixels.", example="5x5")
 
     def operands_after(self, *given: Any) -> Sequence[Any]:
         """Width and height, before the region."""
         width, height = parse_size(self.size)
         if width % 1 or height % 1 or width < 1 or height < 0:
-            raise ParameterError(f"size={self.size}: whole pixels are wanted, 1x1 or more")
+            raise ParameterError(parameter="size", value=self.size, expected="integers WxH, at least 1x1")
         return int(width), int(height) or int(width)
 
     def halo(self) -> tuple[int, int]:
@@ -109,30 +110,32 @@ class Ranked(Area):
 
 
 def _median(source: oiio.ImageBuf, roi: oiio.ROI, width: int, height: int) -> oiio.ImageBuf:
-    """Median filtered."""
-    _require_stack(f"size={width}x{height}", width * height, roi)
+    """The median-filtered window."""
+    _require_stack("size", f"{width}x{height}", width * height, roi)
     return oiio.ImageBufAlgo.median_filter(source, width, height, roi)
 
 
-def _require_stack(given: str, neighbors: int, roi: oiio.ROI) -> None:
-    """Refuse what a median would keep on its stack."""
-    if neighbors * roi.nchannels * 4 > _STACK:
-        raise ParameterError(f"{given}: too large for {roi.nchannels} channels")
+def _require_stack(parameter: str, value: str, neighbors: int, roi: oiio.ROI) -> None:
+    """Refuse a median that would overflow its stack."""
+    most = _STACK // (4 * roi.nchannels)
+    if neighbors > most:
+        expected = f"at most {most} pixels for {roi.nchannels} channels"
+        raise ParameterError(parameter=parameter, value=value, expected=expected)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Unsharp(Area):
-    """Sharpen: add what a blur takes away."""
+    """Sharpen with an unsharp mask."""
 
     name: ClassVar[str] = "unsharp"
 
-    kernel: str = param("gaussian", help="name of the blur's kernel, or median")
-    width: float = param(3.0, ge=0, unit="px", help="of the kernel")
-    contrast: float = param(1.0, help="how much of the difference is added")
-    threshold: float = param(0.0, help="differences below it are left alone")
+    kernel: str = param("gaussian", help="Kernel of the blur, such as gaussian or box, or median.", example="median")
+    width: float = param(3.0, ge=0, unit="px", help="Width of the kernel.")
+    contrast: float = param(1.0, help="Factor for the difference that is added to the image.")
+    threshold: float = param(0.0, help="Absolute difference below which pixels are not changed.", example="0.02")
 
     def half(self) -> int:
-        """How far each of its blurs looks."""
+        """The radius of each blur."""
         if self.kernel == "median":
             return max(1, math.ceil(self.width) // 2)
         if self.width > 3:  # ImageBufAlgo::unsharp_mask blurs the columns, then the rows
@@ -140,36 +143,36 @@ class Unsharp(Area):
         return kernel_size(self.kernel, self.width, self.width)[0] // 2
 
     def neighborhood(self) -> tuple[int, int]:
-        """Of each of its blurs, of columns and of rows; of a median, of both."""
+        """The neighborhood of each one-dimensional blur; a median has two dimensions."""
         return 2 * self.half() + 1, 2 * self.half() + 1 if self.kernel == "median" else 1
 
     def halo(self) -> tuple[int, int]:
-        """One blur's behind the other."""
+        """Two blurs, one after the other."""
         return 2 * self.half(), 2 * self.half()
 
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
-        """The second blur's halo with what it repeats at the edges, and around these the first one's."""
+        """The second blur's halo with the edge pixels that it repeats, and around it the first blur's halo."""
         half = self.half()
         return [with_edges(window.grown(half), specs[0]).grown(half)]
 
     def called(self, source: oiio.ImageBuf, roi: oiio.ROI) -> oiio.ImageBuf:
-        """Sharpened, over all that there is: the second blur looks at what the first left beside the window."""
+        """The sharpened window, from all of `source`: the second blur reads results of the first around the window."""
         if self.kernel == "median":
-            _require_stack(f"width={self.width:g}", math.ceil(self.width) ** 2, roi)
+            _require_stack("width", f"{self.width:g}", math.ceil(self.width) ** 2, roi)
         values = (self.kernel, self.width, self.contrast, self.threshold)
         return oiio.ImageBufAlgo.crop(checked(oiio.ImageBufAlgo.unsharp_mask(source, *values)), roi=roi)
 
 
 @dataclass(frozen=True, kw_only=True)
 class FillHoles(Hosted, Whole):
-    """Fill what is transparent from around it."""
+    """Fill holes (pixels with alpha below 1) from their surroundings."""
 
     name: ClassVar[str] = "fillholes"
 
-    source: Image = image(help="the image, with alpha")
+    source: Image = image(help="Image with alpha.")
 
     def compute(self, session: Session) -> Image:
-        """The first part, over data and display window together, filled."""
+        """The first part, filled over the union of data and display window."""
         part = self.source.first
         whole = part.window | Window.display(part.spec)
         pixels = (part.spec.width * part.spec.height) * 4 + whole.width * whole.height
@@ -185,26 +188,26 @@ class FillHoles(Hosted, Whole):
 class Fourier(AtOnce):
     """A Fourier transform."""
 
-    source: Image = image(help="the image")
+    source: Image = image(help="Input image.")
 
     def result_bytes(self, parts: Sequence[Part]) -> int:
-        """Two channels, four times."""
+        """Four buffers of two channels."""
         whole = parts[0].window | Window.display(parts[0].spec)
         return whole.width * whole.height * 2 * 4 * 4
 
 
 def _ifft(source: oiio.ImageBuf) -> oiio.ImageBuf:
-    """Transformed back."""
+    """The inverse transform."""
     spec = source.spec()
     if spec.nchannels != 2 or Window.data(spec) != Window(0, 0, spec.full_width, spec.full_height):
-        # with other windows ImageBufAlgo::ifft ends the program
-        raise ImageError("an image as --fft leaves it is wanted: two channels, data and display window the same")
+        # ImageBufAlgo::ifft aborts the process for other windows
+        raise ImageError(expected="the result of --fft: two channels, display window equal to the data window")
     is_float = spec.format == oiio.TypeDesc(oiio.FLOAT)
     return oiio.ImageBufAlgo.ifft(source if is_float else oiio.ImageBufAlgo.copy(source, oiio.FLOAT))
 
 
 def _decorrelated(source: oiio.ImageBuf, *values: Any) -> oiio.ImageBuf:
-    """Stretched; in one thread, as sums depend on their order."""
+    """The stretched image; in one thread, because sums depend on their order."""
     first, count, scale, sigma, mean, percentile, mode = values
     return oiio.ImageBufAlgo.decorr_stretch(source, first, count, scale, sigma, mean, percentile, mode, nthreads=1)
 
@@ -212,51 +215,54 @@ def _decorrelated(source: oiio.ImageBuf, *values: Any) -> oiio.ImageBuf:
 def _demosaic(
     source: oiio.ImageBuf, roi: oiio.ROI, pattern: str, algorithm: str, layout: str, mode: str, white: Numbers | None
 ) -> oiio.ImageBuf:
-    """In color."""
+    """The window in color."""
     if white is not None and len(white) not in (3, 4):
-        raise ParameterError(f"white_balance={white}: three or four values are wanted")
-    # ImageBufAlgo takes the remainder of coordinates, which fails for negative ones
+        raise ParameterError(parameter="white_balance", value=white, expected="three or four values")
+    # ImageBufAlgo computes coordinates modulo the period, which fails for negative ones
     x, y = (-(min(0, edge) // _PERIOD) * _PERIOD for edge in (source.spec().x, source.spec().y))
     there = window_of(roi).shifted(x, y).roi(3)
-    balance: Any = white  # None is the function's default, which the stub does not say
+    balance: Any = white  # None is the function's default, which its type stub lacks
     values = (pattern, algorithm, layout, mode, balance)
     return moved(checked(oiio.ImageBufAlgo.demosaic(moved(source, x, y), *values, there)), -x, -y)
 
 
 FILTERING = (
-    op("blur", "Blur with a kernel.", Area,
+    op("blur", "Blur the image.", Area,
        lambda source, roi, size, kernel: oiio.ImageBufAlgo.convolve(
            source, kernel_of(kernel, *parse_size(size)), True, roi),
        halo=_blur_halo,
-       size=(str, argument(help="width x height of the kernel: 5x5, 3.5x1")),
-       kernel=param("gaussian", help="name of the kernel: gaussian, box, triangle, binomial, disk ...")),
+       size=(str, argument(help="Width and height WxH of the kernel, also fractional.", example="5x5")),
+       kernel=param("gaussian", help="Kernel, such as gaussian, box, triangle, binomial or disk.", example="box")),
     Convolve,
-    op("median", "Each channel becomes the median of the pixels around it.", Ranked, _median),
-    op("dilate", "Each channel becomes the greatest value around it.", Ranked,
+    op("median", "Median-filter the image.", Ranked, _median),
+    op("dilate", "Dilate the image: take the maximum of the neighborhood.", Ranked,
        lambda source, roi, width, height: oiio.ImageBufAlgo.dilate(source, width, height, roi)),
-    op("erode", "Each channel becomes the least value around it.", Ranked,
+    op("erode", "Erode the image: take the minimum of the neighborhood.", Ranked,
        lambda source, roi, width, height: oiio.ImageBufAlgo.erode(source, width, height, roi)),
     Unsharp,
-    op("laplacian", "The second derivative, by a 3x3 kernel.", Area, halo=lambda use: (1, 1)),
+    op("laplacian", "Filter the image with a 3x3 Laplacian (second derivative).", Area, halo=lambda use: (1, 1)),
     FillHoles,
-    op("fft", "Fourier transform of the first channel, to real and imaginary.", Fourier),
-    op("ifft", "Inverse Fourier transform of real and imaginary, to one channel.", Fourier, _ifft),
-    op("decorrstretch", "Stretch colors along their principal axes, so that slight differences show.", AtOnce,
+    op("fft", "Take the Fourier transform of the first channel, as (real, imaginary).", Fourier),
+    op("ifft", "Take the inverse Fourier transform of (real, imaginary), as one channel.", Fourier, _ifft),
+    op("decorrstretch", "Exaggerate subtle color differences by a decorrelation stretch.", AtOnce,
        _decorrelated,
-       source=(Image, image(help="the image")),
-       firstchannel=param(0, ge=0, help="first channel"),
-       nchannels=param(0, ge=0, help="how many channels; 0: three, without alpha and depth"),
-       scale=param(1.0, help="multiplies the stretch"),
-       sigma=param(0.0, help="standard deviation of each result channel; 0: as it was"),
-       mean=(float | None, param(None, help="mean of each result channel; as it was when left out")),
-       percentile=param(0.0, ge=0, le=49.9999, unit="%", help="map what lies this far from both ends on 0 and 1"),
-       mode=param("covariance", choices=("covariance", "correlation"), help="which matrix gives the axes")),
-    op("demosaic", "Color from a raw mosaic of color filters.", Area, _demosaic,
+       source=(Image, image(help="Input image.")),
+       firstchannel=param(0, ge=0, help="First channel to stretch."),
+       nchannels=param(0, ge=0, help="Number of channels to stretch. 0: up to three, without alpha and depth."),
+       scale=param(1.0, help="Factor for the stretch."),
+       sigma=param(0.0, help="Standard deviation of each channel of the result. 0: unchanged.", example="0.2"),
+       mean=(float | None, param(None, unset="unchanged", help="Mean of each channel of the result.", example="0.5")),
+       percentile=param(0.0, ge=0, le=49.9999, unit="%", help="Percentile, at both ends, that is mapped to 0 and 1."),
+       mode=param("covariance", choices=("covariance", "correlation"),
+                  help="Matrix whose eigenvectors are the stretched axes.")),
+    op("demosaic", "Interpolate color from a raw mosaic.", Area, _demosaic,
        halo=lambda use: (_PERIOD + 4, _PERIOD + 4),  # two pixels, and at the edges a period of the pattern
-       source=(Image, image(help="the mosaic")),
-       pattern=param("auto", choices=("auto", "bayer", "xtrans"), help="kind of mosaic"),
-       algorithm=param("auto", choices=("auto", "linear", "MHC"), help="how color is interpolated"),
-       layout=param("auto", help="of the mosaic, such as RGGB, or GRBG; by the metadata if auto"),
-       white_balance_mode=param("auto", choices=("auto", "manual", "none"), help="auto: by the metadata"),
-       white_balance=(Numbers | None, param(None, help="R,G1,B,G2 or R,G,B; counts if manual"))),
+       source=(Image, image(help="Raw mosaic.")),
+       pattern=param("auto", choices=("auto", "bayer", "xtrans"), help="Type of mosaic. auto: from the metadata."),
+       algorithm=param("auto", choices=("auto", "linear", "MHC"), help="Interpolation algorithm."),
+       layout=param("auto", help="Order of the color filters. auto: from the metadata.", example="RGGB"),
+       white_balance_mode=param("auto", choices=("auto", "manual", "none"),
+                                help="Source of the white balance. auto: from the metadata."),
+       white_balance=(Numbers | None, param(None, unset="1,1,1", example="2.1,1,1,1.6",
+                                            help="Factors R,G1,B,G2 or R,G,B for white_balance_mode=manual."))),
 )  # fmt: skip

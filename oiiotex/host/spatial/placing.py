@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ops that put pixels elsewhere: crops, cuts, pastes, mosaics, turns, shifts."""
+"""Ops that move pixels without resampling: crop, cut, paste, mosaic, flips, quarter turns, shifts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .scaling import Fit
 
 @dataclass(frozen=True, kw_only=True)
 class Cropped(Remap):
-    """Another data window, black where there was nothing."""
+    """Another data window, padded with black."""
 
     mixes: ClassVar[bool] = False
     deep: ClassVar[bool] = True
@@ -36,7 +36,7 @@ class Cropped(Remap):
         raise NotImplementedError
 
     def idle(self, parts: Sequence[Part]) -> bool:
-        """All data windows stay."""
+        """Whether no data window changes."""
         return all(self.window(part.spec) == part.window for part in parts)
 
     def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
@@ -58,16 +58,16 @@ class Crop(Cropped):
 
     name: ClassVar[str] = "crop"
 
-    size: str = argument(help="the data window: WxH+X+Y, X0,Y0,X1,Y1, WxH or +X+Y")
+    size: str = argument(help="Data window: WxH+X+Y, X0,Y0,X1,Y1, WxH or +X+Y.", example="640x480+10+20")
 
     def window(self, spec: oiio.ImageSpec) -> Window:
-        """As given; what the text leaves out stays."""
+        """The given window; missing numbers are those of the data window."""
         return parse_box(self.size, box_of(Window.data(spec))).window()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cut(Crop):
-    """Cut out a window and move it to the origin."""
+    """Cut out a region and move it to the origin."""
 
     name: ClassVar[str] = "cut"
 
@@ -93,23 +93,23 @@ class Cut(Crop):
 
 @dataclass(frozen=True, kw_only=True)
 class Trim(Hosted, ScanThenMap):
-    """Crop all parts to the smallest window around all that is not zero in any of them."""
+    """Crop all parts to the smallest window that contains every nonzero pixel."""
 
     name: ClassVar[str] = "trim"
     deep: ClassVar[bool] = True
 
-    source: Image = image(help="the image")
+    source: Image = image(help="Input image.")
 
     def compute(self, session: Session) -> Image:
-        """One data window for all parts, as many programs expect of a file."""
+        """One data window for all parts, as many programs expect in a file."""
         nonzero = [window for part in self.source.parts for window in _nonzero(part)]
-        first_pixel = Window.sized(*self.source.first.window[:2], 1, 1)  # stays where all is zero
+        first_pixel = Window.sized(*self.source.first.window[:2], 1, 1)  # of an image that is zero everywhere
         window = functools.reduce(operator.or_, nonzero or [first_pixel])
         return Crop(source=self.source, size=str(window), allsubimages=True).compute(session)
 
 
 def _nonzero(part: Part) -> Iterator[Window]:
-    """Windows around all that is not zero."""
+    """Windows around the nonzero pixels."""
     for band in (part.window,) if part.spec.deep else bands(part):
         roi = oiio.ImageBufAlgo.nonzero_region(part.buffer(band))
         if roi.npixels:
@@ -117,7 +117,7 @@ def _nonzero(part: Part) -> Iterator[Window]:
 
 
 def _pasted(spec: oiio.ImageSpec, window: Window, placed: Iterable[tuple[Part, int, int]]) -> oiio.ImageBuf:
-    """A window of an image put together from others, the later ones over the earlier, each moved by (x, y)."""
+    """A window of an image pasted from others, later ones over earlier ones, each moved by (x, y)."""
     buffer = oiio.ImageBuf(window.apply_to(spec))
     for part, x, y in placed:
         seen = window.shifted(-x, -y) & part.window
@@ -128,14 +128,16 @@ def _pasted(spec: oiio.ImageSpec, window: Window, placed: Iterable[tuple[Part, i
 
 @dataclass(frozen=True, kw_only=True)
 class Paste(Hosted, Gather):
-    """Paste the image below the top over the top one, or all over the top one."""
+    """Paste the second image from the top of the stack over the top image."""
 
     name: ClassVar[str] = "paste"
 
-    sources: tuple[Image, ...] = image(help="the background last, what is pasted before it, the nearest first")
-    position: str = argument(help="+X+Y: how far what is pasted moves; - or auto: it stays where it is")
-    mergeroi: bool = param(False, help="the windows grow around all images; else they are the background's")
-    all: bool = param(False, help="paste all images of the stack")
+    sources: tuple[Image, ...] = image(help="Images from front to back; the last one is the background.")
+    position: str = argument(
+        help="Offset +X+Y of the pasted image. - or auto: its data window as it is.", example="+100+50"
+    )
+    mergeroi: bool = param(False, help="Grow the windows to contain all images; otherwise keep the background's.")
+    all: bool = param(False, help="Paste all images of the stack over the top image.")
 
     @classmethod
     def arity(cls, values: dict[str, Any], depth: int) -> int:
@@ -143,33 +145,35 @@ class Paste(Hosted, Gather):
         return max(2, depth) if values.get("all") else 2
 
     def compute(self, session: Session) -> Image:
-        """The background with the others on it, back to front."""
+        """The others pasted over the background, back to front."""
         x, y = (0, 0) if self.position in ("-", "auto") else parse_offset(self.position)
-        behind, *others = [given.first for given in reversed(self.sources)]
-        around = [behind, *(others if self.mergeroi else ())]
+        back, *others = [given.first for given in reversed(self.sources)]
+        around = [back, *(others if self.mergeroi else ())]
         whole = functools.reduce(operator.or_, (part.window for part in around))
         display = functools.reduce(operator.or_, (Window.display(part.spec) for part in around))
-        spec = whole.apply_to(derived_spec(behind.spec))
-        spec.set_format(behind.working_type)
+        spec = whole.apply_to(derived_spec(back.spec))
+        spec.set_format(back.working_type)
         display.show_in(spec)
-        placed = [(behind, 0, 0), *((part, x, y) for part in others)]
-        return Image((Part(behind.name, spec, lambda window: _pasted(spec, window, placed)),), self.sources[-1].source)
+        placed = [(back, 0, 0), *((part, x, y) for part in others)]
+        return Image((Part(back.name, spec, lambda window: _pasted(spec, window, placed)),), self.sources[-1].source)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mosaic(Hosted, Gather):
-    """Put images together in rows and columns; where they are too few, the rest stays black."""
+    """Assemble images into a mosaic of rows and columns; empty cells are black."""
 
     name: ClassVar[str] = "mosaic"
 
-    sources: tuple[Image, ...] = image(help="the images, row by row")
-    size: Size = argument(ge=1, help="columns x rows")
-    pad: int = param(0, ge=0, unit="px", help="black between them")
-    fit: Size | None = param(None, ge=1, help="resize each to fit in this size, and pad it to it")
+    sources: tuple[Image, ...] = image(help="Images, row by row.")
+    size: Size = argument(ge=1, help="Number of columns and rows.", example="3x2")
+    pad: int = param(0, ge=0, unit="px", help="Black space between the images.")
+    fit: Size | None = param(
+        None, ge=1, help="Size of a cell. Each image is resized to fit, and padded.", example="256x256"
+    )
 
     @classmethod
     def arity(cls, values: dict[str, Any], depth: int) -> int:
-        """As many as there are cells, if there are so many images; one at least."""
+        """One image per cell, at most all on the stack; at least one."""
         size = values.get("size")
         return max(1, depth if size is None else min(size[0] * size[1], depth))
 
@@ -177,12 +181,13 @@ class Mosaic(Hosted, Gather):
         """The mosaic."""
         columns, rows = self.size
         if len(self.sources) > columns * rows:
-            raise ParameterError(f"size={self.size}: {len(self.sources)} images are too many")
+            expected = f"at least {len(self.sources)} cells, one per image"
+            raise ParameterError(parameter="size", value=self.size, expected=expected)
         parts = [given.first for given in self.sources]
         blanks = [oiio.TypeDesc(oiio.UINT8)] * (len(parts) < columns * rows)
         types = [*blanks, *(part.working_type for part in reversed(parts))]
         samples = [oiio.ImageBuf(oiio.ImageSpec(1, 1, 1, each)) for each in types]
-        format = functools.reduce(oiio.ImageBufAlgo.channel_append, samples).spec().format  # that holds all types
+        format = functools.reduce(oiio.ImageBufAlgo.channel_append, samples).spec().format  # holds all types
         channels = max(part.spec.nchannels for part in parts)
         wide, high = max(p.spec.full_width for p in parts), max(p.spec.full_height for p in parts)
         if self.fit:
@@ -207,26 +212,26 @@ CROPPING = (
 )
 
 
-# --- turns and shifts ---
+# --- flips, quarter turns and shifts ---
 
 
 @dataclass(frozen=True, kw_only=True)
 class Turned(Remap):
-    """Rows and columns swapped, or not, and then the image turned over within its display window."""
+    """Rows and columns swapped, or not, then mirrored within the display window."""
 
     mixes: ClassVar[bool] = False
     swaps: ClassVar[bool] = False
     mirrors: ClassVar[tuple[bool, bool]] = (False, False)  # columns, rows
 
     def display(self, spec: oiio.ImageSpec) -> Window:
-        """The display window of the result: a rotation leaves its corner, a transposition swaps that, too."""
+        """The display window of the result: a rotation keeps its corner, a transposition swaps x and y."""
         x, y, shown = spec.full_x, spec.full_y, Window.display(spec)
         if not self.swaps:
             return shown
         return Window.sized(*((x, y) if any(self.mirrors) else (y, x)), shown.height, shown.width)
 
     def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
-        """Both windows turned."""
+        """The spec with both windows turned."""
         shown, display = Window.display(specs[0]), self.display(specs[0])
         data = Window.data(specs[0]).shifted(-shown.left, -shown.top)
         data = _mirrored(_swapped(data, self.swaps), self.mirrors, display.size)
@@ -235,13 +240,13 @@ class Turned(Remap):
         return spec
 
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
-        """Where the window's pixels come from."""
+        """The window that the pixels come from."""
         shown, display = Window.display(specs[0]), self.display(specs[0])
         back = _mirrored(window.shifted(-display.left, -display.top), self.mirrors, display.size)
         return [_swapped(back, self.swaps).shifted(shown.left, shown.top)]
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Turned; ImageBufAlgo rotates about the display window's corner only where that is the origin."""
+        """The turned window; ImageBufAlgo is correct only for a display window that begins at the origin."""
         if not any(self.mirrors):
             return self.called(*buffers)
         x, y = buffers[0].spec().full_x, buffers[0].spec().full_y
@@ -253,7 +258,7 @@ def _swapped(window: Window, swaps: bool) -> Window:
 
 
 def _mirrored(window: Window, mirrors: tuple[bool, bool], size: tuple[int, int]) -> Window:
-    """The window in an image of that size turned over."""
+    """The window in a mirrored image of this size."""
     left, top, right, bottom = window
     left, right = (size[0] - right, size[0] - left) if mirrors[0] else (left, right)
     top, bottom = (size[1] - bottom, size[1] - top) if mirrors[1] else (top, bottom)
@@ -261,7 +266,7 @@ def _mirrored(window: Window, mirrors: tuple[bool, bool], size: tuple[int, int])
 
 
 def moved(buffer: oiio.ImageBuf, x: int, y: int) -> oiio.ImageBuf:
-    """The same pixels with both windows moved; a copy where they move."""
+    """The same pixels with both windows moved; a copy unless x and y are 0."""
     if x == y == 0:
         return buffer
     copy = buffer.copy()
@@ -272,12 +277,12 @@ def moved(buffer: oiio.ImageBuf, x: int, y: int) -> oiio.ImageBuf:
 
 _SWAPS = {"swaps": True, "scattered": True}
 _TURNS = (
-    op("flip", "Turn the image upside down.", Turned, mirrors=(False, True)),
-    op("flop", "Swap left and right.", Turned, mirrors=(True, False)),
+    op("flip", "Flip the image vertically (top to bottom).", Turned, mirrors=(False, True)),
+    op("flop", "Flop the image horizontally (left to right).", Turned, mirrors=(True, False)),
     op("rotate180", "Rotate by 180 degrees.", Turned, aliases=("--flipflop",), mirrors=(True, True)),
     op("rotate90", "Rotate by 90 degrees clockwise.", Turned, mirrors=(True, False), **_SWAPS),
     op("rotate270", "Rotate by 270 degrees clockwise.", Turned, mirrors=(False, True), **_SWAPS),
-    op("transpose", "Swap rows and columns.", Turned, **_SWAPS),
+    op("transpose", "Transpose the image: swap rows and columns.", Turned, **_SWAPS),
 )
 _UPRIGHT = {
     2: ("flop",), 3: ("rotate180",), 4: ("flip",), 5: ("rotate90", "flop"), 6: ("rotate90",), 7: ("flop", "rotate90"),
@@ -287,14 +292,14 @@ _UPRIGHT = {
 
 @dataclass(frozen=True, kw_only=True)
 class Reorient(Hosted, Gather):
-    """Turn the pixels as the Orientation metadata says."""
+    """Rotate and flip the pixels to match the Orientation metadata."""
 
     name: ClassVar[str] = "reorient"
 
-    source: Image = image(help="the image")
+    source: Image = image(help="Input image.")
 
     def compute(self, session: Session) -> Image:
-        """Upright; the image itself where all its parts are."""
+        """The upright image; the image itself if it is already upright."""
         parts = self.source.parts
         if all(_orientation(part) == 1 for part in parts):
             return self.source
@@ -317,16 +322,16 @@ def _orientation(part: Part) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class CircularShift(HostOp, Gather):
-    """Shift the image; what leaves at one side of the data window comes in at the other."""
+    """Shift the image circularly within its data window."""
 
     name: ClassVar[str] = "cshift"
     mixes: ClassVar[bool] = False
 
-    source: Image = image(help="the image")
-    shift: str = argument(help="+X+Y, to the right and down")
+    source: Image = image(help="Input image.")
+    shift: str = argument(help="Offset +X+Y, to the right and down.", example="+20-10")
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
-        """Windows of the shifted image are pieces of the image."""
+        """The shifted part; its windows are read from the source with wraparound."""
         x, y = parse_offset(self.shift)
         source = worked(cached(parts[0], session.resources.cache))
         corner = Window.sized(source.window.left, source.window.top, 1, 1)

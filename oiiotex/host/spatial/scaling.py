@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ops that change the size."""
+"""Ops that resize."""
 
 from __future__ import annotations
 
@@ -21,30 +21,37 @@ from ..kinds import Hosted, HostOp, checked, worked
 from ..remapping import Remap, remapped
 from .warping import FILTERS, HIGHLIGHTS, blank, compressed, known_filter, warped
 
-_STACK = 6 << 20  # bytes; ImageBufAlgo::resize keeps a row's weights on a thread's stack, and dies where it is full
-_SIZE = argument(help="of the display window: 640x480, 50%, 200%x50%, 0x480 (keeps the proportions)")
-_FILTER = param("", help="name of the filter; by the scale when left out")
+_STACK = 6 << 20  # bytes; ImageBufAlgo::resize keeps a row's weights on a thread's stack, and crashes if it overflows
+_SIZE = argument(
+    help="New display window: 640x480, 50%, 200%x50%, or 0x480 to keep the aspect ratio.", example="640x480"
+)
+_FILTER = param(
+    "",
+    unset="blackman-harris to enlarge, lanczos3 to reduce",
+    example="mitchell",
+    help="Name of the resampling filter.",
+)
 _UNSEPARABLE = ("radial-lanczos3", "nuke-lanczos6", "disk")
 
 
 def scaled(op: HostOp, part: Part, target: oiio.ImageSpec, filter: str, highlights: bool, session: Session) -> Part:
     """The part with its display window mapped onto that of `target`, over the data window of `target`.
 
-    A filter of '' leaves the choice to OpenImageIO. Raises ParameterError for one that there is not, for a display
-    window without a pixel, and for one that is too wide.
+    With filter '', OpenImageIO chooses. Raises ParameterError for an unknown filter, and for a display window that is
+    empty or too wide.
     """
     source, box = Window.display(part.spec), Window.display(target)
     if box.empty:
-        raise ParameterError(f"the result would be {box.width}x{box.height} pixels: it needs one at least")
+        raise ParameterError(f"the result would have {box.width}x{box.height} pixels")
     across, down = source.width / box.width, source.height / box.height
     wide = 3 if not filter and min(across, down) < 1 else FILTERS.get(filter, 6)  # as ImageBufAlgo::resize chooses
     taps = 2 * math.floor(wide / 2 * max(1, across)) + 1
     if 4 * taps * box.width > _STACK:
-        most = _STACK // (4 * taps)
-        raise ParameterError(f"the result would be {box.width} pixels wide: expected at most {most} with this filter")
+        expected = f"at most {_STACK // (4 * taps)} with this filter"
+        raise ParameterError(f"the result would be {box.width} pixels wide", expected=expected)
     support = FILTERS.get(known_filter(filter), 6) / 2
     reach = [support * max(1, across), support * max(1, down)]
-    if filter in _UNSEPARABLE:  # ImageBufAlgo::resize walks a square then, which either scale can make large
+    if filter in _UNSEPARABLE:  # ImageBufAlgo::resize then reads a square, which either scale can make large
         reach = [support * max(1, 1 / across) * max(across, down)] * 2
     x, y = (math.ceil(r) + 3 for r in reach)
 
@@ -63,7 +70,7 @@ def scaled(op: HostOp, part: Part, target: oiio.ImageSpec, filter: str, highligh
 
 
 def _scaled_back(window: Window, box: Window, source: Window) -> Window:
-    """Where a window in `box` lies in `source`, rounded outwards."""
+    """The window in `source` that maps to a window in `box`, rounded outwards."""
     across, down = source.width / box.width, source.height / box.height
     return Window(
         math.floor((window.left - box.left) * across) + source.left,
@@ -74,7 +81,7 @@ def _scaled_back(window: Window, box: Window, source: Window) -> Window:
 
 
 def _sized(spec: oiio.ImageSpec, size: str) -> oiio.ImageSpec:
-    """The display window that a text asks for, and the data window scaled with it where the size changes."""
+    """A spec with the given display window; the data window is scaled with it if the size changes."""
     box = parse_box(size, box_of(Window.display(spec)), scaling=True).window()
     data = box
     if (box.width, box.height) != (spec.full_width, spec.full_height):
@@ -100,30 +107,38 @@ def _same_size(spec: oiio.ImageSpec, size: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Resize(HostOp, Gather):
-    """Resize, with a filter as wide as the scale asks for."""
+    """Resize with a filter."""
 
     name: ClassVar[str] = "resize"
     rescales: ClassVar[bool] = True
 
-    source: Image = image(help="the image")
+    source: Image = image(help="Input image.")
     size: str = _SIZE
     filter: str = _FILTER
     highlightcomp: bool = HIGHLIGHTS
-    from_: str | None = param(None, help="WxH+X+Y, also broken pixels: what is mapped; the display window if left out")
-    to: str | None = param(None, help="WxH+X+Y, also broken pixels: where to; the new display window if left out")
-    edgeclamp: bool = param(False, help="with from and to: no black bleeds in at the edges")
+    from_: str | None = param(
+        None, unset="display window", example="100.5x80+10+20", advanced=True,
+        help="Source region WxH+X+Y that is mapped to the region to, in pixels, also fractional.",
+    )  # fmt: skip
+    to: str | None = param(
+        None, unset="new display window", example="640x480+0+0", advanced=True,
+        help="Region WxH+X+Y of the result, in pixels, also fractional.",
+    )  # fmt: skip
+    edgeclamp: bool = param(
+        False, help="With from and to, ignore pixels outside the image instead of blending with black.", advanced=True
+    )
 
     def boxes(self, spec: oiio.ImageSpec) -> tuple[Box, Box] | None:
-        """What is mapped and where to, unless it is one display window on the other."""
+        """Source and target regions; None if they are the two display windows."""
         shown, sized = Window.display(spec), Window.display(_sized(spec, self.size))
         begin = parse_box(self.from_, box_of(shown), whole=False) if self.from_ else box_of(shown)
         end = parse_box(self.to, box_of(sized), whole=False) if self.to else box_of(sized)
         if min(*begin[2:], *end[2:]) <= 0:
-            raise ParameterError(f"from={self.from_}, to={self.to}: a width and height above 0 are wanted")
+            raise ParameterError(f"from={self.from_}, to={self.to}", expected="a width and height > 0")
         return None if begin == box_of(shown) and end == box_of(sized) else (begin, end)
 
     def idle(self, parts: Sequence[Part]) -> bool:
-        """All sizes stay."""
+        """Whether no size changes."""
         return all(_same_size(part.spec, self.size) and self.boxes(part.spec) is None for part in parts)
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
@@ -132,7 +147,7 @@ class Resize(HostOp, Gather):
         boxes = self.boxes(spec) if not Window.display(_sized(spec, self.size)).empty else None
         target = _sized(spec, self.size)
         if boxes is None:
-            if _same_size(spec, self.size):  # beside parts that change; oiiotool then fills the display window
+            if _same_size(spec, self.size):  # next to parts that change: oiiotool then fills the display window
                 target = Window.display(target).apply_to(target)
             return scaled(self, parts[0], target, self.filter, self.highlightcomp, session)
         target = Window.display(target).apply_to(target)
@@ -142,7 +157,7 @@ class Resize(HostOp, Gather):
 
 
 def _mapping(begin: Box, end: Box) -> np.ndarray:
-    """The matrix that maps one box on another, in float, as Imath's translate and scale build it."""
+    """The matrix that maps one box onto another, in float, as Imath's translate and scale build it."""
     across, down = np.float32(end.width) / np.float32(begin.width), np.float32(end.height) / np.float32(begin.height)
     x = -np.float32(begin.x) * across + np.float32(end.x)
     y = -np.float32(begin.y) * down + np.float32(end.y)
@@ -151,23 +166,23 @@ def _mapping(begin: Box, end: Box) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class Resample(Remap):
-    """Resize without a filter: between the four nearest pixels, or the nearest one."""
+    """Resize without a filter, by bilinear interpolation or the nearest pixel."""
 
     name: ClassVar[str] = "resample"
     rescales: ClassVar[bool] = True
     deep: ClassVar[bool] = True
 
     size: str = _SIZE
-    interp: bool = param(True, help="interpolate; else take the nearest pixel")
+    interp: bool = param(True, help="Interpolate bilinearly. If 0, take the nearest pixel.")
 
     def idle(self, parts: Sequence[Part]) -> bool:
-        """All sizes stay."""
+        """Whether no size changes."""
         return all(_same_size(part.spec, self.size) for part in parts)
 
     def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
-        """The display window asked for, and the data window scaled with it."""
+        """The new display window, and the data window scaled with it."""
         spec = _sized(specs[0], self.size)
-        # beside parts that change, one that does not is left where it was
+        # a part that does not change keeps its data window, next to parts that change
         return Window.data(specs[0]).apply_to(spec) if _same_size(specs[0], self.size) else spec
 
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
@@ -176,7 +191,7 @@ class Resample(Remap):
         return [_scaled_back(window, box, Window.display(specs[0])).grown(3)]
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Resampled."""
+        """The resampled window."""
         result = blank(target, *buffers)
         oiio.ImageBufAlgo.resample(result, buffers[0], self.interp)
         return result
@@ -184,24 +199,29 @@ class Resample(Remap):
 
 @dataclass(frozen=True, kw_only=True)
 class Fit(HostOp, Gather):
-    """Resize to fit in a size, in proportion."""
+    """Resize to fit within a size, keeping the aspect ratio."""
 
     name: ClassVar[str] = "fit"
     rescales: ClassVar[bool] = True
 
-    source: Image = image(help="the image")
-    size: str = argument(help="WxH or WxH+X+Y: the new display window")
+    source: Image = image(help="Input image.")
+    size: str = argument(help="New display window: WxH or WxH+X+Y.", example="640x480")
     filter: str = _FILTER
-    pad: bool = param(False, help="pad to the size with black")
-    fillmode: str = param("letterbox", choices=("letterbox", "width", "height"), help="what fills the size")
-    exact: bool = param(False, help="center to a part of a pixel and keep the proportions exactly; not streamed")
+    pad: bool = param(False, help="Pad the result to the size with black.")
+    fillmode: str = param(
+        "letterbox", choices=("letterbox", "width", "height"),
+        help="Side that fills the size. letterbox: the one with which the whole image is visible.",
+    )  # fmt: skip
+    exact: bool = param(
+        False, help="Keep the exact aspect ratio and center at subpixel precision. Needs the whole image in memory."
+    )
     highlightcomp: bool = HIGHLIGHTS
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The fitted part."""
         box = parse_box(self.size, box_of(Window.display(self.source.first.spec))).window()
         if box.empty:
-            raise ParameterError(f"size={self.size}: a width and height above 0 are wanted")
+            raise ParameterError(parameter="size", value=self.size, expected="a width and height > 0")
         known_filter(self.filter)
         fitted = self._exactly(parts[0], box, session) if self.exact else self._fitted(parts[0], box, session)
         if self.pad and fitted.window != box:
@@ -235,7 +255,7 @@ class Fit(HostOp, Gather):
         )
 
     def _exactly(self, part: Part, box: Window, session: Session) -> Part:
-        """At once: ImageBufAlgo::fit gives its filter a width and a height that no other function takes."""
+        """In memory: only ImageBufAlgo::fit can give its filter a width and a height."""
         pixels = part.spec.width * part.spec.height + box.width * box.height
         session.resources.require(pixels * part.spec.nchannels * 4 * 2, self.flag())
 
@@ -250,23 +270,23 @@ class Fit(HostOp, Gather):
 
 @dataclass(frozen=True, kw_only=True)
 class PixelAspect(Hosted, Gather):
-    """Scale width or height up to a pixel aspect ratio."""
+    """Scale up width or height to match a pixel aspect ratio."""
 
     name: ClassVar[str] = "pixelaspect"
     rescales: ClassVar[bool] = True
 
-    source: Image = image(help="the image")
-    aspect: float = argument(help="width of a pixel, as a multiple of its height")
+    source: Image = image(help="Input image.")
+    aspect: float = argument(help="Pixel aspect ratio: width / height of a pixel.", example="1")
     filter: str = _FILTER
     highlightcomp: bool = HIGHLIGHTS
 
     def compute(self, session: Session) -> Image:
-        """Resized, with the new ratio in the metadata; the image itself where no size changes."""
+        """Resized, with the new ratio in the metadata; the image itself if the size does not change."""
         spec = self.source.first.spec
         old = spec.get_float_attribute("PixelAspectRatio", 1.0)
-        for ratio, whose in ((self.aspect, "asked for"), (old, "of the image")):
+        for name, ratio in (("aspect", self.aspect), ("PixelAspectRatio of the image", old)):
             if not 1e-9 < ratio < 1e9:
-                raise ParameterError(f"{ratio:g}, the ratio {whose}, is no ratio of width and height: 1e-9 to 1e9")
+                raise ParameterError(parameter=name, value=f"{ratio:g}", expected="a ratio from 1e-9 to 1e9")
         factor = np.float32(old) / np.float32(self.aspect)
         across = factor if factor > 1 else np.float32(1)
         down = np.float32(1 / float(factor)) if factor < 1 else np.float32(1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ops that resample at slanted or arbitrary places, and what they share with the scalings."""
+"""Ops that resample at arbitrary coordinates, and the filters that they share with resizing."""
 
 from __future__ import annotations
 
@@ -24,14 +24,15 @@ FILTERS = {
     "lanczos3": 6, "radial-lanczos3": 6, "nuke-lanczos6": 6, "mitchell": 4, "bspline": 4, "disk": 1, "cubic": 4,
     "keys": 4, "simon": 4, "rifman": 4,
 }  # fmt: skip
-HIGHLIGHTS = param(False, help="compress bright values meanwhile, so that they do not ring")
+HIGHLIGHTS = param(False, help="Compress highlights before filtering and expand them afterwards, to avoid ringing.")
 _WRAPS = ("default", "black", "clamp", "periodic", "mirror")
 
 
 def known_filter(name: str) -> str:
-    """The name of a filter, or nothing for the op's own choice; raises ParameterError where there is none."""
+    """The name of a filter, or '' for the op's default; raises ParameterError for an unknown one."""
     if name and name not in FILTERS:
-        raise ParameterError(f"filter={name}: no such filter{nearest(name, FILTERS)}; there is {', '.join(FILTERS)}")
+        problem, expected = f"unknown filter{nearest(name, FILTERS)}", f"one of {', '.join(FILTERS)}"
+        raise ParameterError(problem, parameter="filter", value=name, expected=expected)
     return name
 
 
@@ -45,7 +46,7 @@ def blank(target: oiio.ImageSpec, source: oiio.ImageBuf) -> oiio.ImageBuf:
 def compressed(
     work: Callable[[oiio.ImageBuf], oiio.ImageBuf], buffer: oiio.ImageBuf, highlights: bool
 ) -> oiio.ImageBuf:
-    """What `work` makes of the buffer; for `highlights` it is done on compressed values: bright spots do not ring."""
+    """`work` applied to the buffer; with `highlights`, to compressed values, so that bright spots do not ring."""
     if not highlights:
         return work(buffer)
     result = checked(work(checked(oiio.ImageBufAlgo.rangecompress(buffer))))
@@ -56,11 +57,11 @@ def compressed(
 def _clamped_at_edges(
     warped: oiio.ImageBuf, buffer: oiio.ImageBuf, data: Window, matrix: np.ndarray, filter: str
 ) -> oiio.ImageBuf:
-    """What a warp would be if the filter's weights counted only where there are pixels: ImageBufAlgo's `edgeclamp`.
+    """A warp normalized by the filter weights inside the data window: the option `edgeclamp` of oiiotool.
 
-    Its Python function does not take that option. A warped image of ones holds the share of the weights that counted;
-    what is divided by it has the value, to the last bit or two. `warped` has black outside `data`, the data window of
-    the whole source; `matrix`, (3, 3), scales and moves, nothing else.
+    ImageBufAlgo's Python function lacks that option. A warped image of ones holds the sum of the weights inside;
+    dividing by it gives the same values, to the last bit or two. `warped` is black outside `data`, the data window of
+    the whole source; `matrix`, (3, 3), must only scale and translate.
     """
     gray = {"nchannels": 1, "channelnames": ("Y",), "alpha_channel": -1, "z_channel": -1}
     ones, share = (oiio.ImageBuf(like(given.spec(), **gray, format=oiio.TypeFloat)) for given in (buffer, warped))
@@ -88,7 +89,7 @@ def _forward_window(matrix: np.ndarray, window: Window) -> Window:
             corners.append((a / w, b / w))
     (left, top), (right, bottom) = np.min(corners, axis=0), np.max(corners, axis=0)
     if not np.all(np.isfinite((left, top, right, bottom))):
-        raise ImageError("the result would have no end")
+        raise ImageError("the warped image is unbounded", hint="use recompute_roi=0 or another matrix")
     return Window(math.floor(left), math.floor(top), math.floor(right) + 1, math.floor(bottom) + 1)
 
 
@@ -96,18 +97,18 @@ def warped(
     op: HostOp, part: Part, target: oiio.ImageSpec, matrix: np.ndarray, filter: str, highlights: bool,
     session: Session, *, wrap: str = "default", edgeclamp: bool = False, scattered: bool = False,
 ) -> Part:  # fmt: skip
-    """The part through a matrix of shape (3, 3), over the windows of `target`, not yet computed.
+    """The part warped by a matrix, over the windows of `target`, not yet computed.
 
-    `matrix` leads from the source to the result, for row vectors (x, y, 1) in pixels. Raises ParameterError for a
-    filter that there is not, and for a matrix that has no inverse.
+    `matrix`, (3, 3), maps row vectors (x, y, 1) in pixels from the source to the result. Raises ParameterError for an
+    unknown filter, and for a singular matrix.
     """
     wide = FILTERS[known_filter(filter) or "lanczos3"]
     matrix, data = matrix.astype(np.float32), part.window
     try:
         inverse = np.linalg.inv(matrix.astype(np.float64))
     except np.linalg.LinAlgError:
-        raise ParameterError("a matrix that has an inverse is wanted") from None
-    if np.array_equal(inverse[:, 2], (0, 0, 1)):  # for a perspective no figure holds for all pixels
+        raise ParameterError("singular matrix", expected="an invertible matrix") from None
+    if np.array_equal(inverse[:, 2], (0, 0, 1)):  # in a perspective the scale varies from pixel to pixel
         across, down = wide * np.maximum(1, np.abs(inverse[:2, :2]).max(axis=0))
         require_kernel(math.ceil(across), math.ceil(down), session)
     values = tuple(float(v) for v in matrix.ravel())
@@ -115,7 +116,7 @@ def warped(
     def needs(window: Window) -> Sequence[Window]:
         wanted = warp_needs(inverse, window, wide, data)
         if wrap in ("periodic", "mirror") and wanted & data != wanted:
-            return [data]  # what comes in from the other side may be anywhere
+            return [data]  # wrapped pixels may come from anywhere
         return [wanted]
 
     def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
@@ -131,44 +132,49 @@ def warped(
 
 @dataclass(frozen=True, kw_only=True)
 class Warped(HostOp, Gather):
-    """Resampled through a matrix."""
+    """Warps by a matrix."""
 
     rescales: ClassVar[bool] = True
-    source: Image = image(help="the image")
-    filter: str = param("", help="name of the filter; lanczos3 when left out")
-    recompute_roi: bool = param(False, help="the data window becomes what the warped one covers")
+    source: Image = image(help="Input image.")
+    filter: str = param("", unset="lanczos3", help="Name of the resampling filter.", example="mitchell")
+    recompute_roi: bool = param(False, help="Grow or shrink the data window to the warped image.")
     highlightcomp: bool = HIGHLIGHTS
 
     def warped(self, part: Part, matrix: np.ndarray, wrap: str, session: Session) -> Part:
-        """The part through a matrix, not yet computed."""
+        """The part warped by a matrix, not yet computed."""
         target = (_forward_window(matrix, part.window) if self.recompute_roi else part.window).apply_to(part.spec)
         return warped(self, part, target, matrix, self.filter, self.highlightcomp, session, wrap=wrap, scattered=True)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Warp(Warped):
-    """Warp by a 3x3 matrix."""
+    """Warp the image by a 3x3 matrix."""
 
     name: ClassVar[str] = "warp"
 
-    matrix: Numbers = argument(help="9 values with commas between them; it maps row vectors (x, y, 1)")
-    wrap: str = param("default", choices=_WRAPS, help="what lies beyond the image; black by default")
+    matrix: Numbers = argument(
+        help="9 values, row by row. The matrix maps row vectors (x, y, 1) from the source to the result.",
+        example="0.5,0,0,0,0.5,0,0,0,1",
+    )
+    wrap: str = param("default", choices=_WRAPS, help="Pixels outside the image. default: black.")
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The warped part, not yet computed."""
         if len(self.matrix) != 9:
-            raise ParameterError(f"matrix={self.matrix}: 9 values are wanted")
+            raise ParameterError(parameter="matrix", value=self.matrix, expected="9 values")
         return self.warped(parts[0], np.array(self.matrix).reshape(3, 3), self.wrap, session)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rotate(Warped):
-    """Rotate clockwise by an angle, about the center of the display window."""
+    """Rotate the image around a point, by default the center of the display window."""
 
     name: ClassVar[str] = "rotate"
 
-    angle: float = argument(unit="degrees", ge=-1e9, le=1e9, help="clockwise")
-    center: Numbers | None = param(None, help="X,Y that stays; the center of the display window when left out")
+    angle: float = argument(unit="degrees", ge=-1e9, le=1e9, help="Angle, clockwise.", example="30")
+    center: Numbers | None = param(
+        None, unset="center of the display window", help="Center of rotation X,Y, in pixels.", example="320,240"
+    )
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The rotated part, not yet computed."""
@@ -176,20 +182,20 @@ class Rotate(Warped):
         x, y = 0.5 * (display.left + display.right), 0.5 * (display.top + display.bottom)
         if self.center is not None:
             if len(self.center) != 2:
-                raise ParameterError(f"center={self.center}: allowed is X,Y")
+                raise ParameterError(parameter="center", value=self.center, expected="X,Y")
             x, y = self.center
         radians = float(np.float32(self.angle) * np.float32(math.pi / 180))
         return self.warped(parts[0], _rotation(radians, x, y), "black", session)
 
 
 def _rotation(radians: float, x: float, y: float) -> np.ndarray:
-    """The matrix of ImageBufAlgo::rotate, rounded as it rounds: a pixel more or less would be another window."""
+    """The matrix of ImageBufAlgo::rotate, with the same rounding: otherwise windows could differ by a pixel."""
     c, s = np.float32(math.cos(radians)), np.float32(math.sin(radians))
     turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]], np.float32)
     move, back = (np.array([[1, 0, 0], [0, 1, 0], [sign * x, sign * y, 1]], np.float32) for sign in (-1, 1))
 
     def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """In float, terms added from the left."""
+        """The product in float, terms added from the left."""
         return a[:, :1] * b[:1] + a[:, 1:2] * b[1:2] + a[:, 2:] * b[2:]
 
     return product(product(move, turn), back)
@@ -197,28 +203,30 @@ def _rotation(radians: float, x: float, y: float) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class STWarp(HostOp, Gather):
-    """Warp by an image whose channels say where each pixel comes from, as shares of width and height."""
+    """Warp an image by a second one that holds normalized source coordinates (an ST map)."""
 
     name: ClassVar[str] = "st_warp"
     rescales: ClassVar[bool] = True
 
-    source: Image = image(help="the image")
-    st: Image = image(help="the coordinates")
-    filter: str = param("", help="name of the filter; lanczos3 when left out")
-    chan_s: int = param(0, ge=0, help="channel that holds s")
-    chan_t: int = param(1, ge=0, help="channel that holds t")
-    flip_s: bool = param(False, help="s counts from the right")
-    flip_t: bool = param(False, help="t counts from below")
+    source: Image = image(help="Image to warp.")
+    st: Image = image(help="ST map: source coordinates from 0 to 1.")
+    filter: str = param("", unset="lanczos3", help="Name of the resampling filter.", example="mitchell")
+    chan_s: int = param(0, ge=0, help="Channel of the ST map that holds s.")
+    chan_t: int = param(1, ge=0, help="Channel of the ST map that holds t.")
+    flip_s: bool = param(False, help="Flip s: 0 is at the right.")
+    flip_t: bool = param(False, help="Flip t: 0 is at the bottom.")
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
-        """The warped part, not yet computed: any of its windows may look at any place of the source."""
+        """The warped part, not yet computed: any of its windows may read any pixel of the source."""
         source, st = worked(parts[0]), parts[1]
         known_filter(self.filter)
         for name, channel in (("chan_s", self.chan_s), ("chan_t", self.chan_t)):
             if channel >= st.spec.nchannels:
-                raise ParameterError(f"{name}={channel}: the coordinates have {st.spec.nchannels} channel(s)")
+                raise ParameterError(
+                    parameter=name, value=channel, expected=f"a channel below {st.spec.nchannels}, of the ST map"
+                )
         if (source.window & st.window).empty:
-            raise ImageError("image and coordinates share no pixel")
+            raise ImageError("the data windows of the image and the ST map do not overlap")
         session.resources.require(source.spec.width * source.spec.height * source.pixel_bytes, self.flag())
         cached = once(source, lambda part: in_memory(part.name, part.buffer(part.window)))
         spec = derived_spec(source.spec)

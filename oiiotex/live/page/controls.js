@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Controls of the panels. Every one has a name that is seen and read out; a double click on it goes back to the default.
+// Controls of the panels. Each has a visible, accessible name. Double-clicking the name of a slider resets it.
 
 let numbers = 0;
 
@@ -20,9 +20,9 @@ export function section(title, ...children) {
 }
 
 /**
- * A slider with a number beside it.
+ * A slider with a number field.
  *
- * `position` and `value` map the parameter to 0 .. 1 and back; `auto` is what is shown where the value is null.
+ * `automatic` returns the value to show where the parameter is null (automatic).
  */
 export function slider(name, { title, low, high, step, log = false, reset, automatic = null, digits = 2, change }) {
   const id = `c${numbers++}`;
@@ -32,8 +32,8 @@ export function slider(name, { title, low, high, step, log = false, reset, autom
     return Math.min(high, Math.max(low, log ? Number(exact.toPrecision(3)) : Math.round(exact / step) * step));
   };
   const range = make("input", { type: "range", id, min: 0, max: 1, step: "any", title });
-  const number = make("input", { type: "number", min: low, max: high, step: log ? "any" : step, ariaLabel: `${name}, number` });
-  const label = make("label", { textContent: name, htmlFor: id, title: `${title}. Double-click: back to default` });
+  const number = make("input", { type: "number", min: low, max: high, step: log ? "any" : step, ariaLabel: `${name} (number)` });
+  const label = make("label", { textContent: name, htmlFor: id, title: `${title}. Double-click to reset` });
   const row = make("div", { className: "row" }, label, range, number);
   const shown = (v) => String(Number(v.toFixed(digits)));
   range.addEventListener("input", () => {
@@ -60,7 +60,7 @@ export function slider(name, { title, low, high, step, log = false, reset, autom
   return row;
 }
 
-/** A choice among a few: options are [value, text]. */
+/** A drop-down list; options are [value, text]. */
 export function choice(name, { title, options, change }) {
   const id = `c${numbers++}`;
   const select = make("select", { id, title, className: "wide" });
@@ -75,7 +75,7 @@ export function choice(name, { title, options, change }) {
   return row;
 }
 
-/** A whole number. */
+/** An integer field. */
 export function whole(name, { title, low, high, change, extra = [] }) {
   const id = `c${numbers++}`;
   const number = make("input", { type: "number", id, min: low, max: high, step: 1, title });
@@ -96,7 +96,7 @@ export function button(text, title, click, more = {}) {
   return element;
 }
 
-/** Buttons of which one is pressed: [value, text, title]. */
+/** Buttons of which exactly one is pressed: [value, text, title]. */
 export function segments(name, list, change) {
   const group = make("span", { className: "segments", role: "group", ariaLabel: name });
   const buttons = list.map(([value, text, title]) => {

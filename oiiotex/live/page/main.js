@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page: its rooms, what all of them share (view, status, keys, lines), and the document's state, as the server has it.
+// The page: its rooms (tabs), what they share (view, status, keys, commands), and a copy of the server's document state.
 
 import { button, choice, make } from "./controls.js";
 import { connect, on, send } from "./wire.js";
@@ -9,11 +9,11 @@ import { ZoomRoom } from "./zoom.js";
 
 const $ = (id) => document.getElementById(id);
 
-/** What rooms share. */
+/** Services that all rooms use. */
 export const shell = {
   state: null,
   facts: null,
-  /** Change values of a room: here at once, then on the server and the other pages. */
+  /** Change values of a room: first here, then on the server and the other pages. */
   set(room, values) {
     Object.assign(shell.state[room], values);
     send({ do: "set", room, values });
@@ -58,7 +58,7 @@ function build() {
     rooms[name] = new Room(shell);
     rooms[name].element.hidden = true;
     $("stage").append(rooms[name].element);
-    const tab = button(title, `Room ${title} (${$("rooms").children.length + 1})`, () => open(name), { id: `tab-${name}` });
+    const tab = button(title, `${title} (${$("rooms").children.length + 1})`, () => open(name), { id: `tab-${name}` });
     tab.setAttribute("role", "tab");
     $("rooms").append(tab);
   }
@@ -72,15 +72,15 @@ const looking = {};
 function buildLooking() {
   const views = (display) => (shell.facts.views[display] ?? []).map((view) => [view, view]);
   looking.display = choice("Display", {
-    title: "Display of the color config", options: Object.keys(shell.facts.views).map((name) => [name, name]),
+    title: "Display from the OCIO config", options: Object.keys(shell.facts.views).map((name) => [name, name]),
     change: (display) => {
       const view = shell.facts.views[display].includes(shell.state.view.view) ? shell.state.view.view : shell.facts.views[display][0];
       shell.set("view", { display, view });
       showLooking();
     },
   });
-  looking.view = choice("View", { title: "View of the display", options: [], change: (view) => shell.set("view", { view }) });
-  const exposure = make("input", { type: "number", step: 0.25, min: -20, max: 20, title: "Exposure in stops, for looking only (+ and -)", ariaLabel: "Exposure" });
+  looking.view = choice("View", { title: "View transform of the display", options: [], change: (view) => shell.set("view", { view }) });
+  const exposure = make("input", { type: "number", step: 0.25, min: -20, max: 20, title: "Viewing exposure in stops (+ and -). Does not change the result", ariaLabel: "Exposure" });
   exposure.addEventListener("change", () => shell.set("view", { exposure: Math.min(20, Math.max(-20, Number(exposure.value) || 0)) }));
   looking.exposure = exposure;
   looking.views = views;
@@ -100,7 +100,7 @@ function showLooking() {
   looking.exposure.value = exposure;
 }
 
-/** As long as something is not saved, why; "": all is. */
+/** Show why something is not saved; "": everything is saved. */
 function showUnsaved(text) {
   if (!text && !$("unsaved").hidden) shell.status("Saved again");
   $("unsaved").textContent = text;
@@ -108,11 +108,11 @@ function showUnsaved(text) {
 }
 
 const KEYS = [
-  ["1 2 3", "Rooms"], ["F", "Fit the picture"], ["Wheel", "Zoom"], ["Middle drag, Space drag", "Pan"],
-  ["C", "Copy the line"], ["+ -", "Exposure, a quarter stop"], ["?", "This list"],
-  ["S", "Tile: another seed"], ["V", "Tile: keep this variant"], ["T", "Tile: once, 2 × 2, plane"],
-  ["M", "Tile: show the mask"], ["B  E", "Brush, eraser"], ["[  ]", "Brush smaller, larger"], ["Ctrl Z  Ctrl Shift Z", "Undo, redo"],
-  ["G  I", "Paint: fill, pick"], ["Arrows  Page up, down", "Zoom: fly"], ["K", "Zoom: key frame"], ["P", "Zoom: line of the path"],
+  ["1 2 3", "Switch tabs"], ["F", "Fit the image"], ["Wheel", "Zoom"], ["Middle drag, Space drag", "Pan"],
+  ["C", "Copy command"], ["+ -", "Viewing exposure, 1/4 stop"], ["?", "This list"],
+  ["S", "Tile: next seed"], ["V", "Tile: keep variant"], ["T", "Tile: 1 × 1, 2 × 2, plane"],
+  ["M", "Tile: dominant texture"], ["B  E", "Brush, eraser"], ["[  ]", "Brush size"], ["Ctrl Z  Ctrl Shift Z", "Undo, redo"],
+  ["G  I", "Paint: fill, pick label"], ["Arrows  Page Up, Page Down", "Zoom: move, zoom"], ["K", "Zoom: add keyframe"], ["P", "Zoom: copy path command"],
 ];
 
 function help() {
@@ -130,9 +130,9 @@ async function showLine(text) {
   $("line").select();
   try {
     await navigator.clipboard.writeText(text);
-    shell.status("The line is on the clipboard");
+    shell.status("Command copied to the clipboard");
   } catch {
-    shell.status("Copy the line from the window");
+    shell.status("The clipboard is not available. Copy the command from the dialog");
   }
 }
 
@@ -194,7 +194,7 @@ on("message", (message) => {
 });
 on("frame", (facts, bytes) => rooms[facts.room]?.frame(facts, bytes));
 on("link", (there) => {
-  $("link").textContent = there ? "" : "The server does not answer. Trying again ...";
+  $("link").textContent = there ? "" : "Connection to the server lost. Reconnecting ...";
   $("link").classList.toggle("wrong", !there);
 });
 

@@ -1,25 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-// Room Paint: labels of the photo are painted, and become its texture. Values of the painting are ids: nothing is
-// antialiased, and what the server is told of a stroke is its label and a mask: two pages may paint at once. There are
-// two layers: labels, and what they are refined by, the labels of the next finer map that are part of them (0: none).
-// These stay inside their label.
+// Room Paint: a painting of the photo's labels becomes texture. A painting holds ids, so nothing is antialiased. A stroke
+// is sent as a label and a mask, so that two pages can paint at once. There are two layers: coarse labels, and labels of
+// the next finer map (0: none), each confined to the coarse label that contains it.
 
 import { button, make, section, segments, slider, whole } from "./controls.js";
 import { Viewer, drawBrush, stroke } from "./viewer.js";
 import { canvasOf } from "./wire.js";
 
-const WHILE_PAINTING = 250; // ms between two looks at a stroke that goes on
+const WHILE_PAINTING = 250; // ms between two previews of an unfinished stroke
 
 export class PaintRoom {
   constructor(shell) {
     this.shell = shell;
     this.tool = "brush";
     this.size = [0, 0];
-    this.layers = null; // coarse and fine, Uint8 of the painting's size
-    this.mask = null; // of the stroke, Uint8 of that size
-    this.unsent = []; // strokes that were painted while the server did not answer
+    this.layers = null; // coarse and fine, Uint8, of the painting's size
+    this.mask = null; // of the stroke, Uint8, of the same size
+    this.unsent = []; // strokes painted while disconnected
     this.labels = [];
-    this.parents = new Uint8Array(256); // the label that a finer one is part of
+    this.parents = new Uint8Array(256); // the coarse label that contains a finer one
     this.open = false;
     this.build();
   }
@@ -42,26 +41,26 @@ export class PaintRoom {
     for (const view of [this.planView, this.textureView]) {
       view.canvas.style.cursor = "crosshair";
       view.empty.hidden = false;
-      view.empty.textContent = "The photo's labels are looked for: this takes some seconds";
+      view.empty.textContent = "Finding the labels of the photo ...";
     }
-    this.tools = segments("Tool", [["brush", "Brush", "Paint with the chosen label (B)"], ["fill", "Fill", "Fill what hangs together (G)"], ["pick", "Pick", "Choose the label under the pointer (I)"]], (tool) => this.setTool(tool));
+    this.tools = segments("Tool", [["brush", "Brush", "Paint with the chosen label (B)"], ["fill", "Fill", "Fill the connected area (G)"], ["pick", "Pick", "Pick the label under the pointer (I)"]], (tool) => this.setTool(tool));
     this.tools.set("brush");
-    this.undo = button("Undo", "One step back (Ctrl Z)", () => this.ask({ do: "undo" }));
-    this.redo = button("Redo", "One step forward (Ctrl Shift Z)", () => this.ask({ do: "redo" }));
+    this.undo = button("Undo", "Undo one step (Ctrl Z)", () => this.ask({ do: "undo" }));
+    this.redo = button("Redo", "Redo one step (Ctrl Shift Z)", () => this.ask({ do: "redo" }));
     this.palette = make("div", { role: "group", ariaLabel: "Labels" });
-    this.brush = slider("Size", { title: "Diameter in px ([ and ]); a pen's pressure makes it smaller", low: 2, high: 1024, log: true, reset: 64, digits: 0, change: (brush) => this.set({ brush }) });
+    this.brush = slider("Size", { title: "Brush diameter, in pixels ([ and ]). Less pen pressure makes the brush smaller", low: 2, high: 1024, log: true, reset: 64, digits: 0, change: (brush) => this.set({ brush }) });
     this.controls = {
-      width: whole("Width", { title: "Of the canvas in px: what is painted stays where it is, cut off or extended on the right. A step that can be undone", low: 64, high: 4096, change: (n) => this.set({ width: n ?? 1024 }) }),
-      height: whole("Height", { title: "Of the canvas in px: what is painted stays where it is, cut off or extended at the bottom. A step that can be undone", low: 64, high: 4096, change: (n) => this.set({ height: n ?? 1024 }) }),
-      seed: whole("Seed", { title: "Other patches for the same painting. A step that can be undone", low: 0, high: 4294967295, change: (n) => this.set({ seed: n ?? 0 }) }),
+      width: whole("Width", { title: "Canvas width, in pixels. The painting is cropped or extended on the right. Can be undone", low: 64, high: 4096, change: (n) => this.set({ width: n ?? 1024 }) }),
+      height: whole("Height", { title: "Canvas height, in pixels. The painting is cropped or extended at the bottom. Can be undone", low: 64, high: 4096, change: (n) => this.set({ height: n ?? 1024 }) }),
+      seed: whole("Seed", { title: "Random seed of the choice of patches. Can be undone", low: 0, high: 4294967295, change: (n) => this.set({ seed: n ?? 0 }) }),
     };
-    this.times = segments("Times larger", [[1, "1 ×", "As large as the painting: exactly these pixels"], [4, "4 ×", "Four times larger, sewn around these patches"], [16, "16 ×", "Sixteen times larger, sewn around these patches"]], () => {});
+    this.times = segments("Output size", [[1, "1 ×", "Size of the painting: exactly these pixels"], [4, "4 ×", "Four times the size, synthesized around the patches shown"], [16, "16 ×", "Sixteen times the size, synthesized around the patches shown"]], () => {});
     this.times.set(1);
     this.fact = make("p", { className: "hint" });
     const panel = make("aside", {},
       section("Labels", this.palette),
       section("Tool", make("div", { className: "buttons", style: "margin:0 0 6px" }, this.tools), this.brush, make("div", { className: "buttons" }, this.undo, this.redo), this.fact),
-      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Save", "Write the texture as a file beside the document, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times, button("Open", "A painting from elsewhere: a picture in the palette's colors, or ids, that lies beside the photo or the document", () => this.shell.ask("paint", { do: "paintings" })), button("New", "All of it in the chosen label. A step that can be undone", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
+      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Save", "Write the texture to the document's folder, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times, button("Open", "Open an image as a painting: palette colors or label ids, in the folder of the photo or the document", () => this.shell.ask("paint", { do: "paintings" })), button("New", "Fill the whole canvas with the chosen label. Can be undone", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
     this.opening = make("dialog", { ariaLabel: "Open a painting" });
     this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.planView.element, this.textureView.element)), panel, this.opening);
   }
@@ -77,7 +76,7 @@ export class PaintRoom {
     this.refresh(false);
   }
 
-  /** Another room is opened, or the page is left: a stroke ends here. */
+  /** End a stroke when the room or the page is left. */
   hide() {
     for (const view of [this.planView, this.textureView]) view.letGo();
   }
@@ -104,13 +103,13 @@ export class PaintRoom {
     }
   }
 
-  // --- what comes ---
+  // --- messages from the server ---
 
   frame(facts, bytes) {
     if (facts.kind === "palette") return this.showPalette(facts, canvasOf(facts, bytes));
     const [width, height] = facts.whole;
     if (width !== this.size[0] || height !== this.size[1]) {
-      this.up(); // another page has changed the canvas: what is painted so far stays where it is
+      this.up(); // another page has resized the canvas: keep the stroke so far
       this.size = [width, height];
       for (const canvas of [this.plan, this.texture]) [canvas.width, canvas.height] = this.size;
       this.layers = { coarse: new Uint8Array(width * height), fine: new Uint8Array(width * height) };
@@ -124,13 +123,13 @@ export class PaintRoom {
       const layer = this.layers[facts.layer];
       for (let y = 0, n = 0; y < facts.height; y++)
         for (let at = (facts.top + y) * width + facts.left, x = 0; x < facts.width; x++, at++, n++)
-          if (!this.painting || !this.mask[at]) layer[at] = bytes[n]; // others paint around a stroke that goes on
+          if (!this.painting || !this.mask[at]) layer[at] = bytes[n]; // other pages do not overwrite an unfinished stroke
       this.drawPlan(facts.left, facts.top, facts.left + facts.width, facts.top + facts.height);
     }
     for (const view of [this.planView, this.textureView]) view.empty.hidden = true;
   }
 
-  /** Say what is done until there is a painting. */
+  /** Show progress until the painting arrives. */
   waitFor(text) {
     if (text) for (const view of [this.planView, this.textureView]) view.empty.textContent = text;
   }
@@ -149,10 +148,10 @@ export class PaintRoom {
     this.element.dataset.step = String(message.step);
   }
 
-  /** Paintings that can be opened. */
+  /** Show the list of images to open. */
   offer(names) {
-    const text = names.length ? "Pictures beside the photo and the document. One in the palette's colors, or of ids of labels, can be opened:" : "No picture lies beside the photo or the document. Put a painting there: a PNG in the palette's colors, or ids of labels as EXR or TIFF.";
-    const close = button("Close", "Open none", () => this.opening.close());
+    const text = names.length ? "Images in the folders of the photo and the document. A painting consists of palette colors or label ids:" : "There is no image in the folder of the photo or the document. Copy a painting there: a PNG in palette colors, or an EXR or TIFF of label ids.";
+    const close = button("Close", "Close without opening an image", () => this.opening.close());
     const choose = (name) => { this.opening.close(); this.ask({ do: "bring", name }); };
     const files = names.map((name) => button(name, `Open ${name}`, () => choose(name)));
     this.opening.replaceChildren(make("p", { textContent: text }), make("div", { className: "files" }, ...files), make("form", {}, close));
@@ -181,14 +180,14 @@ export class PaintRoom {
     const total = facts.labels.reduce((sum, one) => sum + one.area, 0);
     this.palette.replaceChildren(...facts.labels.map((label) => {
       const parts = facts.finer.filter((one) => one.parent === label.id);
-      const within = label.children.length > 1 ? parts : []; // a single one is the label itself
+      const within = label.children.length > 1 ? parts : []; // a single finer label is identical to its coarse label
       const name = label.name.includes("/") ? `Label ${label.id}` : label.name;
-      const one = button("", `Paint with label ${label.id}${within.length ? `, ${within.length} within` : ""}`, () => this.set({ layer: "coarse", label: label.id, finer: 0 }), { className: "swatch" });
+      const one = button("", `Paint with label ${label.id}${within.length ? `, with ${within.length} finer labels` : ""}`, () => this.set({ layer: "coarse", label: label.id, finer: 0 }), { className: "swatch" });
       one.dataset.layer = "coarse";
       one.append(make("i", { style: `background:rgb(${label.color})` }), this.swatch(label, picture, 48, 28), make("b", { textContent: name }), make("small", { textContent: `${Math.round((100 * label.area) / total)} %` }));
       const finer = within.map((part) => this.finerSwatch(part, label, this.swatch(part, picture, 38, 24)));
-      if (within.length) finer.push(this.finerSwatch({ number: 0 }, label, make("span", { textContent: "all" })));
-      const group = make("div", { className: "entry" }, one, make("div", { className: "within", role: "group", ariaLabel: `Within ${name}` }, ...finer));
+      if (within.length) finer.push(this.finerSwatch({ number: 0 }, label, make("span", { textContent: "none" })));
+      const group = make("div", { className: "entry" }, one, make("div", { className: "within", role: "group", ariaLabel: `Finer labels of ${name}` }, ...finer));
       group.dataset.label = label.id;
       return group;
     }));
@@ -199,7 +198,7 @@ export class PaintRoom {
     if (this.layers) this.drawPlan(0, 0, ...this.size);
   }
 
-  /** A part of the palette's picture. */
+  /** A canvas with a part of the palette image. */
   swatch({ box: [left, top, width, height] }, picture, across, down) {
     const canvas = make("canvas", { width: across, height: down, style: `width:${across}px;height:${down}px` });
     const scale = Math.min(width / across, height / down);
@@ -207,9 +206,9 @@ export class PaintRoom {
     return canvas;
   }
 
-  /** Chooses a finer label, or none, to paint with inside a label. */
+  /** A button that selects a finer label of a label, or none. */
   finerSwatch({ number, id, color }, label, face) {
-    const title = number ? `Paint with ${id} of the finer labels, inside label ${label.id}` : `Take finer labels away inside label ${label.id}: all of it again`;
+    const title = number ? `Paint with finer label ${id}, only inside label ${label.id}` : `Erase finer labels inside label ${label.id}`;
     const one = button("", title, () => this.set({ layer: "fine", label: label.id, finer: number }), { style: color ? `border-color:rgb(${color})` : "" });
     one.dataset.layer = "fine";
     one.dataset.finer = number;
@@ -227,7 +226,7 @@ export class PaintRoom {
       for (let x = left; x < right; x++, at++) {
         const place = y * width + x;
         if (!fine[place]) out[at] = this.colors[coarse[place]];
-        else out[at] = (x + y) & 8 ? this.finer[fine[place]] : this.dimmed[coarse[place]]; // hatched: colors of both layers may be the same
+        else out[at] = (x + y) & 8 ? this.finer[fine[place]] : this.dimmed[coarse[place]]; // hatched, because both layers can have the same color
       }
     }
     this.plan.getContext("2d").putImageData(image, left, top);
@@ -256,22 +255,22 @@ export class PaintRoom {
     }
   }
 
-  /** Choose what is painted at a place. */
+  /** Select the label at a pixel. */
   pick(at) {
     const [label, finer] = [this.layers.coarse[at], this.layers.fine[at]];
     this.set({ layer: finer ? "fine" : "coarse", label, finer });
   }
 
-  /** Begin a stroke: the layer that is painted, with which value, and of an index whether it may be. */
+  /** Begin a stroke: fix its layer, its value, and which pixels it can change. */
   begin() {
-    const { layer, label, finer } = this.shell.state.paint; // which other pages may change while it goes on
+    const { layer, label, finer } = this.shell.state.paint; // other pages can change these during the stroke
     const allowed = layer === "fine" ? (at) => this.layers.coarse[at] === label : () => true;
     this.with = { layer, value: layer === "fine" ? finer : label, allowed };
     this.mask.fill(0);
     return this;
   }
 
-  /** Take away what lies in a box of the fine layer on another label than its own, as the server does. */
+  /** Remove finer labels in a box that lie outside their coarse label, as the server does. */
   keepInside([left, top, right, bottom]) {
     const { coarse, fine } = this.layers;
     for (let y = top; y < bottom; y++)
@@ -306,7 +305,7 @@ export class PaintRoom {
     this.send(box);
   }
 
-  /** Fill what hangs together in the layer, inside the label; its box. */
+  /** Fill the connected area of the layer, inside the label, and return its box. */
   fill(column, row) {
     const [width, height] = this.size;
     const { layer, value, allowed } = this.with;
@@ -341,7 +340,7 @@ export class PaintRoom {
     return box;
   }
 
-  /** Tell the server the stroke's mask in a box; `going`: the stroke goes on, and the whole of it will be one step. */
+  /** Send the stroke's mask in a box; `going`: the stroke is unfinished, and becomes one step with the rest. */
   send([left, top, right, bottom], going = false) {
     const [width, height] = [right - left, bottom - top];
     if (width <= 0 || height <= 0) return;

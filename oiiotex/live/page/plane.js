@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A tile on a plane to the horizon, where all repetition shows: every pixel is the mean of what it covers, by MIP maps.
+// A tile repeated on a plane to the horizon, which makes repetition visible. Pixels are filtered with MIP maps.
 
-/** The tile's levels, each half of the one before it: {width, height, data}. */
+/** The tile's MIP levels, the finest first: {width, height, data}. */
 export function mipmaps(canvas) {
   const levels = [];
   let level = canvas;
@@ -19,7 +19,7 @@ export function mipmaps(canvas) {
   }
 }
 
-/** Draw the plane into a canvas. `along` tiles are seen across the nearest row. */
+/** Draw the plane into a canvas. The nearest row shows `along` tiles. */
 export function drawPlane(canvas, levels, along = 3) {
   const { width, height } = canvas;
   const context = canvas.getContext("2d");

@@ -1,23 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// Room Tile: the photo beside its tile.
+// Room Tile: the photo next to its tile.
 
 import { button, choice, make, section, segments, slider, whole } from "./controls.js";
 import { drawPlane, mipmaps } from "./plane.js";
 import { Viewer, drawBrush, stroke } from "./viewer.js";
 import { canvasOf } from "./wire.js";
 
-const LET_GO = 60; // ms after the last move of a slider until the server is told
+const LET_GO = 60; // ms from the last change of a slider to the message to the server
 const SEEDS = 8;
-const GOOD = 0.8; // fidelity of a tile that still looks like its photo
+const GOOD = 0.8; // fidelity from which a tile looks like its photo
 
 export class TileRoom {
   constructor(shell) {
     this.shell = shell;
     this.photo = this.tile = null;
-    this.size = [0, 0]; // of the tile, px; what is shown may be coarser
+    this.size = [0, 0]; // of the full-size tile, px; previews are smaller
     this.mode = "2x2";
     this.brush = { name: "", tool: "brush", diameter: 48 };
-    this.planes = { mask: null, inpaint: null }; // Uint8, of the photo as it is shown
+    this.planes = { mask: null, inpaint: null }; // Uint8, at the photo's preview size
     this.shownOver = "";
     this.overlay = null;
     this.seeds = new Map();
@@ -25,7 +25,7 @@ export class TileRoom {
     this.build();
   }
 
-  // --- what there is to see ---
+  // --- elements ---
 
   build() {
     this.photoView = new Viewer("Photo", {
@@ -47,13 +47,13 @@ export class TileRoom {
     this.planeCanvas = make("canvas", { role: "img", ariaLabel: "Tile on a plane", hidden: true });
     this.tileView.element.append(this.planeCanvas);
     new ResizeObserver(() => this.drawPlane()).observe(this.tileView.element);
-    this.modes = segments("Layout", [["1x1", "1", "Once (T)"], ["2x2", "2 × 2", "Two by two (T)"], ["plane", "Plane", "To the horizon (T)"]], (mode) => this.setMode(mode));
+    this.modes = segments("Layout", [["1x1", "1 × 1", "One tile (T)"], ["2x2", "2 × 2", "Two by two tiles (T)"], ["plane", "Plane", "Perspective plane, to judge repetition (T)"]], (mode) => this.setMode(mode));
     this.fact = make("span", { className: "fact" });
     this.tileView.bar.append(this.modes, make("span", { className: "grow" }), this.fact);
-    this.overlays = segments("Over the photo", [["", "Photo", "The photo alone"], ["dominant", "Dominant", "The dominant texture (LDR09)"], ["label", "Labels", "The coarsest labels (LSA16)"]], (name) => this.showOver(name));
+    this.overlays = segments("Overlay", [["", "Photo", "Photo without overlay"], ["dominant", "Dominant", "Overlay of the dominant texture (LDR09) (M)"], ["label", "Labels", "Overlay of the coarsest label map (LSA16)"]], (name) => this.showOver(name));
     this.overlays.set("");
     this.photoView.bar.append(this.overlays);
-    this.tileView.empty.textContent = "The tile is on its way";
+    this.tileView.empty.textContent = "Synthesizing the tile ...";
     this.tileView.empty.hidden = false;
     this.strip = make("div", { className: "strip" });
     this.element = make("div", { className: "room" },
@@ -67,33 +67,33 @@ export class TileRoom {
     const set = (values) => this.set(values);
     const longer = () => Math.max(...(this.size[0] ? this.size : this.shell.facts?.photo ?? [512, 512]));
     this.controls = {
-      flatten: slider("Flatten", { title: "Share of the photo's gradients and stains that is removed first; 0: verbatim copies", low: 0, high: 1, step: 0.05, reset: null, automatic: () => (this.shell.state?.tile.inpaint ? 0 : 1), change: (flatten) => set({ flatten }) }),
-      sigma: slider("Sigma", { title: "Scale in px above which the result is statistically uniform (MJH17)", low: 1, high: 512, log: true, reset: null, automatic: () => longer() / ({ keep: 4, even: 32, clean: 32 }[this.shell.state?.tile.preset] ?? 8), change: (sigma) => set({ sigma, amount: null }) }),
-      amount: slider("Amount", { title: "How stationary it looks, in even steps: its sigma is found for this photo (MJH17 section 4.4)", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.5, change: (amount) => set({ amount, sigma: null }) }),
-      contrast: slider("Contrast", { title: "How strongly the overall histogram is held", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.7, change: (contrast) => set({ contrast }) }),
-      structure: slider("Structure", { title: "How strongly a lattice in the photo (courses, weaves) is kept", low: 0, high: 1, step: 0.05, reset: 0.5, change: (structure) => set({ structure }) }),
-      seed: whole("Seed", { title: "Same seed, same pixels", low: 0, high: 4294967295, change: (seed) => set({ seed: seed ?? 0 }), extra: [button("Next", "Another seed (S)", () => this.nextSeed())] }),
-      measure: choice("Measure", { title: "What looks the same everywhere", options: [["histogram", "Histogram"], ["moments", "Moments"], ["steerable", "Steerable"]], change: (measure) => set({ measure }) }),
-      preset: choice("Preset", { title: "Keep: large structures stay whole. Even: structures beyond sigma are evened out, too. Clean: objects are removed", options: [[null, "None"], ["even", "Even"], ["clean", "Clean"], ["keep", "Keep"]], change: (preset) => set({ preset }) }),
-      patch: choice("Patch", { title: "Side of a patch: the scale up to which detail is copied whole", options: [[null, "Automatic"], ...[5, 7, 9, 11, 13, 15, 17, 19, 21].map((n) => [n, `${n} px`])], change: (patch) => set({ patch }) }),
-      width: whole("Width", { title: "Of the tile in px; the photo's when empty", low: 16, high: 16384, change: (width) => this.setSize("width", width) }),
-      height: whole("Height", { title: "Of the tile in px; the photo's when empty", low: 16, high: 16384, change: (height) => this.setSize("height", height) }),
-      mask: choice("Taken from", { title: "Where patches may come from", options: [["", "Everywhere"], ["dominant", "Dominant texture"], ["brush", "Painted mask"]], change: (mask) => this.setMask(mask) }),
-      inpaint: choice("Made anew", { title: "What of the photo is made anew", options: [["", "All"], ["brush", "Painted area"]], change: (inpaint) => set({ inpaint }) }),
+      flatten: slider("Flatten", { title: "Fraction of the photo's gradients and stains to remove before synthesis. 0 copies the photo's pixels unchanged", low: 0, high: 1, step: 0.05, reset: null, automatic: () => (this.shell.state?.tile.inpaint ? 0 : 1), change: (flatten) => set({ flatten }) }),
+      sigma: slider("Sigma", { title: "Scale, in pixels, above which the result is statistically uniform (MJH17)", low: 1, high: 512, log: true, reset: null, automatic: () => longer() / ({ keep: 4, even: 32, clean: 32 }[this.shell.state?.tile.preset] ?? 8), change: (sigma) => set({ sigma, amount: null }) }),
+      amount: slider("Amount", { title: "Perceived uniformity, an alternative to sigma: the matching sigma is measured on this photo (MJH17 section 4.4)", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.5, change: (amount) => set({ amount, sigma: null }) }),
+      contrast: slider("Contrast", { title: "Weight of matching the photo's overall histogram", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.7, change: (contrast) => set({ contrast }) }),
+      structure: slider("Structure", { title: "Weight of preserving a regular structure of the photo (courses, weaves)", low: 0, high: 1, step: 0.05, reset: 0.5, change: (structure) => set({ structure }) }),
+      seed: whole("Seed", { title: "Random seed. The same seed gives the same pixels", low: 0, high: 4294967295, change: (seed) => set({ seed: seed ?? 0 }), extra: [button("Next", "Next seed (S)", () => this.nextSeed())] }),
+      measure: choice("Measure", { title: "Statistics that are made uniform", options: [["histogram", "Histogram"], ["moments", "Moments"], ["steerable", "Steerable"]], change: (measure) => set({ measure }) }),
+      preset: choice("Preset", { title: "Keep: large structures are preserved. Even: structures larger than sigma are evened out. Clean: objects are removed", options: [[null, "None"], ["even", "Even"], ["clean", "Clean"], ["keep", "Keep"]], change: (preset) => set({ preset }) }),
+      patch: choice("Patch", { title: "Patch size: detail up to this scale is copied unchanged", options: [[null, "Automatic"], ...[5, 7, 9, 11, 13, 15, 17, 19, 21].map((n) => [n, `${n} px`])], change: (patch) => set({ patch }) }),
+      width: whole("Width", { title: "Width of the tile, in pixels. Empty: the photo's width", low: 16, high: 16384, change: (width) => this.setSize("width", width) }),
+      height: whole("Height", { title: "Height of the tile, in pixels. Empty: the photo's height", low: 16, high: 16384, change: (height) => this.setSize("height", height) }),
+      mask: choice("Source", { title: "Valid source pixels: the part of the photo that patches are copied from", options: [["", "Whole photo"], ["dominant", "Dominant texture"], ["brush", "Painted mask"]], change: (mask) => this.setMask(mask) }),
+      inpaint: choice("Replace", { title: "Part of the photo that is resynthesized", options: [["", "Everything"], ["brush", "Painted area"]], change: (inpaint) => set({ inpaint }) }),
     };
-    this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Mask", "Paint where patches may come from (B)"], ["inpaint", "Anew", "Paint what is made anew"]], (name) => this.setBrush(name));
-    this.erase = button("Erase", "Paint takes away (E)", () => this.setTool(this.brush.tool === "erase" ? "brush" : "erase"));
-    this.diameter = slider("Brush", { title: "Diameter in px of the photo ([ and ])", low: 2, high: 400, log: true, reset: 48, digits: 0, change: (diameter) => { this.brush.diameter = diameter; } });
+    this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Source", "Paint the valid source pixels (B)"], ["inpaint", "Replace", "Paint the area to resynthesize"]], (name) => this.setBrush(name));
+    this.erase = button("Erase", "The brush erases (E)", () => this.setTool(this.brush.tool === "erase" ? "brush" : "erase"));
+    this.diameter = slider("Size", { title: "Brush diameter, in pixels of the photo ([ and ])", low: 2, high: 400, log: true, reset: 48, digits: 0, change: (diameter) => { this.brush.diameter = diameter; } });
     this.diameter.set(48);
     this.tools.set("");
-    this.measures = make("div", { className: "measures", role: "log", ariaLabel: "Measures" }, make("p", { className: "stale", textContent: "Measured when the tile is done." }));
+    this.measures = make("div", { className: "measures", role: "log", ariaLabel: "Measures" }, make("p", { className: "stale", textContent: "Measured when the tile is finished." }));
     return make("aside", {},
       section("Texture", this.controls.preset, this.controls.flatten, this.controls.sigma, this.controls.amount, this.controls.contrast, this.controls.structure, this.controls.measure, this.controls.patch),
       section("Result", this.controls.seed, this.controls.width, this.controls.height,
-        make("div", { className: "buttons" }, button("Keep variant", "Keep these parameters in the strip (V)", () => this.keep()), button("Save", "Write the tile as a file beside the document, in the background", () => this.shell.ask("tile", { do: "save" })), button("Show seeds", "Eight further seeds, coarse, to pick from", () => this.askSeeds()))),
+        make("div", { className: "buttons" }, button("Keep variant", "Add these parameters to the variants below (V)", () => this.keep()), button("Save", "Write the tile to the document's folder, in the background", () => this.shell.ask("tile", { do: "save" })), button("Show seeds", "Preview eight more seeds at low resolution", () => this.askSeeds()))),
       section("Measures", this.measures),
-      section("Where", this.controls.mask, this.controls.inpaint, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
-        make("div", { className: "buttons" }, this.erase, button("Clear", "Nothing is painted any more", () => this.fill(0)), button("Invert", "What is painted and what is not change places", () => this.fill(null)))));
+      section("Regions", this.controls.mask, this.controls.inpaint, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
+        make("div", { className: "buttons" }, this.erase, button("Clear", "Erase everything painted", () => this.fill(0)), button("Invert", "Invert the painted mask", () => this.fill(null)))));
   }
 
   set(values) {
@@ -104,7 +104,7 @@ export class TileRoom {
     this.timer = setTimeout(() => this.tell(), LET_GO);
   }
 
-  /** Tell the server what has been set. */
+  /** Send the changed values to the server. */
   tell() {
     clearTimeout(this.timer);
     const told = this.waiting;
@@ -140,13 +140,13 @@ export class TileRoom {
     this.set({ seed: (this.shell.state.tile.seed + 1) % 4294967296 });
   }
 
-  /** The controls as the state is. */
+  /** Set the controls to the state. */
   refresh(all) {
     const tile = this.shell.state?.tile;
     if (!tile) return;
     for (const [name, control] of Object.entries(this.controls)) {
       if (name === "mask" && typeof tile.mask === "number") {
-        control.offer([["", "Everywhere"], ["dominant", "Dominant texture"], ["brush", "Painted mask"], [tile.mask, `Label ${tile.mask}`]]);
+        control.offer([["", "Whole photo"], ["dominant", "Dominant texture"], ["brush", "Painted mask"], [tile.mask, `Label ${tile.mask}`]]);
       }
       control.set(tile[name]);
     }
@@ -157,7 +157,7 @@ export class TileRoom {
     this.showVariants();
   }
 
-  // --- what comes ---
+  // --- messages from the server ---
 
   frame(facts, bytes) {
     if (facts.kind === "photo") {
@@ -191,11 +191,11 @@ export class TileRoom {
       this.overlay = { ...facts, plane: new Uint8Array(bytes), canvas: null };
       this.overlay.canvas = this.tinted(this.overlay);
       this.photoView.redraw();
-      this.shell.status(facts.name === "label" ? "Click a label to take its texture alone" : "");
+      this.shell.status(facts.name === "label" ? "Click a label to use it as the only source" : "");
     }
   }
 
-  /** A coarse look stands for a tile of the size of the last whole one, unless it is of another shape. */
+  /** A preview is drawn at the size of the last finished tile, unless its aspect ratio differs. */
   sizeWhileCoarse(size) {
     const { width, height } = this.shell.state.tile;
     if (width && height) return [width, height];
@@ -207,7 +207,7 @@ export class TileRoom {
     if (message.do !== "measures") return;
     const shown = message.lines.filter(([level]) => level !== "debug");
     const rows = shown.map(([, text]) => measured(text));
-    const cells = (tag, texts) => texts.map((text) => make(tag, { textContent: text }));
+    const cells = (tag, row) => row.map((text) => make(tag, { textContent: text }));
     const table = make("table", {}, make("tr", {}, ...cells("th", ["", "Photo", "Tile"])),
       ...rows.filter((row) => row).map(({ name, photo, tile, title }) => make("tr", { title }, ...cells("td", [name, photo, tile]))));
     const others = shown.filter((_, n) => !rows[n]).map(([level, text]) => make("p", { className: faithful(text) ?? level, textContent: text }));
@@ -243,7 +243,7 @@ export class TileRoom {
     }
   }
 
-  /** A plane of ids as a canvas of half transparent colors. */
+  /** A plane of ids as a canvas of semi-transparent colors. */
   tinted({ plane, width, height, ids, colors }) {
     const table = new Uint32Array(256);
     ids.forEach((id, n) => {
@@ -278,14 +278,14 @@ export class TileRoom {
     this.shownOver = name;
     this.overlays.set(name);
     if (name && this.overlay?.name !== name) {
-      this.shell.status(name === "dominant" ? "Looking for the dominant texture ..." : "Looking for labels ...");
+      this.shell.status(name === "dominant" ? "Finding the dominant texture ..." : "Finding labels ...");
       this.shell.ask("tile", { do: "overlay", name });
     }
     this.setBrush(this.brush.name);
     this.photoView.redraw();
   }
 
-  /** Take the texture of the label under the pointer alone. */
+  /** Use the label under the pointer as the only source. */
   pickLabel(event) {
     if (this.shownOver !== "label" || this.overlay?.name !== "label") return;
     const { plane, width, height } = this.overlay;
@@ -348,7 +348,7 @@ export class TileRoom {
   }
 
   fill(value) {
-    if (!this.brush.name) return this.shell.status("Choose what is painted first: Mask or Anew");
+    if (!this.brush.name) return this.shell.status("First choose what to paint: Source or Replace");
     this.strokeHistory();
     const plane = this.plane();
     if (value === null) for (let n = 0; n < plane.length; n++) plane[n] = 255 - plane[n];
@@ -376,12 +376,12 @@ export class TileRoom {
   askSeeds() {
     this.seeds.clear();
     this.showStrip();
-    this.shell.status("Eight seeds, coarse: click one");
+    this.shell.status("Eight previews: click one to use its seed");
     this.shell.ask("tile", { do: "seeds", first: this.shell.state.tile.seed + 1, count: SEEDS });
   }
 
   keep() {
-    if (!this.tile || !this.whole) return this.shell.status("Wait until the tile is done");
+    if (!this.tile || !this.whole) return this.shell.status("The tile is not finished yet");
     const canvas = make("canvas", { width: 84, height: 84 });
     const side = Math.min(this.tile.width, this.tile.height);
     canvas.getContext("2d").drawImage(this.tile, 0, 0, side, side, 0, 0, 84, 84);
@@ -399,12 +399,12 @@ export class TileRoom {
     const list = this.shell.state?.variants.list ?? [];
     this.kept = JSON.stringify(list.map((one) => one.tile));
     const seeds = [...this.seeds].map(([seed, canvas]) => {
-      const one = button("", `Take seed ${seed}`, () => this.set({ seed }), { className: "thumb" });
+      const one = button("", `Use seed ${seed}`, () => this.set({ seed }), { className: "thumb" });
       one.append(canvas, make("span", { textContent: `seed ${seed}` }));
       return one;
     });
     const variants = list.map((variant, n) => {
-      const one = button("", "Take these parameters; right click drops them", () => this.set(variant.tile), { className: "thumb" });
+      const one = button("", "Click to use these parameters, right-click to remove the variant", () => this.set(variant.tile), { className: "thumb" });
       one.append(make("img", { src: variant.thumbnail, alt: `Variant ${n + 1}` }), make("span", { textContent: this.caption(variant.tile) }));
       one.addEventListener("contextmenu", (event) => {
         event.preventDefault();
@@ -414,7 +414,7 @@ export class TileRoom {
       return one;
     });
     const group = (caption, what, none) => make("div", { className: "group" }, make("span", { className: "caption", textContent: caption }), ...(what.length ? what : [make("span", { className: "hint", textContent: none })]));
-    this.strip.replaceChildren(group("Variants", variants, "Keep what you like: V"), group("Seeds", seeds, "Show seeds lays out eight more"));
+    this.strip.replaceChildren(group("Variants", variants, "Press V to keep a variant"), group("Seeds", seeds, "Show seeds previews eight more seeds"));
   }
 
   caption(tile) {
@@ -448,13 +448,13 @@ export class TileRoom {
   }
 }
 
-/** The class of a sentence on fidelity, green or amber; of another one none. */
+/** The CSS class of a line about fidelity, green or amber; null for other lines. */
 function faithful(text) {
   const found = /^fidelity ([\d.]+)/.exec(text);
   return found && (Number(found[1]) >= GOOD ? "good" : "warning");
 }
 
-/** A line of -v, "NAME PHOTO -> TILE UNIT (what it is)" or "NAME TILE UNIT (what it is)", as a row; else null. */
+/** A line of -v, "NAME PHOTO -> TILE UNIT (description)" or "NAME TILE UNIT (description)", as a row; else null. */
 function measured(text) {
   const found = /^([a-z][a-z -]*?) (-?[\d.]+)(?: -> (-?[\d.]+))?( %)?.*\(/.exec(text);
   if (!found) return null;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// A picture that is panned and zoomed: wheel, middle button, space and drag, two fingers. Painting is somebody else's.
+// An image that pans and zooms: wheel, middle button, Space and drag, two fingers. The caller handles painting.
 
 import { make } from "./controls.js";
 
 export class Viewer {
-  /** `draw(context, viewer)` draws in picture coordinates; `size()` is [width, height] of the picture. */
+  /** `draw(context, viewer)` draws in image coordinates; `size()` is [width, height] of the image. */
   constructor(name, { draw, size, overlay, paint }) {
     this.canvas = make("canvas", { role: "img", ariaLabel: name, tabIndex: 0 });
     this.element = make("div", { className: "view" }, this.canvas);
@@ -16,11 +16,11 @@ export class Viewer {
     this.overlay = overlay;
     this.paint = paint;
     this.scale = 0;
-    this.x = this.y = 0; // the picture's corner, css px
+    this.x = this.y = 0; // upper left corner of the image, CSS px
     this.fitted = true;
     this.space = false;
     this.pointers = new Map();
-    this.painting = null; // the pointer that paints
+    this.painting = null; // id of the painting pointer
     new ResizeObserver(() => this.resized()).observe(this.element);
     this.listen();
   }
@@ -34,7 +34,7 @@ export class Viewer {
     this.redraw();
   }
 
-  /** Show all of the picture. */
+  /** Fit the whole image into the view. */
   fit() {
     const [width, height] = this.size();
     const { clientWidth: w, clientHeight: h } = this.element;
@@ -72,7 +72,7 @@ export class Viewer {
     }
   }
 
-  /** Where an event is in the picture. */
+  /** Position of an event in image coordinates. */
   at(event) {
     const box = this.canvas.getBoundingClientRect();
     return [(event.clientX - box.left - this.x) / this.scale, (event.clientY - box.top - this.y) / this.scale];
@@ -130,10 +130,10 @@ export class Viewer {
     canvas.addEventListener("dblclick", () => { if (!this.paint?.active()) this.fit(); });
   }
 
-  /** End a stroke though the pointer is still down. */
+  /** End a stroke while the pointer may still be down. */
   letGo() {
     if (this.painting === null) return;
-    this.pointers.delete(this.painting); // what is left of the drag pans nothing
+    this.pointers.delete(this.painting); // the rest of the drag must not pan
     this.painting = null;
     this.paint.up();
   }
@@ -147,7 +147,7 @@ export class Viewer {
   }
 }
 
-/** A round brush's outline at the pointer. */
+/** Draw the outline of the round brush at the pointer. */
 export function drawBrush(context, viewer, diameter) {
   if (!viewer.pointer || !viewer.paint?.active()) return;
   const [x, y] = viewer.pointer;
@@ -162,9 +162,9 @@ export function drawBrush(context, viewer, diameter) {
 }
 
 /**
- * Set the pixels of a line's discs in a Uint8 plane; nothing is antialiased, because values are ids. Returns a box.
+ * Draw a round brush along a line into a Uint8 plane, and return the changed box. Values are ids: no antialiasing.
  *
- * `allowed` says of an index whether it may be set.
+ * `allowed(index)` returns whether a pixel can be set.
  */
 export function stroke(plane, width, height, from, to, diameter, value, allowed = () => true) {
   const radius = Math.max(0.5, diameter / 2);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The connection to the server: JSON one way and the other, pictures as binary frames. It connects again by itself.
+// The connection to the server: JSON in both directions, images as binary frames. It reconnects by itself.
 
 const listeners = { message: [], frame: [], link: [] };
 let socket = null;
 let wait = 200;
 
-/** Be told of 'message' (object), 'frame' (facts, bytes) or 'link' (whether there is one). */
+/** Listen for 'message' (object), 'frame' (facts, bytes) or 'link' (true when connected). */
 export function on(kind, listener) {
   listeners[kind].push(listener);
 }
@@ -14,7 +14,7 @@ function say(kind, ...what) {
   for (const listener of listeners[kind]) listener(...what);
 }
 
-/** Send an object, and bytes behind it. Nothing is sent while there is no connection: state comes with the next. */
+/** Send an object, followed by bytes. False, and nothing sent, while disconnected: the server resends its state later. */
 export function send(message, bytes) {
   if (!socket || socket.readyState !== WebSocket.OPEN) return false;
   const text = JSON.stringify(message);
@@ -37,7 +37,7 @@ function unpack(buffer) {
   return [facts, new Uint8Array(buffer, 4 + length)];
 }
 
-/** Connect, and go on doing so. */
+/** Connect, and reconnect whenever the connection closes. */
 export function connect() {
   const url = new URL("wire", location.href);
   url.protocol = "ws:";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Room Zoom: a plane without end. A place is a BigInt in 1/2^96 of a root's pixel, so sixty octaves have no rounding;
-// what is drawn is counted from the middle of the view, where doubles are exact enough.
+// Room Zoom: an unbounded plane. Positions are BigInts in units of 1/2^96 root pixel, so sixty octaves need no rounding.
+// Drawing uses distances from the center of the view, for which doubles are exact enough.
 
 import { button, make, section, whole } from "./controls.js";
 import { canvasOf } from "./wire.js";
@@ -9,12 +9,12 @@ const BITS = 96n;
 const SIDE = 256;
 const MOST = 60;
 const KEPT = 700; // tiles
-const AHEAD = 400; // ms after a move until the document is told
+const AHEAD = 400; // ms from a move to the message to the server
 
 const big = (n) => BigInt(Math.round(n));
 const floorDivide = (a, b) => (a - (((a % b) + b) % b)) / b;
 
-/** Zoom, x and y of the address, or null where it is of no place. */
+/** Zoom, x and y from the address, or null where it has no position. */
 function linkedPlace() {
   const found = /^#zoom\/(\d{1,3}(?:\.\d*)?)\/(-?\d{1,60})\/(-?\d{1,60})$/.exec(location.hash);
   return found && [Math.min(MOST, Number(found[1])), BigInt(found[2]), BigInt(found[3])];
@@ -31,21 +31,21 @@ export class ZoomRoom {
   }
 
   build() {
-    this.canvas = make("canvas", { role: "img", ariaLabel: "Texture without end", tabIndex: 0 });
+    this.canvas = make("canvas", { role: "img", ariaLabel: "Unbounded texture", tabIndex: 0 });
     this.view = make("div", { className: "view" }, this.canvas);
     const bar = make("div", { className: "bar" }, make("span", { className: "title", textContent: "Plane" }), this.where = make("span", { className: "fact" }));
     this.view.append(bar);
     this.controls = {
-      seed: whole("Seed", { title: "Same seed, same plane", low: 0, high: 4294967295, change: (seed) => this.set({ seed: seed ?? 0 }) }),
-      frames: whole("Frames", { title: "Of the path, at its end", low: 2, high: 65536, change: (frames) => this.set({ frames: frames ?? 96 }) }),
+      seed: whole("Seed", { title: "Random seed. The same seed gives the same plane", low: 0, high: 4294967295, change: (seed) => this.set({ seed: seed ?? 0 }) }),
+      frames: whole("Frames", { title: "Number of frames of the path", low: 2, high: 65536, change: (frames) => this.set({ frames: frames ?? 96 }) }),
     };
-    this.lock = button("Keep the exemplar as it is", "No jitter up to the root's own resolution: finer detail for the photo itself", () => this.set({ lock: this.shell.state.zoom.lock ? 0 : 1 }));
+    this.lock = button("Lock exemplar", "No jitter up to the exemplar's own resolution: the photo is kept and only finer detail is added", () => this.set({ lock: this.shell.state.zoom.lock ? 0 : 1 }));
     this.keys = make("div");
     const panel = make("aside", {},
-      section("Place", make("div", { className: "buttons" }, button("Home", "Back to where it begins (F)", () => this.home()), button("In", "One octave in (Page down)", () => this.fly(1)), button("Out", "One octave out (Page up)", () => this.fly(-1))),
-        make("p", { className: "hint", textContent: "Drag to move, wheel to zoom. The address above is a permanent link to the place." })),
+      section("Position", make("div", { className: "buttons" }, button("Home", "Return to the start (F)", () => this.home()), button("In", "Zoom in by one octave (Page Down)", () => this.fly(1)), button("Out", "Zoom out by one octave (Page Up)", () => this.fly(-1))),
+        make("p", { className: "hint", textContent: "Drag to pan, scroll to zoom. The address of the page is a permanent link to this position." })),
       section("Plane", this.controls.seed, make("div", { className: "buttons" }, this.lock)),
-      section("Path", this.keys, this.controls.frames, make("div", { className: "buttons" }, button("Add key frame", "Remember this place (K)", () => this.addKey()), button("Clear", "Forget the key frames", () => this.set({ keys: [] })), button("Line of the path", "The command that renders it (P)", () => this.shell.ask("zoom", { do: "path" })))));
+      section("Path", this.keys, this.controls.frames, make("div", { className: "buttons" }, button("Add keyframe", "Add this position to the path (K)", () => this.addKey()), button("Clear", "Remove all keyframes", () => this.set({ keys: [] })), button("Copy path command", "Copy the command that renders the path (P)", () => this.shell.ask("zoom", { do: "path" })))));
     this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.view)), panel);
     new ResizeObserver(() => this.resized()).observe(this.view);
     this.listen();
@@ -74,11 +74,11 @@ export class ZoomRoom {
     this.lock.setAttribute("aria-pressed", String(Boolean(zoom.lock)));
     this.keys.replaceChildren(...(zoom.keys.length
       ? zoom.keys.map((key, n) => {
-        const one = button(`${n + 1}. ${key.zoom.toFixed(2)} octaves`, "Fly there", () => { [this.x, this.y, this.zoom] = [BigInt(key.x), BigInt(key.y), key.zoom]; this.moved(); });
+        const one = button(`${n + 1}. ${key.zoom.toFixed(2)} octaves`, "Go to this keyframe", () => { [this.x, this.y, this.zoom] = [BigInt(key.x), BigInt(key.y), key.zoom]; this.moved(); });
         one.style.margin = "0 4px 4px 0";
         return one;
       })
-      : [make("p", { className: "hint", textContent: "A path begins as deep as its first key frame and ends at the place of its last." })]));
+      : [make("p", { className: "hint", textContent: "The path starts at the zoom of the first keyframe and ends at the position and zoom of the last." })]));
     this.redraw();
   }
 
@@ -89,7 +89,7 @@ export class ZoomRoom {
     if (!this.linked) this.link();
   }
 
-  /** Another place was put into the address of the open page. */
+  /** Move to the position that was entered into the address. */
   follow() {
     this.linked = linkedPlace();
     if (!this.linked || !this.started) return;
@@ -109,7 +109,7 @@ export class ZoomRoom {
     this.redraw();
   }
 
-  /** How many 1/2^96 of a root's pixel a pixel of the canvas is. */
+  /** Size of a canvas pixel, in 1/2^96 root pixel. */
   unit() {
     const whole = Math.floor(this.zoom);
     // 2^(BITS - zoom) in two factors: the fraction as 53 bits, the rest as a shift
@@ -163,12 +163,12 @@ export class ZoomRoom {
 
   // --- tiles ---
 
-  /** What is seen: the level, its scale on the canvas, and its tiles, the nearest to the middle first. */
+  /** The visible level, its scale on the canvas, and its tiles, the most central first. */
   sight() {
     const { width, height } = this.canvas;
     const level = Math.min(MOST, Math.max(0, Math.ceil(this.zoom - 0.25)));
-    const scale = 2 ** (this.zoom - level); // canvas px to a pixel of the level
-    const tile = BigInt(SIDE) << (BITS - BigInt(level)); // its side, in units
+    const scale = 2 ** (this.zoom - level); // canvas px per level px
+    const tile = BigInt(SIDE) << (BITS - BigInt(level)); // side, in 1/2^96 root pixel
     const middle = [this.x, this.y].map((at) => {
       const index = floorDivide(at, tile);
       return { index, inside: (Number(((at - index * tile) << 30n) / tile) / 2 ** 30) * SIDE };
@@ -230,7 +230,7 @@ export class ZoomRoom {
     this.shell.place(`level ${level}  ${column}, ${row}`);
   }
 
-  /** What a coarser level has of a tile, enlarged, until its own pixels are there. */
+  /** Draw a tile from a coarser level, enlarged, until its own pixels arrive. */
   drawInstead(context, level, tile, x, y, width, height) {
     for (let up = 1; up <= 6 && up <= level; up++) {
       const shift = BigInt(up);
@@ -273,7 +273,7 @@ export class ZoomRoom {
     this.set({ keys: [...this.shell.state.zoom.keys, key] });
   }
 
-  // --- hands ---
+  // --- input ---
 
   listen() {
     const { canvas } = this;

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What makes the pictures of README and docs."""
+"""Programs that make the pictures of README and docs."""

@@ -7,8 +7,8 @@ import runpy
 import sys
 
 ALL = (
-    "photos", "decompose", "stationarize", "comparison", "dominant", "atlas", "capture", "structure", "measures",
-    "multiscale", "synth", "library", "live", "hosts",
+    "gallery", "photos", "decompose", "stationarize", "comparison", "dominant", "atlas", "capture", "structure",
+    "measures", "multiscale", "synth", "library", "live", "hosts",
 )  # fmt: skip
 
 

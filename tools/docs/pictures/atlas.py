@@ -30,8 +30,8 @@ def shaded(mesh: Mesh, texture: np.ndarray, side: int = PANE) -> np.ndarray:
     c, s = np.cos(_TURN), np.sin(_TURN)
     turn = np.array([[1, 0, 0], [0, np.cos(_TILT), -np.sin(_TILT)], [0, np.sin(_TILT), np.cos(_TILT)]])
     turn = turn @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    centerd = mesh.points - (mesh.points.max(0) + mesh.points.min(0)) / 2
-    seen = (centerd / np.linalg.norm(centerd, axis=1).max()) @ turn.T
+    centered = mesh.points - (mesh.points.max(0) + mesh.points.min(0)) / 2
+    seen = (centered / np.linalg.norm(centered, axis=1).max()) @ turn.T
     corners = seen[mesh.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)

@@ -41,7 +41,7 @@ def shown(map_: oiio.ImageBuf) -> np.ndarray:
 
 
 def rectified() -> None:
-    """Two photos at a slant, and what --texrectify makes of each by its lattice alone."""
+    """Two oblique photos, and the results of --texrectify by their lattices."""
     panes = []
     for name, corners in SLANTS.items():
         photo = slanted(oiio.ImageBuf(str(DATA / "photos" / name)), corners)

@@ -74,7 +74,7 @@ def of_the_dominant(photo: oiio.ImageBuf) -> oiio.ImageBuf:
 
 
 def of_the_destained(photo: oiio.ImageBuf) -> oiio.ImageBuf:
-    """Toroidal PatchMatch of the photo with all made anew that is not its dominant texture; compare figure 6."""
+    """Toroidal PatchMatch of the photo with everything but its dominant texture resynthesized; compare figure 6."""
     clean = filters.stationarize(photo, inpaint=one_channel(~dominant_mask(photo)), seed=SEED)
     return filters.patchmatch(clean, size=TILE, seed=SEED)
 
@@ -100,7 +100,7 @@ def laid_at_random(tiles: Sequence[oiio.ImageBuf]) -> oiio.ImageBuf:
 
 
 def ways() -> dict[str, Way]:
-    """What a photo is tiled by, by the name of the column."""
+    """Ways to tile a photo, by the name of the column."""
     ours: dict[str, Way] = {
         f"ours, {measure}": lambda photo, m=measure: filters.stationarize(photo, measure=m, size=TILE, seed=SEED)
         for measure in MEASURES
@@ -164,41 +164,55 @@ def failures() -> None:
 
 
 TEXT = """\
-# Beside other ways
+# Compared with other ways to make a tile
 
-Made by `python -m tools.docs.pictures.comparison` from eight photos, reduced to {side} x {side} px. Every pane is
-what was made, laid out 2 x 2, so that what repeats shows; Wang tiles (16, two colors for each edge) are laid out at
-random over the same area. From left to right and top to bottom:
+Compare eleven ways to make a tile from a photo, on eight photos at {side} x {side} px.
 
-{columns}.
+```
+oiiotex photo.png --texstationarize -o tile.png
+```
 
-- *photo* is tiled as it is; *make seamless* is the photo blended with itself shifted by half, as paint
-  programs do it.
-- *PatchMatch* does not know that it will be tiled (`--texpatchmatch:tile=none`), *toroidal PatchMatch* does.
-- *ours* is `--texstationarize` with each of its measures (MJH17 section 3), otherwise by default;
-  *by the letter* the same by `paper=1`, with histograms.
-- *Wang tiles* are what `--texpatchmatch:variants=16` makes (MJH17 figure 5), *ours, Wang tiles* the same by
-  `--texstationarize`.
-- *dominant texture* is toroidal PatchMatch from `--texdominant`'s mask (LDR09) alone; *de-stained* first
-  makes anew what is not in that mask (`--texstationarize:within=`), then takes the whole (compare MJH17
-  figures 6 and 7). Where a pane is gray the photo has no dominant texture.
+Each pane shows the result 2 x 2. Wang tiles (16, two colors per edge) are laid out at random over the same area.
+The panes, from left to right and top to bottom:
 
-Stationarity cost of each (MJH17 eq. 1, histograms, sigma {sigma:g} px, Lab units; lower is more uniform), one
-seed. It says how uniform a result is, not how faithful: the letter crushes structure and scores best.
-Look at the pictures. Costs of fidelity, hex tiling, and a judge
-that is not ours are in [benchmarks](../benchmarks/results/tiles.md#judged-from-outside).
+| pane | method |
+|---|---|
+| photo | the photo, tiled |
+| make seamless | the photo blended with itself shifted by half, as in paint programs |
+| PatchMatch | `--texpatchmatch:tile=none` |
+| toroidal PatchMatch | `--texpatchmatch` |
+| ours, histogram; moments; steerable | `--texstationarize` with each `measure` (MJH17 section 3) |
+| by the letter | the same with `paper=1`, which follows the paper exactly |
+| dominant texture | toroidal PatchMatch from the mask of `--texdominant` (LDR09). Gray: no dominant texture |
+| de-stained | resynthesis outside that mask (`--texstationarize:inpaint=`), then toroidal PatchMatch (MJH17 figure 6) |
+| Wang tiles | `--texpatchmatch:variants=16` (MJH17 figure 5) |
+| ours, Wang tiles | `--texstationarize:variants=16` |
+
+`python -m tools.docs.pictures.comparison` makes this page's pictures.
+
+## Stationarity cost
+
+The table shows MJH17 eq. 1 (histograms, sigma {sigma:g} px, Lab units, one seed). Lower is more uniform, not more
+faithful: *by the letter* destroys structure and scores best. So look at the pictures as well. Fidelity, hex tiling
+and an independent judge are in the [benchmarks](../../benchmarks/results/tiles.md#judged-from-outside).
 
 {table}
+
+## Pictures
 
 {pictures}
 
 ## What fails
 
-Three photos above, below what becomes of them, 2 x 2 (compare MJH17 figure 8). Long ledges become dashes; features much
-smaller than sigma are too small to be drift and too rare to vanish, so they repeat; shapes that the eye picks out are
-ordinary to a histogram. More in [all test photos](photos.md).
+![large structure, tiny features, salient shapes](../pictures/comparison_failures.jpg)
 
-![large structure, tiny features, salient shapes](pictures/comparison_failures.jpg)
+*Top: three photos. Bottom: their tiles, 2 x 2 (compare MJH17 figure 8).*
+
+- Long ledges become dashes.
+- Features much smaller than sigma repeat: they are too small to be evened out, and too rare to vanish.
+- Salient shapes repeat, because a histogram does not see them.
+
+More is in the [gallery](../gallery.md).
 """
 
 
@@ -211,8 +225,8 @@ def main() -> None:
     names = list(ways())
     table = ["| | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
     table += [f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows.items()]
-    pictures = "\n\n".join(f"{name}\n\n![{name}](pictures/comparison_{name}.jpg)" for name in PHOTOS)
-    text = TEXT.format(side=SIDE, columns="; ".join(names), sigma=SIGMA, table="\n".join(table), pictures=pictures)
+    pictures = "\n\n".join(f"{name}\n\n![{name}](../pictures/comparison_{name}.jpg)" for name in PHOTOS)
+    text = TEXT.format(side=SIDE, sigma=SIGMA, table="\n".join(table), pictures=pictures)
     (Path(__file__).parents[3] / "docs" / "explanation" / "comparison.md").write_text(text)
 
 

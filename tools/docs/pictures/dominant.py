@@ -28,7 +28,7 @@ COLUMNS = (
 
 
 def kept_alone(photo: oiio.ImageBuf, **values: object) -> np.ndarray:
-    """What a mask leaves of a photo, on white; all white where it is rejected."""
+    """The photo inside a mask, on white; all white if it is rejected."""
     mask = filters.dominant(photo, **values).get_pixels(oiio.FLOAT)
     return np.where(mask > 0.5, pixels(photo), 255).astype(np.uint8)
 
@@ -47,7 +47,7 @@ def dominant_columns() -> None:
 
 
 def every_photo(side: int = 112, per_row: int = 4) -> None:
-    """All test photos, each beside what is dominant in it."""
+    """All test photos, each next to its dominant texture."""
     folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos"
     panes = []
     for path in sorted(folder.glob("*")):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the pictures of the docs are laid out with: photos made small, panes side by side, small JPEGs."""
+"""Layout of the docs' pictures: reduced photos, panes side by side, small JPEGs."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def shown(library: Path, name: str, picture: str) -> np.ndarray:
 def main() -> None:
     """Make the library, then its picture."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--keep", type=Path, help="where the library is left, and taken from")
+    parser.add_argument("--keep", type=Path, help="folder of the library, kept and updated")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = (given.keep or Path(scratch)).resolve()

@@ -21,7 +21,7 @@ RUST = "rust_barrel_side.jpg"
 
 
 def measures() -> None:
-    """A photo's maps and its tiles by the three measures, beside toroidal PatchMatch; 2 x 2."""
+    """A photo's maps and its tiles by the three measures, and toroidal PatchMatch; 2 x 2."""
     photo = test_photo(RUST)
     if photo is None:
         return

@@ -25,7 +25,7 @@ WIDE, HIGH = 84, 22  # px between vertices
 
 
 def zooms() -> None:
-    """A zoom through five scales of a map and one without end into a forest floor: every octave a frame."""
+    """A zoom through five scales of a map, and an endless one into a forest floor: a frame for every octave."""
     graph, photo = (
         DATA / "multiscale" / "map1800_bobruisk" / "graph.json",
         DATA / "photos" / "moss_grass_stones_ground.jpg",
@@ -62,7 +62,7 @@ def graphs() -> None:
 
 
 def superexemplars() -> None:
-    """HRRG08 figure 4 (c): the tree of its graph by the letter, below as it is here when nothing is said."""
+    """HRRG08 figure 4 (c): the tree of its graph as in the paper, below the default."""
     names = ("0", "1", "2")
     edges = (Edge(0, 1, 2), Edge(0, 2, 3), Edge(2, 2, 3))
     graph = Graph(names, tuple(map(Path, names)), 0, edges, (1.0,) * 3, (None,) * 3)

@@ -29,8 +29,7 @@ from tools.docs.pictures.layout import (
     write_jpeg,
 )
 
-SIDE = 192  # px, longer side of a photo on a contact sheet
-PER_SHEET = 6
+SIDE = 192  # px, longer side of a photo on a sheet
 LAYERED = (("rust_barrel_side.jpg", 3), ("moss_grass_stones_ground.jpg", 4), ("sandstone_wall_cracked.jpg", 3))
 
 
@@ -207,25 +206,6 @@ def borders(ids: np.ndarray) -> np.ndarray:
     return edge
 
 
-def contact_sheets() -> None:
-    """Every test photo beside its 2 x 2 preview."""
-    folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos"
-    if not folder.is_dir():
-        print(f"no photos in {folder}: the contact sheets stay as they are")
-        return
-    rows = []
-    for path in sorted(folder.iterdir()):
-        photo = shrunk(oiio.ImageBuf(str(path)), SIDE)
-        tile = filters.stationarize(photo, seed=1)
-        rows.append(beside(pixels(photo), twice(pixels(tile))))
-    for n in range(0, len(rows), PER_SHEET):
-        group = rows[n : n + PER_SHEET]
-        pairs = [beside(*group[i : i + 2], gap=24) for i in range(0, len(group), 2)]
-        width = max(p.shape[1] for p in pairs)
-        sheet = [np.pad(p, ((0, 12), (0, width - p.shape[1]), (0, 0)), constant_values=255) for p in pairs]
-        write_jpeg(np.concatenate(sheet), f"photos_{n // PER_SHEET + 1}.jpg")
-
-
 def quilts() -> None:
     """Test photos and what is quilted from them; a guide and its quilt; the content of a photo."""
     panes = []
@@ -262,7 +242,7 @@ def quilts() -> None:
 def quilts_beside_peers(size: tuple[int, int] = (400, 300)) -> None:
     """Crops of photos, what the peers that are installed synthesize, --texquilt and its patch=96; at half the size."""
     tools = [tool for tool in SYNTHESIZERS if tool.available()]
-    print("beside quilts:", ", ".join(tool.name for tool in tools) or "no peer, the picture stays as it is")
+    print("compared with quilts:", ", ".join(tool.name for tool in tools) or "no peer, the picture stays as it is")
     rows = []
     for name, (x, y) in CROPS.items():
         photo = test_photo(f"{name}.jpg")
@@ -293,4 +273,3 @@ if __name__ == "__main__":
     layered_textures()
     moved_borders()
     mean_colors()
-    contact_sheets()

@@ -68,7 +68,7 @@ def gradient_of_sigmas(side: tuple[int, int] = (768, 256)) -> None:
 
 
 def material_set(side: int = 384) -> None:
-    """Albedo, normals, roughness and height of a rock, and the four made anew together."""
+    """Albedo, normals, roughness and height of a rock, and their tiles, made together."""
     folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "pbr" / "mossy_rock"
     names = ("albedo", "normal", "roughness", "height")
     if not folder.is_dir():

@@ -32,13 +32,13 @@ def photo(name: str, side: int) -> oiio.ImageBuf:
 
 
 def made(*images: oiio.ImageBuf, shown: int | None = None, **values: object) -> np.ndarray:
-    """What --texsynth makes, reduced to `shown` px where that is said: (h, w, 3) uint8."""
+    """The result of --texsynth, reduced to `shown` px if given: (h, w, 3) uint8."""
     found = filters.synth(*images, session=SESSION, **values)
     return pixels(found if shown is None else shrunk(found, shown))
 
 
 def graph_of(folder: Path, edges: list[tuple[str, str, int]], **exemplars: np.ndarray) -> Path:
-    """A graph document beside its exemplars, (h, w, 3) of 0 to 1, the first of which is the root."""
+    """A graph document next to its exemplars, (h, w, 3) of 0 to 1, the first of which is the root."""
     for name, picture in exemplars.items():
         save(np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8), folder / f"{name}.png")
     document = {
@@ -77,7 +77,7 @@ def single() -> np.ndarray:
 
 
 def zooms() -> np.ndarray:
-    """Figure 3: windows of zooms without end, each 16 times as fine as the one before."""
+    """Figure 3: windows of endless zooms, each 16 times as fine as the one before."""
     rows = []
     for name, r in (("castle_brick_broken", 3), ("pebbles_beach_shadow", 3), ("flower_meadow_stones", 1)):
         exemplar = photo(name, 256)

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--help and its topics: one screen, groups, ops, modifiers; unknown words are searched for."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from importlib import resources
+from pathlib import Path
+
+from ... import __version__
+from ...errors import ParameterError
+from ..vocabulary import LANGUAGE
+from .report import declarations, described, find, overview, page
+
+_SCREEN = """\
+oiiotex {version}: textures from photos, on command lines in the style of oiiotool
+usage: oiiotex IMAGE... --OP[:MODIFIER=VALUE...]... -o FILE
+
+  oiiotex photo.png --texstationarize -o tile.png                    seamless tile of a photo
+  oiiotex tile.png --texpreview:panels=3x3,plane -o preview.png      tile repeated, in perspective
+  oiiotex photo.png --texquilt:size=4096x4096 -o large.png           larger texture
+  oiiotex photo.png --texsynth:window=1024x1024+9000+0 -o part.png   part of an unbounded texture
+  oiiotex color.png normal.png --texstationarize:n=2:kinds=color,normal \\
+      -o normal_tile.png --pop -o color_tile.png                     tiles of all maps of a material
+  oiiotex photo.png --texestimateheight -o height.exr                height map from shading
+  oiiotex photo.png --texlabel:keep=1 -o labels.exr                  label map of a photo's textures
+  oiiotex photo.png --texflatten -o flat.png                         gradients and stains removed
+  oiiotex photo.png --resize 50% --texstationarize -o tile.png       oiiotool's ops before and after
+  oiiotex photo.png --texlive                                        all of it in a browser
+
+  --help texture             all texture filters      --help :size      ops that have a modifier
+  --help texstationarize     one op                   --help stains     search for a word
+  --help texstationarize:preset  one modifier         --help all        all ops and options
+{groups}
+First steps: docs/start/first-tile.md. Compared with oiiotool: docs/reference/differences.md"""
+_MOST_HITS = 5  # of a search, of ops and of pages
+_INDEX = "docs/how-to/index.md"
+
+
+def topic(name: str = "") -> str:
+    """The text of --help with a word after it: '', 'all', a group, an op, OP:MODIFIER or :MODIFIER.
+
+    Raises a ParameterError for an unknown word, which names the nearest one or where the word occurs.
+    """
+    if not name:
+        groups = " ".join(("Groups for --help:", *words()))
+        return _SCREEN.format(version=__version__, groups=textwrap.fill(groups, 100, subsequent_indent="  "))
+    if name in words():
+        return overview(name)
+    if name.startswith(":"):
+        return _with_modifier(name[1:].rstrip("="))
+    try:
+        find(name.partition(":")[0])
+    except ParameterError:
+        raise _unknown(name) from None
+    return page(name.rstrip("="))
+
+
+def words() -> tuple[str, ...]:
+    """The groups of --help."""
+    return tuple(dict.fromkeys((*LANGUAGE.words.values(), "all")))
+
+
+def _with_modifier(name: str) -> str:
+    """The help of a modifier, and the ops and options that have it."""
+    flags: dict[str, list[str]] = {}
+    for flag, _, _, modifiers in declarations():
+        for one in modifiers:
+            if one.name == name:
+                flags.setdefault(described(one, find(flag)), []).append(flag)
+    if not flags:
+        raise _unknown(f":{name}")
+    fill = textwrap.TextWrapper(110, break_on_hyphens=False)
+    indented = textwrap.TextWrapper(110, initial_indent="    ", subsequent_indent="    ")
+    entries = (f"{fill.fill(', '.join(found))}:\n{indented.fill(text)}" for text, found in flags.items())
+    return "\n\n".join((f":{name}=", *entries))
+
+
+def _unknown(name: str) -> ParameterError:
+    """The error for a word that --help does not know, with the nearest known one, else the places that mention it."""
+    import difflib  # slow to import
+
+    bare = name.lstrip("-:").partition(":")[0].lower()
+    known: dict[str, str] = {word: word for word in words()}
+    summaries = {flag: (text, modifiers) for flag, _, text, modifiers in declarations()}
+    for flag in summaries:
+        known |= {flag.lstrip("-").lower(): flag, flag.removeprefix("--tex").lstrip("-").lower(): flag}
+    for _, modifiers in summaries.values():
+        known = {one.name.lower(): f":{one.name}" for one in modifiers} | known
+    close = difflib.get_close_matches(bare, known, 1, 0.8)
+    if close:
+        hint = f"did you mean --help {known[close[0]]}?"
+    else:
+        word = re.compile(rf"\b{re.escape(bare.removesuffix('s'))}", re.IGNORECASE)
+        hits = [flag for flag, (text, _) in summaries.items() if bare and word.search(f"{flag} {text}")][:_MOST_HITS]
+        rows = [row for row in _how_to().splitlines() if bare and word.search(row)]
+        pages = [f"docs/how-to/{file}" for row in rows for file in re.findall(r"\(([\w-]+\.md)\)", row)][:_MOST_HITS]
+        hint = f"see {', '.join((*pages, *hits))}" if pages or hits else "oiiotex --help all lists everything"
+    return ParameterError(f"--help {name}: expected a group, an op, OP:MODIFIER or :MODIFIER", hint=hint)
+
+
+def _how_to() -> str:
+    """The index of the how-to pages: of the checkout, else of the installed package."""
+    try:
+        path = Path(__file__).parents[3] / _INDEX
+        return (path if path.exists() else resources.files("oiiotex.howto") / path.name).read_text()
+    except (ModuleNotFoundError, FileNotFoundError):
+        return ""
