@@ -36,20 +36,10 @@ _NAMES = {
     Numbers: "float | Sequence[float]", Words: "Sequence[str]", SizeRule: "Literal['pow2']",
 }  # fmt: skip
 _COMMON: tuple[tuple[str, str, int | None, str], ...] = (  # name, type, default, help
-    (
-        "colorspace",
-        "str | None",
-        None,
-        "Color space of the positional images. Default: the color space in their metadata.",
-    ),
-    ("roi", "ROI | None", None, "Region of the result to compute."),
-    ("nthreads", "int", 0, "Number of CPU threads, without a session. 0: all that are available."),
-    (
-        "session",
-        "Session | None",
-        None,
-        "Device, memory budget, color config and progress callback. Default: a new session.",
-    ),
+    ("colorspace", "str | None", None, "Color space of the required images. Default: the one in their metadata."),
+    ("roi", "ROI | None", None, "Region of the result to compute. Default: all of it."),
+    ("nthreads", "int", 0, "Number of CPU threads if no session is given. 0: all that the process may use."),
+    ("session", "Session | None", None, "Device, memory budget, color config and progress, shared by several calls."),
 )
 SINGLE, PARTS = "ImageBuf", "dict[str, ImageBuf]"
 
@@ -165,7 +155,7 @@ def _keywords(op: type[Op]) -> tuple[Parameter, ...]:
 
 
 def docstring(op: type[Op]) -> str:
-    """The op's docstring as numpydoc has it: its parameters, results and an example."""
+    """The op's docstring in numpydoc format, with parameters, results and an example."""
     shown = signature(op).parameters
     lines = [inspect.getdoc(op) or "", *_section("Parameters")]
     for i in op.images():
@@ -183,7 +173,11 @@ def docstring(op: type[Op]) -> str:
         lines += _entry("", f"- {o.name}: {spelled(o.text, PYTHON)}", "      ")
     lines += _section("Other Parameters") if few else []
     lines += [line for p in few for line in _described(p)]
-    lines += [*_section("Raises"), "oiiotex.Error", "    One line says what is wrong, what is expected and what to do."]
+    lines += [
+        *_section("Raises"),
+        "oiiotex.Error",
+        "    With the problem, the expected value and a hint, in one line.",
+    ]
     example = op.example or (f'>>> made = filters.{op.name}("photo.png")' if len(op.images()) == 1 else "")
     if example:
         lines += [*_section("Examples"), ">>> from oiiotex import filters", *example.rstrip().splitlines()]
@@ -195,7 +189,7 @@ def _section(title: str) -> list[str]:
 
 
 def _entry(head: str, text: str, indent: str = "    ") -> list[str]:
-    """A line of numpydoc, and what it means below it."""
+    """A line of numpydoc, followed by its wrapped description."""
     return [head] * bool(head) + textwrap.wrap(
         text, 100, initial_indent="    ", subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )

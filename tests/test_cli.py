@@ -94,8 +94,8 @@ photo.png --texstationarize:size=9x64 | smaller than a patch
 nan.exr --iscolorspace ACEScg --texstationarize | 2 NaN and 1 Inf values: add --fixnan
 nan.exr --fixnan glue | strategy=glue: expected one of none, black, box3, error
 photo.png --texwarp | expected 2 image(s) on the stack, found 1
-photo.png photo.png --texwarp | two channels of floats, here are 3 of uint8
-photo.png --texstationarize:QUICK:stmap=photo.png | photo.png would overwrite exemplar, an image that it reads
+photo.png photo.png --texwarp | has 3 channels of uint8: expected two float channels
+photo.png --texstationarize:QUICK:stmap=photo.png | photo.png would overwrite exemplar, an input image
 photo.png --texstationarize:QUICK:stmap=old.png | cannot hold part 'st' as float
 photo.png --texstationarize:QUICK:stmap=st.jpg | cannot hold part 'st' as float
 photo.png far.exr --texwarp | --texwarp : far.exr has 4 coordinates outside
@@ -135,7 +135,7 @@ def test_bad_input_is_one_clear_line(case, bad_inputs, fails):
 
 def test_a_tile_does_not_overwrite_its_map(tmp_path, photo):
     done = oiiotex(photo, f"--texstationarize{QUICK}:stmap=x.exr", "-o", "x.exr", cwd=tmp_path)
-    assert done.returncode == 1 and "has just been written" in done.stderr
+    assert done.returncode == 1 and "would overwrite a file written by an earlier op" in done.stderr
     assert not (tmp_path / "x.exr").exists()
 
 

@@ -154,8 +154,11 @@ def test_errors_speak_python(tmp_path):
     for call, said in (
         (lambda: filters.stationarize(PHOTO), "array has no color space tag ('oiio:ColorSpace'); add colorspace=NAME"),
         (lambda: filters.stationarize(PHOTO), "or colorspace='data' for maps other than color"),
-        (lambda: filters.stationarize(broken, colorspace=SRGB), "repair them by OpenImageIO.ImageBufAlgo.fixNonFinite"),
-        (lambda: filters.quilt(PHOTO, colorspace=SRGB, label=1), "filters.label(keep=True) makes them"),
+        (
+            lambda: filters.stationarize(broken, colorspace=SRGB),
+            "repair them with OpenImageIO.ImageBufAlgo.fixNonFinite",
+        ),
+        (lambda: filters.quilt(PHOTO, colorspace=SRGB, label=1), "create them with filters.label(keep=True)"),
         (
             lambda: filters.stationarize(PHOTO, colorspace=SRGB, session=Session(budget=1 << 10)),
             "the session's budget",

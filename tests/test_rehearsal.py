@@ -79,7 +79,7 @@ REFUSED = {
     "an op that lacks an operand": ("photo.png --texstationarize -o t.exr --over", "image"),
     "a loop without end": ("photo.png --texstationarize -o t.exr --for i 3", "--for is not closed: expected --endfor"),
     "a device's name": ("--device nosuch photo.png -o t.exr", "no device 'nosuch'"),
-    "an output's type behind a filter": ("photo.png --texflatten -o t.exr -d foo -o u.exr", "no pixel type 'foo'"),
+    "an output's type behind a filter": ("photo.png --texflatten -o t.exr -d foo -o u.exr", "unknown pixel type 'foo'"),
     "too few operands behind a filter": ("photo.png --texflatten -o t.exr --add -o u.exr", "expected 2 image(s)"),
     "a setting behind a filter": ("photo.png --fft -o t.exr --tile 0 0 -o u.exr", "--tile"),
     "a modifier behind a filter": ("photo.png --texflatten -o t.exr --fixnan foo -o u.exr", "strategy=foo"),

@@ -126,7 +126,7 @@ class Op:
     aliases: ClassVar[tuple[str, ...]] = ()  # further names on the command line
     copies: ClassVar[bool] = False  # every pixel of its result is a complete copy of a source pixel
     rescales: ClassVar[bool] = False  # its result has another pixel size than its source
-    example: ClassVar[str] = ""  # a doctest for its docstring; default: a call on one photo
+    example: ClassVar[str] = ""  # doctest code for its docstring; default: a call on one photo
     deep: ClassVar[bool] = False  # it accepts deep images
     carries: ClassVar[bool] = False  # further parts of its first image are appended to its result
     PAPER: ClassVar[dict[str, Any]] = {}  # values of other parameters that its parameter `paper` sets

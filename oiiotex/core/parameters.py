@@ -204,7 +204,7 @@ class Parameter:
         if self.kind is None and text:
             return True if text in _TRUE else None if text in _FALSE else text
         if not text and self.positional and str in (self.kind or ()) and not self.choices:
-            return text  # an empty positional text means that there is none
+            return text  # an empty positional text means no value
         for choice in self.choices:
             if str(choice) == text:
                 return choice
