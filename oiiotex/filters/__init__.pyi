@@ -91,13 +91,13 @@ def atlas(
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -135,7 +135,7 @@ def atlas(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -242,13 +242,13 @@ def checkmaterial(
     json : FileName | None, default None
         File for findings and measures.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -261,7 +261,7 @@ def checkmaterial(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -351,13 +351,13 @@ def composite(
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -406,7 +406,7 @@ def composite(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -546,13 +546,13 @@ def content(
     json : FileName | None, default None
         File for the key, histograms and the number of patches of each key.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -563,7 +563,7 @@ def content(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -631,13 +631,13 @@ def cut(
         would stretch them visibly, the default size is the nearest with complete repeats only. Ignored
         for photos without regular repeats. Expected: a number from 0 to 1.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -671,7 +671,7 @@ def cut(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -793,13 +793,13 @@ def decompose(
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -843,7 +843,7 @@ def decompose(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -1003,13 +1003,13 @@ def dominant(
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -1035,7 +1035,7 @@ def dominant(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -1167,13 +1167,13 @@ def estimateao(
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the heights tile.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -1184,7 +1184,7 @@ def estimateao(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -1248,13 +1248,13 @@ def estimateheight(
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the photo tiles.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -1271,7 +1271,7 @@ def estimateheight(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -1352,13 +1352,13 @@ def estimateroughness(
     amount : float, default 0.3
         Maximum deviation from middle. Expected: a number from 0 to 1.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -1373,7 +1373,7 @@ def estimateroughness(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -1427,13 +1427,13 @@ def flatten(
     drift : bool | FileName, default False
         Write the correction: 1 as part 'drift' of the result, a file name as a separate image.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -1451,7 +1451,7 @@ def flatten(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -1538,13 +1538,13 @@ def graph(
     side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
         Maximum side of an exemplar. Expected: one of 16, 32, 64, 128, 256, 512, 1024.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -1562,7 +1562,7 @@ def graph(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -1589,13 +1589,13 @@ def join(
     *shares : ImageLike
         Crops to join, in any order.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -1605,7 +1605,7 @@ def join(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -1644,13 +1644,13 @@ def lab(
     to : str | None, default None
         Color space of the result. Requires inverse. Default: the original color space.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -1662,7 +1662,7 @@ def lab(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -1749,13 +1749,13 @@ def label(
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -1802,7 +1802,7 @@ def label(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -1900,13 +1900,13 @@ def labelview(
     strength : float, default 0.65
         Opacity of the label colors over the photo. Expected: a number from 0 to 1.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -1916,7 +1916,7 @@ def labelview(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -2000,13 +2000,13 @@ def paint(
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -2052,7 +2052,7 @@ def paint(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -2174,13 +2174,13 @@ def palette(
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -2212,7 +2212,7 @@ def palette(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -2358,13 +2358,13 @@ def patchmatch(
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -2426,7 +2426,7 @@ def patchmatch(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -2537,13 +2537,13 @@ def preview(
     height : int, default 512
         Height of each panel. Expected: an integer from 16 to 16384 px.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -2553,7 +2553,7 @@ def preview(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -2641,13 +2641,13 @@ def quilt(
         would stretch them visibly, the default size is the nearest with complete repeats only. Ignored
         for photos without regular repeats. Expected: a number from 0 to 1.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -2706,7 +2706,7 @@ def quilt(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -2825,13 +2825,13 @@ def rectify(
         Width and height of the area between the corners, or of a cell of the lattice without corners.
         Expected: a number or a sequence of numbers from 1e-09 to 1000000000 m.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -2855,7 +2855,7 @@ def rectify(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -2941,13 +2941,13 @@ def sigmas(
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -2967,7 +2967,7 @@ def sigmas(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -3011,13 +3011,13 @@ def stationarity(
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -3034,7 +3034,7 @@ def stationarity(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -3151,13 +3151,13 @@ def stationarize(
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -3241,7 +3241,7 @@ def stationarize(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -3436,13 +3436,13 @@ def superpixel(
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -3469,7 +3469,7 @@ def superpixel(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -3584,13 +3584,13 @@ def synth(
         would stretch them visibly, the default size is the nearest with complete repeats only. Ignored
         for photos without regular repeats. Expected: a number from 0 to 1.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -3631,7 +3631,7 @@ def synth(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -3736,13 +3736,13 @@ def variants(
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -3752,7 +3752,7 @@ def variants(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -3783,13 +3783,13 @@ def warp(
     st : ImageLike
         Source coordinates: part 'st', or the first part if there is none of that name.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -3799,7 +3799,7 @@ def warp(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
@@ -3879,13 +3879,13 @@ def zoom(
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        Color space of the positional images. Default: the color space in their metadata.
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        Region of the result to compute.
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        Number of CPU threads, without a session. 0: all that are available.
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        Device, memory budget, color config and progress callback. Default: a new session.
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
@@ -3916,7 +3916,7 @@ def zoom(
     Raises
     ------
     oiiotex.Error
-        One line says what is wrong, what is expected and what to do.
+        With the problem, the expected value and a hint, in one line.
 
     Examples
     --------
