@@ -175,7 +175,7 @@ def test_a_tile_is_the_programs(folder):
     assert any("cryptomatte/" in attribute.name for spec in parts for attribute in spec.extra_attribs)
     assert any(one.startswith("photo.png on Cube") for one in said)
     for text in (
-        "Warning: --texstationarize: 40x40 px stretch a lattice",
+        "Warning: --texstationarize: size 40x40 px stretches a lattice",
         "missing has no readable pixels; its file may be missing",
         "/bin/false cannot start oiiotex",
         "has no UV map; add one, for example with Smart UV Project",
