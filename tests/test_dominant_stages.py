@@ -106,7 +106,7 @@ def test_landmarks_are_n_to_the_0_7_and_follow_the_seed():
 
 
 def test_a_dense_small_group_is_found_small():
-    """What the text does with it is why there is a repair: it keeps 40 %, or gives up."""
+    """The published rule takes it together with everything else, which is why there is a correction."""
     random = np.random.default_rng(0)
     heat = np.concatenate([random.normal(-3, 0.1, 150), random.normal(-9, 0.5, 850)])
     density = np.concatenate([random.normal(20, 1, 150), random.normal(8, 1, 850)])
@@ -114,7 +114,16 @@ def test_a_dense_small_group_is_found_small():
     assert small and -8 < hot < -3
     _, hot, small = diffusion._repaired(density[150:], heat[150:], 1000)
     assert not small and (heat[150:] > hot).sum() >= 400
-    assert diffusion._literal(density, heat, 1000)[1] is None
+    assert diffusion._literal(density, heat, 1000) == (-np.inf, None, False)
+
+
+def test_the_published_rule_keeps_what_lies_above_a_valley_of_heat_beyond_the_0_4_quantile():
+    random = np.random.default_rng(0)
+    heat = np.concatenate([random.normal(-3, 0.3, 520), random.normal(-9, 0.3, 480)])
+    density = np.concatenate([random.normal(20, 1, 500), random.normal(8, 1, 500)])
+    dense, hot, small = diffusion._literal(density, heat, 1000)
+    assert not small and -8 < hot < -4 and 9 < dense < 19
+    assert diffusion._literal(density, heat[::-1].copy() - 3 * (np.arange(1000) < 300), 1000)[1] is not None
 
 
 def test_the_mask_is_the_centers_dilated_by_a_patch():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What GPU compilers say of every kernel, on a machine without a GPU.
+"""Report what GPU compilers make of every kernel. Requires no GPU.
 
 python -m benchmarks.gpu.paper [--all] [--bounds SIDE]
 
@@ -43,7 +43,7 @@ GROUP = 64  # items of a work-group, as oiiotex/opencl/device.py launches them
 
 @dataclass(frozen=True)
 class Gpu:
-    """What limits the groups that run at once on a multiprocessor, or on a SIMD of AMD's.
+    """Limits on the groups that run at once on a multiprocessor, or on a SIMD of AMD's.
 
     NVIDIA: tables "Technical Specifications per Compute Capability" of the CUDA C++ Programming Guide.
     """
@@ -70,7 +70,7 @@ _ISA = {"gfx1100": "1030"}  # of device libraries that are older than the chip: 
 
 @dataclass(frozen=True)
 class Kernel:
-    """What a compiler says of a kernel; bytes are of one item, `local` of a work-group."""
+    """Resources of a compiled kernel. Bytes are per item, `local` per work-group."""
 
     name: str
     registers: int
@@ -110,7 +110,7 @@ def ptxas() -> str | None:
 
 
 def missing(gpu: Gpu) -> str:
-    """What is not installed, empty where all is."""
+    """Names of the packages that are not installed; empty if all are."""
     nvidia = gpu.vendor == "NVIDIA"
     wanted = {"clang-15": clang(), "libclc-15" if nvidia else "rocm-device-libs": libclc() if nvidia else rocm()}
     wanted |= {"ptxas (pip install nvidia-cuda-nvcc-cu12)": ptxas()} if nvidia else {}
@@ -118,7 +118,7 @@ def missing(gpu: Gpu) -> str:
 
 
 def _clang(stem: str, macros: dict[str, int], target: str, libraries: list[str], out: Path, *more: str) -> str:
-    """Compile a program to assembly; what is said on stderr."""
+    """Compile a program to assembly. Returns the compiler's remarks."""
     command = [
         clang() or "clang",
         "-x",
@@ -293,7 +293,7 @@ def main() -> None:
     gpus = tuple(gpu for gpu in GPUS if not missing(gpu))
     for gpu in GPUS:
         if gpu not in gpus:
-            print(f"{gpu.name} is left out: not installed: {missing(gpu)}")
+            print(f"{gpu.name} is skipped: not installed: {missing(gpu)}")
     found = survey(gpus, given.all)
     print(f"Registers · occupancy with groups of {GROUP}; bytes of stack an item, of local memory a group.\n")
     print(table(found, gpus))

@@ -208,30 +208,38 @@ def _classified(texels: Texels, kernel: Kernel, density: np.ndarray, weights: cs
 
 
 def _literal(density: np.ndarray, heat: np.ndarray, count: int) -> tuple[float, float | None, bool]:
-    """Thresholds of density and heat, and whether the group is small: LDR09 step 6 as published."""
+    """Thresholds of density and heat, and whether the group is small: LDR09 step 6 as published.
+
+    "The first valley beyond the 0.4-quantile point" is counted from the coldest, as densities are ordered. It must
+    leave 40 % of the image; without such a valley all remaining texels are Type 0, also those of low density. Two other
+    readings are compared in benchmarks/dominant/readings.py.
+    """
+    shown = _shown(heat)
+    counts, edges = _histogram(shown)
+    point = np.quantile(shown, SHARE)
+    above = [float(edges[v + 1]) for v in _valleys(counts, 0.0)[0] if edges[v + 1] >= point]
+    if not above or (shown > above[0]).sum() < SHARE * count:
+        return -np.inf, None, False
+    dense = _dense_above(density)
+    return dense, above[0], bool(((density > dense) & (heat > above[0])).sum() <= SHARE * count)
+
+
+def _dense_above(density: np.ndarray) -> float:
+    """The valley between the first two peaks of density; its 0.2 quantile without one: LDR09 step 6."""
     counts, edges = _histogram(density)
     valleys, _ = _valleys(counts, 0.0)
-    dense = float(edges[valleys[0] + 1]) if len(valleys) else float(np.quantile(density, _LOW))
-    counts, edges = _histogram(_shown(heat))
-    # "the first valley beyond the 0.4-quantile point": counted from the hottest, which guarantees 40 %
-    point = np.quantile(_shown(heat), 1 - SHARE)
-    valleys, _ = _valleys(counts, 0.0)
-    below = [v for v in valleys if edges[v + 1] <= point]
-    if not below:
-        return dense, None, False  # "we simply consider all remaining texels": Type 0
-    hot = float(edges[below[-1] + 1])
-    return dense, hot, bool(((density > dense) & (heat > hot)).sum() <= SHARE * count)
+    return float(edges[valleys[0] + 1]) if len(valleys) else float(np.quantile(density, _LOW))
 
 
 def _repaired(density: np.ndarray, heat: np.ndarray, count: int) -> tuple[float, float | None, bool]:
     """As `_literal`, with detection of small groups and a limit on the last threshold.
 
-    The paper always keeps at least 40 %, so if the densest texel is in a small group, such as a pipe on a wall, the
-    wall is removed with it. Here the seed's group is small if the deepest valley of heat leaves less than 40 % above
-    it, or if fewer texels than that are warm at all. Otherwise the first valley that keeps 40 % is the threshold, but
-    at most the hottest `_MOST_KEPT` are kept: texels that overlap an outlier cool down without a valley, and texels
-    lost unnecessarily are covered again when the mask is dilated by a patch. Density is thresholded by decades, where
-    outliers are rare, and among hot texels only; its valley must also leave 40 %.
+    The paper's group contains at least 40 %, so if the densest texel is in a small group, such as a pipe on a wall,
+    the pipe is kept with a part of the wall. Here the seed's group is small if the deepest valley of heat leaves
+    less than 40 % above it, or if fewer texels than that are warm at all. Otherwise the first valley that keeps 40
+    % is the threshold, but at most the hottest `_MOST_KEPT` are kept: texels that overlap an outlier cool down
+    without a valley, and texels lost unnecessarily are covered again when the mask is dilated by a patch. Density
+    is thresholded by decades, where outliers are rare, and among hot texels only; its valley must also leave 40 %.
     """
     shown = _shown(heat)
     counts, edges = _histogram(shown)

@@ -45,77 +45,102 @@ def atlas(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Make a texture for a 3-D object, that runs on over its surface where its charts end.
+    """Create a texture for a 3-D object that continues across the borders of its UV charts.
 
-    Dominant texture on objects is figure 7 of LDR09 (Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
-    Manifolds, 2009): a mask of the dominant texture (`dominant`) keeps the photo's other things off the object. The
-    pixels of the mesh's charts are synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture
-    synthesis, SIGGRAPH 2006, section 5), each beside those that are its neighbors on the surface: through shared
-    edges, turned and scaled. Directions follow the charts' u, evened out over the surface; texture has one size
-    everywhere, whatever the charts' own. All maps of a material are made together (n=3:kinds=color,data,normal), and
-    tangent-space normals turn with the texture. Gutters of 8 px show what lies beyond. A mesh without UVs gets charts
-    by xatlas: unwrapped=FILE.obj is the mesh that goes with the result. Needs `pip install oiiotex[atlas]`.
+    This is dominant texture on objects, LDR09 figure 7 (Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
+    Manifolds, 2009). A mask from `dominant` keeps other things in the photo off the object. Pixels of the charts are
+    synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture synthesis, SIGGRAPH 2006, section 5),
+    each from its neighbors on the surface, which are rotated and scaled across shared edges.
+
+    Directions follow the u axis of the charts, smoothed over the surface. The texture has the same scale everywhere,
+    regardless of the scale of each chart. All maps of a material are synthesized together
+    (n=3:kinds=color,data,normal), and tangent-space normals rotate with the texture. Gutters of 8 px continue the
+    texture beyond the border of each chart. A mesh without UVs is unwrapped by xatlas: render the result on the mesh
+    that unwrapped=FILE.obj writes. Requires `pip install oiiotex[atlas]`.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; of n maps of a material, the first
+        Photo; of the n maps of a material, the first.
     mask : ImageLike | None, default None
-        where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
-    labels : ImageLike | None, default None
-        label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
+        Image that marks the valid source pixels (first channel above half its range, or a nonzero label
+        id). A string is the name of a part of the first image, or a file name.
     maps : Sequence[ImageLike], default ()
-        the other maps of the material, made anew with it
+        Further maps, resynthesized from the same source pixels. A string is the name of a part of the
+        first image, or a file name.
     mesh : FileName | None, default None
-        needed: OBJ, PLY, glTF, GLB, STL or OFF; its own UVs, in 0 to 1, without overlaps, else made ones
+        Mesh to texture (required): OBJ, PLY, glTF, GLB, STL or OFF. UVs must lie within 0 to 1 without
+        overlaps; a mesh without UVs is unwrapped.
     size : tuple[int, int] | None, default None
-        of the result, with udim of a tile; the exemplar's own when left out; (width, height) >= 16 and <= 16384 px
+        Size of the result; with udim, of a tile. Expected: (width, height) from 16 to 16384 px.
+        Default: the exemplar's size.
     udim : tuple[int, int] | None, default None
-        columns x rows of UDIM tiles in which the mesh's UVs lie, from 1001 on; the result shows all of them, and -o:udim=3x2 "albedo.<UDIM>.exr" writes them apart; (width, height) >= 1 and <= 10
+        Columns x rows of the UDIM tiles of the mesh, starting at 1001. The result contains all tiles;
+        -o:udim=3x2 "albedo.<UDIM>.exr" writes a file for each. Expected: (width, height) from 1 to 10.
     scale : float | None, default None
-        how wide the photo is on the surface, in the mesh's units; pixel for pixel when left out; a number >= 1e-09
+        Width of the photo on the surface, in units of the mesh. Expected: a number >= 1e-09. Default: a
+        pixel of the photo is a pixel of the atlas.
     unwrapped : FileName | None, default None
-        the mesh with the charts of the result goes to this file (.obj)
-    convention : Literal['opengl', 'directx'], default 'opengl'
-        where green of maps of kind normal points: up (opengl) or down
+        File (.obj) for the mesh with the UV charts of the result.
     n : int, default 1
-        how many maps of one material are made together, the last images of the stack; a whole number >= 1 and <= 16
-    kinds : Sequence[str] | None, default None
-        what the maps are, in their order: color (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no color is tagged as data
-    match : float | Sequence[float] | None, default None
-        how much the maps count when patches are compared, in their order; 0: not at all; when left out 1 for every map, 0.25 for a height; a number or a sequence of them >= 0
+        Number of maps of one material, resynthesized together: the last n images. Expected: an integer
+        from 1 to 16.
     label : int | None, default None
-        take only pixels of that label, by its id; a whole number >= 1
-    level : int | None, default None
-        which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
-    data : bool, default False
-        the channels are no colors: compare them as they are
+        Id of a label: only its pixels are used as a source. Expected: an integer >= 1.
     seed : int, default 0
-        same seed, same pixels; a whole number >= 0 and <= 4294967295
-    stmap : bool | FileName, default False
-        1: source coordinates as part 'st' of the result; a file name: there
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]
-        a dict where more than one part was asked for
-        a list of these where there are several images
-        atlas: pixels copied from the photo, all channels together, in its own color space and type; of n maps n images, in their order; normals are turned [pixels]
-        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
-        mesh: the mesh with the charts that the result is for [.obj; with unwrapped]
+        A dict of parts by name if more than one part is requested.
+        A list of these if several images are made.
+        - atlas: Atlas of pixels copied from the photo, one for each map. Normals are rotated. [pixels]
+        - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
+          with stmap]
+        - mesh: Mesh with the UV charts of the atlas. [.obj; with unwrapped]
+
+    Other Parameters
+    ----------------
+    labels : ImageLike | None, default None
+        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
+        first image, or a file name.
+    convention : Literal['opengl', 'directx'], default 'opengl'
+        Direction of the green channel of maps of kind normal. opengl: up; directx: down.
+    kinds : Sequence[str] | None, default None
+        Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
+        data in the result. Default: color (with data=1, data) for the first map, data for the others.
+    match : float | Sequence[float] | None, default None
+        Weight of each map in the comparison of patches, in order. 0: the map is ignored there, but
+        still resynthesized. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
+        0.25 for a height.
+    level : int | None, default None
+        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
+        Expected: an integer >= 1. Default: the coarsest.
+    data : bool, default False
+        Use the channels as data, without conversion to CIE Lab.
+    stmap : bool | FileName, default False
+        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        file.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> atlas = filters.atlas("photo.png", mesh="statue.obj", size=(1024, 1024))
     """
 @overload
 def atlas(
@@ -186,53 +211,63 @@ def checkmaterial(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Find what a renderer will not like about the maps of a material; the maps go on as they are.
+    """Check the maps of a material for problems in rendering, and pass them on unchanged.
 
-    Of all maps: sizes that differ, NaN and Inf, a color space that is wrong for what they hold. Of albedo: values that
-    no surface has, and baked light: slow drift of lightness, lightness that follows the normals (light from one side)
-    or the heights (occlusion). Of normals: vectors that are not of length 1 or point down, a mean that leans, and green
-    that points the wrong way (OpenGL up, DirectX down), by the heights where there are any, else because slopes of a
-    surface have no curl. Of heights: none at all, and 8 bits. Of other data: values outside of 0 to 1.
-    Each finding is printed on a line, and json= keeps them with all measures. An error renders wrong, a warning may;
-    with fail=errors, as it is, the run goes to its end and its exit code is 3 where there is an error.
+    All maps: different sizes, NaN and Inf, a color space that does not suit the kind of the map.
+    Albedo: values that no real surface has, and baked lighting: low-frequency variation of lightness, or lightness
+    that correlates with the normals (directional light) or with the heights (occlusion).
+    Normals: vectors that are not of unit length or point down, a tilted mean, and a green channel of the wrong sign
+    (OpenGL up, DirectX down). The sign is tested against the heights, or without heights by the curl of the slopes.
+    Heights: a constant map, and 8-bit files. Other data: values outside of 0 to 1.
+
+    Each finding is printed as a line; json= writes them to a file with all measures. An error renders incorrectly, a
+    warning may. The run always completes; with fail=errors its exit code is 3 if there is an error.
 
     Parameters
     ----------
     source : ImageLike
-        the map; of n maps of a material, the first
+        Map to check. Of n maps of a material, the first.
     maps : Sequence[ImageLike], default ()
-        the other maps of the material
+        Other maps of the material. A string is the name of a part of the first image, or a file name.
     n : int, default 1
-        how many maps are looked at together, the last images of the stack; a whole number >= 1 and <= 16
+        Number of maps to check together: the last images on the stack. Expected: an integer from 1 to
+        16.
     kinds : Sequence[str] | None, default None
-        what the maps are, in their order: color (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no color is tagged as data
+        Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
+        data in the result. Default: color for the first map, data for the others.
     convention : Literal['opengl', 'directx'], default 'opengl'
-        green of normals shall point up or down
+        Expected green channel of normals. opengl: up; directx: down.
     fail : Literal['errors', 'warnings', 'none'], default 'errors'
-        what makes the exit code 3
+        Findings that set the exit code to 3. errors: errors only; warnings: both; none: neither.
     json : FileName | None, default None
-        findings and measures go to this file
+        File for findings and measures.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | list[ImageBuf] | list[dict[str, ImageBuf]]
-        a dict where more than one part was asked for
-        a list of these where there are several images
-        map: the maps as they came [pixels]
-        report: findings, and measures of every map [JSON; with json]
+        A dict of parts by name if more than one part is requested.
+        A list of these if several images are made.
+        - map: Maps, unchanged. [pixels]
+        - report: Findings, and measures of each map. [JSON; with json]
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> maps = ["roughness.png"]
+    >>> same = filters.checkmaterial("photo.png", maps=maps, kinds=["color", "data"], json="checks.json")
     """
 @overload
 def checkmaterial(
@@ -280,79 +315,104 @@ def composite(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Grow what a photo consists of to any size, and fill it with the photo's texture.
+    """Create a texture of any size that varies as the photo does.
 
-    Grows a new label map from the one that `label` has found, with its shares and neighborhoods, and quilts it
-    (`quilt` with the grown map as its guide): the automatic synthesis of non-stationary textures that LSA16
-    (Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis,
-    SIGGRAPH 2016) leaves for the future in section 7. Every pixel of the result is a copy of one pixel of the photo.
+    Grows a new label map with the proportions and neighborhoods of the map from `label`, and fills it with texture
+    from the photo (as `quilt` with the grown map as its guide). LSA16 (Lockerman, Sauvage, Allegre, Dischler, Dorsey,
+    Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016) names this automatic synthesis of
+    non-stationary textures as future work in section 7. Each pixel of the result is a copy of one pixel of the photo.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; where labels are spoken of, with label maps as `label` with `keep` makes them
+        Photo. Where labels are used, with the label maps that `label` with `keep` creates.
     mask : ImageLike | None, default None
-        where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
-    labels : ImageLike | None, default None
-        label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
+        Image that marks the valid source pixels (first channel above half its range, or a nonzero label
+        id). A string is the name of a part of the first image, or a file name.
     size : tuple[int, int] | None, default None
-        of the result; twice the exemplar's when left out; (width, height) >= 8 and <= 4194304 px
-    tries : int, default 4
-        label maps that are grown; the nearest to the found one is taken; a whole number >= 1 and <= 64
+        Size of the result. Expected: (width, height) from 8 to 4194304 px. Default: twice the
+        exemplar's size.
     plan : FileName | None, default None
-        the plan goes to this file (.npz): `quilt` with `render` renders it
+        File (.npz) for the plan, which `quilt` with `render` renders.
     grown : bool, default False
-        the grown label map follows as part 'grown'
-    report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/reference/report.md)
-    fail : Sequence[str] | None, default None
-        limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
+        Append the grown label map as part 'grown'.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
-        along which axes the result tiles
+        Axes along which the result tiles.
     patch : int | None, default None
-        side of a patch; the label level's scale, or shorter side / 8, as a power of two when left out (less where a guide's labels are found in too few places); a whole number >= 8 and <= 256 px
-    candidates : int, default 256
-        patches that are tried in a place, at most; a whole number >= 1 and <= 65536
-    reuse : float, default 1.0
-        a region of the exemplar that is shown oftener than twice, and than once more than this times its fair share, costs, the more the oftener; a number >= 0 and <= 1000000000
-    finer : float, default 0.5
-        weight of finer levels' labels in the overlaps, beside color; a number >= 0 and <= 100
+        Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
+        Expected: an integer from 8 to 256 px. Default: scale of the label level, or shorter side / 8,
+        as a power of two; with guide, less if a label is rare.
     guidance : float, default 1.0
-        weight of the guide's labels inside a patch, beside color; a number >= 0 and <= 100
+        Weight of the guide's labels inside a patch, compared with color. Expected: a number from 0 to
+        100.
     keep : bool, default False
-        label parts of the exemplar follow, made from the same sources
-    level : int | None, default None
-        which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
-    data : bool, default False
-        the channels are no colors: compare them as they are
+        Write the exemplar's label parts, from the same source pixels, after the image.
     seed : int, default 0
-        same seed, same pixels; a whole number >= 0 and <= 4294967295
-    stmap : bool | FileName, default False
-        1: source coordinates as part 'st' of the result; a file name: there
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        composite: pixels copied from the photo, all channels together, in its own color space and type [pixels]
-        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
-        label.N: label parts of the photo, made from the same sources [32-bit ids; with keep]
-        plan: offsets and cuts [.npz; with plan]
-        grown: the label map that was grown: a guide for `quilt` and `paint` [32-bit ids; with grown]
-        report: measures of the result, for machines [JSON; with report]
+        A dict of parts by name if more than one part is requested.
+        - composite: Pixels copied from the photo, all channels together, in its color space and type.
+          [pixels]
+        - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
+          with stmap]
+        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with keep]
+        - plan: Offsets and cuts. [.npz; with plan]
+        - grown: Grown label map, a guide for `quilt` and `paint`. [32-bit ids; with grown]
+        - report: Measures of the result, for programs. [JSON; with report]
+
+    Other Parameters
+    ----------------
+    labels : ImageLike | None, default None
+        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
+        first image, or a file name.
+    tries : int, default 4
+        Number of label maps to grow. The one closest to the original is used. Expected: an integer from
+        1 to 64.
+    report : FileName | None, default None
+        JSON file for the measures of the result (see docs/reference/report.md).
+    fail : Sequence[str] | None, default None
+        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
+        limit.
+    candidates : int, default 256
+        Maximum number of candidate patches per place. Expected: an integer from 1 to 65536.
+    reuse : float, default 1.0
+        Number of free uses of a region of the exemplar, as a multiple of its fair share. Uses beyond
+        two, and beyond one more than that number, are penalized. Expected: a number from 0 to
+        1000000000.
+    finer : float, default 0.5
+        Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
+        to 100.
+    level : int | None, default None
+        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
+        Expected: an integer >= 1. Default: the coarsest.
+    data : bool, default False
+        Use the channels as data, without conversion to CIE Lab.
+    stmap : bool | FileName, default False
+        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        file.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> photo = filters.label("photo.png", keep=True)
+    >>> texture = filters.composite(photo, size=(1024, 512))
     """
 @overload
 def composite(
@@ -457,50 +517,59 @@ def content(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Show where an image has the same content as at a place, or draw the table of all contents.
+    """Show where an image has the same content as a given patch, or draw a table of all contents.
 
-    The content of a square patch is its key: the two most frequent labels in it at a level (LSA16: Lockerman, Sauvage,
+    The content of a square patch is its key: its two most frequent labels at a level (LSA16: Lockerman, Sauvage,
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
-    section 6.1). The centers of all patches with the key of the patch around `at` are marked red on the photo, and
-    that patch is outlined (figure 10). The histograms of that patch at every level are printed (figure 9); json keeps
-    them. With `table` every key is shown by a patch that has it, first label down, second across (figure 11).
-    The result is an 8-bit sRGB image for screens: do not measure it.
+    section 6.1). The patch at `at` is outlined on the photo, and the centers of all patches with the same key are
+    marked red (figure 10). The label histograms of the patch at each level are printed (figure 9); json= writes them
+    to a file. With `table`, each key is illustrated by a patch: rows by the first label, columns by the second
+    (figure 11). The result is an 8-bit sRGB image for display, not for measurement.
 
     Parameters
     ----------
     source : ImageLike
-        an image with label parts, as `label` with `keep` makes it
+        Image with label parts, from `label` with `keep`.
     labels : ImageLike | None, default None
-        label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
+        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
+        first image, or a file name.
     at : float | Sequence[float] | None, default None
-        x,y in the data window: the patch's middle; that of the image's; a number or a sequence of them px
+        Center of the patch: x,y in the data window. Expected: a number or a sequence of numbers px.
+        Default: the center of the image.
     level : int | None, default None
-        which label map; the coarsest when left out; a whole number >= 1
+        Level of the label map: N of label.N. Expected: an integer >= 1. Default: the coarsest.
     patch : int | None, default None
-        side; the level's scale as a power of two; a whole number >= 4 and <= 256 px
+        Side of a patch. Expected: an integer from 4 to 256 px. Default: the power of two nearest to the
+        level's scale, from 16 to 256.
     table : bool, default False
-        draw the table of keys instead
+        Draw the table of keys instead.
     json : FileName | None, default None
-        key, histograms of every level and the sizes of all keys go to this file
+        File for the key, histograms and the number of patches of each key.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf
-        view: the photo with what is alike, or the table of keys [8-bit sRGB picture]
-        facts: key, histograms of every level, sizes of all keys [JSON; with json]
+        - view: Photo with similar patches marked, or the table of keys. [8-bit sRGB picture]
+        - facts: Key, histograms at each level, number of patches of each key. [JSON; with json]
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> labeled = filters.label("photo.png", keep=True)
+    >>> same = filters.content(labeled, at=(20, 30))
     """
 
 @overload
@@ -527,67 +596,88 @@ def cut(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Lay a texture from large pieces of a photo, cut where it is seen least.
+    """Synthesize a texture from large patches of a photo, joined along minimum-error seams (graph cuts).
 
-    Graph-cut textures (KSE03: Kwatra, Schoedl, Essa, Turk, Bobick, Graphcut Textures, SIGGRAPH 2003): patches that fit
-    are laid one after another, and each is cut against all that is there along the cheapest line of any shape; where
-    an old seam is expensive, a new patch covers it. Of a photo with labels it takes one alone (LSA16: Lockerman,
-    Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
-    2016, section 5.2): label=3, or a mask. Every pixel of the result is a copy of one pixel of the photo.
+    Graph-cut textures (KSE03: Kwatra, Schoedl, Essa, Turk, Bobick, Graphcut Textures, SIGGRAPH 2003): matching patches
+    are placed one after another, and each is cut against the existing texture along the cheapest seam of any shape.
+    A visible seam is covered by a further patch. With label=3, or a mask, only that label of the photo is used (LSA16:
+    Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis,
+    SIGGRAPH 2016, section 5.2). Each pixel of the result is a copy of one pixel of the photo.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; where labels are spoken of, with label maps as `label` with `keep` makes them
+        Photo. Where labels are used, with the label maps that `label` with `keep` creates.
     mask : ImageLike | None, default None
-        where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
-    labels : ImageLike | None, default None
-        label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
+        Image that marks the valid source pixels (first channel above half its range, or a nonzero label
+        id). A string is the name of a part of the first image, or a file name.
     size : tuple[int, int] | None, default None
-        of the result; the exemplar's own when left out; (width, height) >= 5 and <= 16384 px
+        Size of the result. Expected: (width, height) from 5 to 16384 px. Default: the exemplar's size.
     tile : Literal['xy', 'x', 'y', 'none'], default 'xy'
-        along which axes the result tiles
+        Axes along which the result tiles.
     patch : int | None, default None
-        side of a patch; shorter side of the exemplar / 5, 16 to 96, when left out; a whole number >= 5 and <= 512 px
+        Side of a patch. Expected: an integer from 5 to 512 px. Default: shorter side of the exemplar /
+        5, from 16 to 96.
     passes : int, default 1
-        of refinement: patches over the worst seams, as many as were laid; a whole number >= 0 and <= 100
-    report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/reference/report.md)
-    fail : Sequence[str] | None, default None
-        limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
+        Number of refinement passes. Each places as many patches again over the worst seams. Expected:
+        an integer from 0 to 100.
     label : int | None, default None
-        take only pixels of that label, by its id; a whole number >= 1
-    level : int | None, default None
-        which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
-    data : bool, default False
-        the channels are no colors: compare them as they are
+        Id of a label: only its pixels are used as a source. Expected: an integer >= 1.
     seed : int, default 0
-        same seed, same pixels; a whole number >= 0 and <= 4294967295
-    stmap : bool | FileName, default False
-        1: source coordinates as part 'st' of the result; a file name: there
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295.
     structure : float, default 0.5
-        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
+        would stretch them visibly, the default size is the nearest with complete repeats only. Ignored
+        for photos without regular repeats. Expected: a number from 0 to 1.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        cut: pixels copied from the photo, all channels together, in its own color space and type [pixels]
-        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
-        report: measures of the result, for machines [JSON; with report]
+        A dict of parts by name if more than one part is requested.
+        - cut: Pixels copied from the photo, all channels together, in its color space and type.
+          [pixels]
+        - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
+          with stmap]
+        - report: Measures of the result, for programs. [JSON; with report]
+
+    Other Parameters
+    ----------------
+    labels : ImageLike | None, default None
+        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
+        first image, or a file name.
+    report : FileName | None, default None
+        JSON file for the measures of the result (see docs/reference/report.md).
+    fail : Sequence[str] | None, default None
+        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
+        limit.
+    level : int | None, default None
+        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
+        Expected: an integer >= 1. Default: the coarsest.
+    data : bool, default False
+        Use the channels as data, without conversion to CIE Lab.
+    stmap : bool | FileName, default False
+        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        file.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> photo = filters.label("photo.png", keep=True)
+    >>> tile = filters.cut(photo, label=1)
     """
 @overload
 def cut(
@@ -667,79 +757,99 @@ def decompose(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Decompose a texture into the simpler ones that it is a patchwork of.
+    """Segment a texture into the simpler textures that it consists of.
 
-    Regions compete for pixels by their textons; those that are likelier one texture than two are merged, until none
-    are, or as many are left as labels asks for; then the subtextures compete once more. The result is a label map: ids
-    from 1 on, 0 where alpha is 0. Images above a megapixel are looked at reduced by a whole factor. group=cliques
-    compares places by their texton histograms instead, each with the best match near the other, and groups them by a
-    clique partition; `paper` is that way by the letter (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised
+    Regions compete for pixels by their textons. Regions that are more likely one texture than two are merged, until
+    none are left or the number `labels` is reached; then the remaining subtextures compete once more. The result is a
+    label map with ids from 1, and 0 where alpha is 0. Images above a megapixel are analyzed at an integer fraction of
+    their resolution. group=cliques instead compares the texton histograms of places, each with the best match near
+    the other place, and groups them by clique partitioning (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised
     Texture Segmentation by Clique Partitioning).
 
     Parameters
     ----------
     source : ImageLike
-        the image
+        Image to segment.
     labels : int | None, default None
-        how many subtextures, at most; found when left out; a whole number >= 1 and <= 50
-    group : Literal['merging', 'cliques'] | None, default None
-        of regions, or of places that are compared; with haar: cliques
+        Maximum number of subtextures. Expected: an integer from 1 to 50. Default: found.
     threshold : float | None, default None
-        probability of two regions to be one texture, or similarity of two places, above which they belong together; more gives more subtextures; a number >= 0 and <= 1
+        Threshold above which two regions (by probability) or two places (by similarity) are one
+        texture. Larger values give more subtextures. Expected: a number from 0 to 1. Default: 0.32;
+        with group=cliques, 0.76; with features=haar, 0.95.
     radius : float | None, default None
-        of the disc whose textons describe a place; a quarter of it is what a pixel minds; a number >= 1 and <= 512 px
-    shift : float | None, default None
-        cliques: how far from a place its best match may be; 0: plain comparison; a number >= 0 and <= 512 px
-    features : Literal['bank', 'haar'], default 'bank'
-        what textons are made of; haar: the paper's
-    bins : int | None, default None
-        textons; with haar so many of color and so many of detail; a whole number >= 2 and <= 64
-    step : int | None, default None
-        cliques: between the places that are compared with all others; a whole number >= 1 and <= 512 px
-    scales : int, default 1
-        cliques: radii of the second place, half an octave apart; a whole number >= 1 and <= 5
-    search : Literal['grid', 'meanshift'], default 'grid'
-        cliques: for the best match; meanshift: the paper's, slow
-    refine : bool, default True
-        of the cliques, by moves of single places; the paper does not
-    assign : Literal['competition', 'neighbors'], default 'competition'
-        of pixels to subtextures; neighbors: the paper's
+        Radius of the disc whose textons describe a place. The neighborhood of a pixel is a quarter of
+        it. Expected: a number from 1 to 512 px. Default: 48; with features=haar, 8.
     paper : bool, default False
-        CZF02 by the letter: features=haar:group=cliques:scales=3:search=meanshift:refine off:assign=neighbors
+        Settings of the paper (CZF02):
+        features=haar:group=cliques:scales=3:search=meanshift:refine=0:assign=neighbors.
     keep : bool, default False
-        the photo stays the first part, the labels follow it
+        Keep the photo as the first part, before the labels.
     cryptomatte : bool | FileName, default False
-        1: a further part with Cryptomatte 1.2; a file name: its manifest goes there
+        Append Cryptomatte 1.2 as a part. A file name: also write the manifest to that file.
     names : FileName | None, default None
-        table of `palette`: what labels are called, in parts and in Cryptomatte
-    single : bool, default False
-        with cryptomatte: one nameless part of the image's channels and Cryptomatte's, as Blender and Nuke take it at once
+        Table from `palette`, whose names are written to label parts and Cryptomatte.
     json : FileName | None, default None
-        count, areas and settings go to this file
+        File for the number and areas of subtextures.
     data : bool, default False
-        the channels are no colors: compare them as they are
+        Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        photo: the photo, before all others [pixels; with keep]
-        label.1: one channel, of the image's windows: write it to EXR or TIFF [32-bit ids]
-        cryptomatte: the labels [Cryptomatte 1.2; with cryptomatte]
-        facts: count, areas and settings [JSON; with json]
+        A dict of parts by name if more than one part is requested.
+        - photo: Photo, as the first part. [pixels; with keep]
+        - label.1: Label map: one channel in the image's windows. Write it to EXR or TIFF. [32-bit ids]
+        - cryptomatte: Labels as Cryptomatte. [Cryptomatte 1.2; with cryptomatte]
+        - facts: Number and areas of subtextures, and settings. [JSON; with json]
+
+    Other Parameters
+    ----------------
+    group : Literal['merging', 'cliques'] | None, default None
+        Grouping method. merging: of regions; cliques: of places that are compared in pairs. Default:
+        merging; with features=haar, cliques.
+    shift : float | None, default None
+        Search radius for the best match of a place, with group=cliques. 0: no search. Expected: a
+        number from 0 to 512 px. Default: 24; with features=haar, the radius.
+    features : Literal['bank', 'haar'], default 'bank'
+        Features of the textons. bank: filter bank; haar: color and Haar wavelets, as in the paper.
+    bins : int | None, default None
+        Number of textons; with features=haar, of color and of detail each. Expected: an integer from 2
+        to 64. Default: 64; with features=haar, 8.
+    step : int | None, default None
+        Spacing of the places that are compared, with group=cliques. Expected: an integer from 1 to 512
+        px. Default: from the size of the image.
+    scales : int, default 1
+        Number of radii at which the second place is compared, half an octave apart, with group=cliques.
+        Expected: an integer from 1 to 5.
+    search : Literal['grid', 'meanshift'], default 'grid'
+        Search method for the best match, with group=cliques. meanshift: as in the paper, slow.
+    refine : bool, default True
+        Refinement of the cliques by moves of single places, which the paper does not have.
+    assign : Literal['competition', 'neighbors'], default 'competition'
+        Assignment of pixels to subtextures. competition: by textons; neighbors: by places, as in the
+        paper.
+    single : bool, default False
+        Output as one unnamed part with the channels of the image and of Cryptomatte, as Blender and
+        Nuke expect. Requires cryptomatte.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> ids = filters.decompose("photo.png")
+    >>> view = filters.labelview(ids)
     """
 @overload
 def decompose(
@@ -854,69 +964,84 @@ def dominant(
 ) -> ImageBuf:
     """Find the dominant texture of a photo: a mask without objects, cracks, stains and shadows.
 
-    Overlapping patches are points in a space of colors; heat that spreads from the densest one reaches the large
-    group of patches that look alike, and hardly those that do not (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and
-    Diffusion Distance Manifolds, Eurographics 2009). The mask is 1 where dominant patches lie, else 0. A photo of
-    which no group of patches holds 40 % is rejected: a warning and an empty mask, or an error with `strict`. With
-    `keep` the photo stays the first part and the mask follows it as part 'dominant', ready to guide a synthesis.
-    Attributes say the patch's side in px (oiiotex:patch), the kernel's size (oiiotex:epsilon), the manifold's
-    dimension (oiiotex:dimension), the steps of the diffusion (oiiotex:tau) and the share of dominant patches
+    Overlapping patches are points in a space of colors. Heat diffuses from the densest point: it reaches the large
+    group of similar patches, and hardly reaches others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion
+    Distance Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of the
+    patches, the photo is rejected with a warning and an empty mask; with `strict`, with an error. With `keep` the
+    photo is the first part and the mask follows it as part 'dominant', which can guide a synthesis.
+
+    Attributes record the patch side in px (oiiotex:patch), the size of the kernel (oiiotex:epsilon), the dimension of
+    the manifold (oiiotex:dimension), the diffusion steps (oiiotex:tau) and the proportion of dominant patches
     (oiiotex:share).
 
     Parameters
     ----------
     source : ImageLike
-        the photo
+        Photo to mask.
     mask : ImageLike | None, default None
-        where to look: what it leaves out is no part of the photo; a text is the name of a part of the first image, else of a file
+        Region to analyze. Pixels outside of it are ignored. A string is the name of a part of the first
+        image, or a file name.
     patch : int | None, default None
-        side of a patch, made odd; from the Fourier transform when left out; a whole number >= 3 and <= 63 px
+        Side of a patch. Even values are made odd. Expected: an integer from 3 to 63 px. Default: from
+        the Fourier transform.
     step : int | None, default None
-        between patches; the smallest that leaves 12000 of them when left out; a whole number >= 1 and <= 256 px
-    rule : Literal['repaired', 'paper'], default 'repaired'
-        thresholds, mask; paper: as its text has them
+        Spacing of patches. Expected: an integer from 1 to 256 px. Default: the smallest that gives at
+        most 12000 patches.
     mode : Literal['diffusion', 'euclidean', 'spectral'], default 'diffusion'
-        euclidean: the paper's eq. 7; spectral: the larger half of a normalized cut
+        Similarity of patches. diffusion: diffusion distance; euclidean: color distance (LDR09 eq. 7);
+        spectral: the larger half of a normalized cut.
     paper : bool, default False
-        LDR09 by the letter: rule=paper:mode=diffusion:step=1, and noise is not looked for
+        Settings of the paper (LDR09): rule=paper:mode=diffusion:step=1, without an estimate of noise.
     strict : bool, default False
-        a photo without a dominant texture is an error
+        Reject a photo without a dominant texture with an error.
     keep : bool, default False
-        the photo stays the first part, the mask follows it
-    types : bool, default False
-        a further part: 1 to 4 for patches of type 0 to III around a pixel, 0 where none
-    score : bool, default False
-        a further part: density, and the decimal logarithm of heat
+        Keep the photo as the first part, before the mask.
     json : FileName | None, default None
-        the kernel's curve, thresholds, rounds and shares go to this file
+        File for the kernel curve, thresholds, iterations and proportions.
     chart : FileName | None, default None
-        a picture of the kernel's curve, and of density over heat with their thresholds, goes to this file
+        File for plots of the kernel curve, and of density against heat.
     data : bool, default False
-        the channels are no colors: compare them as they are
+        Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        photo: the photo, before all others [pixels; with keep]
-        dominant: 1 where the dominant texture is; in the image's windows [0 or 1, 32-bit floats]
-        types: 1 to 4 for patches of type 0 to III around a pixel, 0 where none [32-bit ids; with types]
-        score: density, and the decimal logarithm of heat [32-bit float values; with score]
-        facts: the kernel's curve, thresholds, rounds and shares [JSON; with json]
-        chart: the kernel's curve, and density over heat [8-bit sRGB picture; with chart]
+        A dict of parts by name if more than one part is requested.
+        - photo: Photo, as the first part. [pixels; with keep]
+        - dominant: Mask: 1 in the dominant texture, in the image's windows. [0 or 1, 32-bit floats]
+        - types: Type of the patch around each pixel: 1 to 4 for 0 to III. [32-bit ids; with types]
+        - score: Density, and the decimal logarithm of heat. [32-bit float values; with score]
+        - facts: Kernel curve, thresholds, iterations and proportions. [JSON; with json]
+        - chart: Plots of the kernel curve, and of density against heat. [8-bit sRGB picture; with
+          chart]
+
+    Other Parameters
+    ----------------
+    rule : Literal['repaired', 'paper'], default 'repaired'
+        Thresholds and mask. repaired: the paper's with corrections; paper: as published.
+    types : bool, default False
+        Append part 'types': 1 to 4 for a patch of type 0 to III around each pixel, else 0.
+    score : bool, default False
+        Append part 'score': density, and the decimal logarithm of heat.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> mask = filters.dominant("photo.png")
+    >>> tile = filters.stationarize("photo.png", mask=mask)
     """
 @overload
 def dominant(
@@ -1023,41 +1148,49 @@ def estimateao(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Work out how much of an even sky every place of a height map sees.
+    """Compute ambient occlusion from a height map.
 
-    1 is a place that nothing stands around. Of sixteen directions the steepest horizon within the radius is taken, and
-    the light between horizons in closed form (Jimenez and others 2016, eq. 10). It is right for the heights that it is
-    given, to 0.01 of what rays say; what is guessed is how high they are, where neither scale= nor the attribute
-    oiiotex:heightpx says it, and that what is farther away than the radius hides nothing.
+    1 is unoccluded, 0 is fully occluded. In each of sixteen directions the steepest horizon within the radius is
+    found, and the light between the horizons is integrated in closed form (Jimenez and others 2016, eq. 10). Results
+    agree with ray tracing of the same heights to 0.01. The scale of the heights is a guess unless `scale` or the
+    attribute oiiotex:heightpx gives it. Occlusion from farther away than the radius is ignored.
 
     Parameters
     ----------
     source : ImageLike
-        heights, the first channel; larger is nearer
+        Height map: its first channel, where larger is nearer.
     radius : int, default 32
-        how far away something may stand and hide the sky; a whole number >= 2 and <= 1024 px
+        Maximum distance at which the surface occludes. Expected: an integer from 2 to 1024 px.
     scale : float | None, default None
-        how high 1 is; as the attribute oiiotex:heightpx says when left out, else longer side / 32; a number >= 1e-06 and <= 1000000 px
+        Height that a value of 1 stands for. Expected: a number from 1e-06 to 1000000 px. Default: the
+        attribute oiiotex:heightpx, else longer side / 32.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
-        along which axes the heights tile
+        Axes along which the heights tile.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf
-        ao: one channel, 0 (nothing reaches it) to 1 (all of the sky does) [32-bit float values]
+        - ao: Ambient occlusion: one channel, 0 (fully occluded) to 1 (unoccluded). [32-bit float
+          values]
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> height = filters.estimateheight("photo.png")
+    >>> occlusion = filters.estimateao(height)
     """
 
 @overload
@@ -1079,57 +1212,73 @@ def estimateheight(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Guess heights, and normals, from how one photo is shaded.
+    """Estimate heights and normals of a material from the shading of one photo.
 
-    The surface is taken for matt, of one color but for what is larger than sigma, and lit from one side (Pentland
-    1990) or by an overcast sky, under which what is deep is dark (Langer and Zucker 1994); heights are the integrable
-    surface nearest to the slopes that this says (Frankot and Chellappa 1988, by FFT). Paint is taken for relief: where
-    a scan has heights, use these. From which end of its direction light comes no photo of relief says: above is
-    assumed, left of two sides; light= says it, and turns what is raised into what is sunken where it was wrong.
-    Heights go from 0 to 1; the attribute oiiotex:heightpx says how many pixels that is.
+    The surface is assumed to be matte, of uniform color apart from structures larger than sigma, and lit from one side
+    (Pentland 1990) or by an overcast sky, where recesses are dark (Langer and Zucker 1994). Heights are the integrable
+    surface closest to the estimated slopes (Frankot and Chellappa 1988, by FFT). Paint is mistaken for relief: if a
+    scan has heights, prefer those.
+
+    A photo cannot tell from which of two opposite sides the light comes. Light from above is assumed, or from the left
+    if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side.
+    Heights are stored as 0 to 1; the attribute oiiotex:heightpx records the height in pixels that 1 stands for.
 
     Parameters
     ----------
     source : ImageLike
-        the photo
+        Photo to analyze.
     normal : bool | FileName, default False
-        1: normals as part 'normal' of the result; a file name: there
+        Normal map. 1: append it as part 'normal'; a file name: write it to that file.
     light : float | None, default None
-        where light comes from, counterclockwise from the right: 90 is from above; when left out as the shading says, overcast where no direction stands out; a number >= -360 and <= 360 degrees
+        Direction of the light, counterclockwise from the right: 90 is above. Without it, light without
+        a clear direction is taken as overcast. Expected: a number from -360 to 360 degrees. Default:
+        from the shading.
     overcast : bool, default False
-        light has no direction: dark is deep
+        Overcast light, without a direction: dark is deep.
     elevation : float, default 45.0
-        of the light above the surface: low light shades small relief as much; a number >= 1 and <= 89 degrees
+        Elevation of the light above the surface. Lower values give flatter relief. Expected: a number
+        from 1 to 89 degrees.
     sigma : float | None, default None
-        what is larger is color or uneven light and no relief; longer side / 8 when left out; a number >= 1 and <= 1000000 px
+        Scale above which variation is taken as color or uneven light, not relief. Expected: a number
+        from 1 to 1000000 px. Default: longer side / 8.
     strength : float, default 1.0
-        by how much slopes of the normals are steeper; a number >= 0.01 and <= 100
+        Multiplier of the slopes in the normal map. Expected: a number from 0.01 to 100.
     convention : Literal['opengl', 'directx'], default 'opengl'
-        where green of the normals points: up (opengl) or down
+        Green channel of the normals. opengl: up; directx: down.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
-        along which axes the photo tiles
-    data : bool, default False
-        the channels are no colors: the first is luminance
+        Axes along which the photo tiles.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        height: one channel, 0 to 1, larger is nearer [32-bit float values]
-        normal: normals of these heights, as colors from 0 to 1 [32-bit float values; with normal]
+        A dict of parts by name if more than one part is requested.
+        - height: Height map: one channel, 0 to 1, larger is nearer. [32-bit float values]
+        - normal: Normal map of these heights, encoded as 0 to 1. [32-bit float values; with normal]
+
+    Other Parameters
+    ----------------
+    data : bool, default False
+        Treat the first channel as luminance, not color.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> maps = filters.estimateheight("photo.png", normal=True)
+    >>> list(maps)
+    ['height', 'normal']
     """
 @overload
 def estimateheight(
@@ -1183,44 +1332,53 @@ def estimateroughness(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Guess how rough a surface is from its photo's local contrast.
+    """Estimate the roughness of a material from the local contrast of one photo.
 
-    Where a bumpy surface is smooth it glitters: highlights lie beside dark reflections. What is looked at is the
-    contrast of the finest detail, in linear light, over a Gaussian of sigma. Roughness is `middle` where that is as in
-    the whole photo, and at most `amount` more or less. It is a weak guess (its page has figures):
-    fine paint looks smooth to it, and a photo under an overcast sky says next to nothing. Where a scan has roughness,
-    use that. It needs no more memory for a large photo than for a small one.
+    A bumpy surface glitters where it is smooth: highlights lie next to dark reflections. The contrast of the finest
+    detail is measured in linear light over a Gaussian of sigma. Roughness is `middle` where this contrast equals that
+    of the whole photo, and differs by at most `amount`. The estimate is weak (its page has figures): fine paint
+    appears smooth, and a photo under an overcast sky contains almost no information. If a scan has roughness, prefer
+    that. Memory does not grow with the photo.
 
     Parameters
     ----------
     source : ImageLike
-        the photo
+        Photo to analyze.
     sigma : float | None, default None
-        scale of the contrast; longer side / 16, 2 at least, when left out; a number >= 1 and <= 1000000 px
+        Scale of the local contrast. Expected: a number from 1 to 1000000 px. Default: longer side / 16,
+        at least 2.
     middle : float, default 0.6
-        roughness where contrast is as everywhere; a number >= 0 and <= 1
+        Roughness where the local contrast is average. Expected: a number from 0 to 1.
     amount : float, default 0.3
-        by how much it is more or less at most; a number >= 0 and <= 1
-    data : bool, default False
-        the channels are no colors: the first is lightness
+        Maximum deviation from middle. Expected: a number from 0 to 1.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf
-        roughness: one channel, 0 (a mirror) to 1 (matt) [32-bit float values]
+        - roughness: Roughness map: one channel, 0 (mirror) to 1 (matte). [32-bit float values]
+
+    Other Parameters
+    ----------------
+    data : bool, default False
+        Treat the first channel as lightness, not color.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> roughness = filters.estimateroughness("photo.png", middle=0.5)
     """
 
 @overload
@@ -1243,50 +1401,62 @@ def flatten(
 ) -> ImageBuf:
     """Remove low-frequency variation (gradients of light, stains) from an image.
 
-    Local level and local contrast of Lab, as medians over a disc, are brought to those of the whole image. Elements
-    smaller than the disc are kept; stains larger than it are removed with their rims. The result is the image times a
-    smooth gain plus a smooth offset in Lab. The gain lies between 1/2 and 2. Memory does not grow with the image.
+    Local level and local contrast in Lab, as medians over a disc, are matched to those of the whole image. Elements
+    smaller than the disc are kept; larger stains are removed with their rims. The result is the image times a smooth
+    gain, from 1/2 to 2, plus a smooth offset in Lab. Memory does not grow with the image.
 
     Parameters
     ----------
     source : ImageLike
         Image to flatten.
     mask : ImageLike | None, default None
-        where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
+        Image that marks the valid source pixels (first channel above half its range, or a nonzero label
+        id). A string is the name of a part of the first image, or a file name.
     radius : float | None, default None
-        Radius of the disc. Smaller structures are kept. Default: 0.2 x longer side.; a number >= 1 and <= 1000000 px
+        Radius of the disc. Smaller structures are kept. Expected: a number from 1 to 1000000 px.
+        Default: 0.2 x longer side.
     amount : float, default 1.0
-        Share of the drift that is removed. Default: 1.; a number >= 0 and <= 1
+        Proportion of the low-frequency variation to remove. Expected: a number from 0 to 1.
     contrast : float, default 1.0
-        Share of the variation in local contrast that is removed. Default: 1.; a number >= 0 and <= 1
+        Proportion of the variation in local contrast to remove. Expected: a number from 0 to 1.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
-        Axes along which the image tiles; the result then tiles, too. Default: none.
+        Axes along which the image tiles. The result then tiles along the same axes.
     keep : Literal['level', 'none'], default 'level'
-        Overall color of the result. level: the median of the local levels; none: middle gray (L 50, a 0, b 0), so that photos compare. Default: level.
+        Overall color of the result. level: the median of the local levels; none: middle gray (L 50, a
+        0, b 0), which makes photos comparable.
     drift : bool | FileName, default False
-        1: the correction as part 'drift' of the result; a file name: there. Default: 0.
-    data : bool, default False
-        Treat the channels as data, not color. Default: 0.
+        Write the correction: 1 as part 'drift' of the result, a file name as a separate image.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        flat: the image without its drift, in its own color space and type; other channels are copied [pixels]
-        drift: the correction: Lab x gain + offset, channels gain.L, gain.a, gain.b, offset.L, offset.a, offset.b [32-bit float values; with drift]
+        A dict of parts by name if more than one part is requested.
+        - flat: Flattened image, in its own color space and type. Other channels are copied. [pixels]
+        - drift: Correction: Lab x gain + offset. Channels: gain.L, gain.a, gain.b, offset.L, offset.a,
+          offset.b. [32-bit float values; with drift]
+
+    Other Parameters
+    ----------------
+    data : bool, default False
+        Treat the channels as data, not color.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> flat = filters.flatten("photo.png", amount=0.5)
     """
 @overload
 def flatten(
@@ -1339,52 +1509,66 @@ def graph(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Make a first exemplar graph from photos, coarsest first, or from one; draw a graph as a picture.
+    """Create an exemplar graph from one or more photos, or draw an existing graph.
 
-    Several photos become a chain: each is finer than the one before by `scale`. One photo gets an edge to itself, a
-    zoom without end; with `scales` a chain of exemplars is cut out of it, from the whole, reduced, down to a piece at
-    full size. json=FILE is the document for `synth` and `zoom`, to be edited at will; the files that it names
-    are looked up beside it (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, section
-    3.1, figures 8 and 9). The picture shows exemplars by their octaves, with r at the edges.
+    Several photos, coarsest first, become a chain in which each is finer than the one before by `scale`. A single
+    photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of it, from the
+    whole photo at reduced resolution to a crop at full resolution. json=FILE writes the graph for `synth` and `zoom`,
+    which you can edit; file names in it are relative to it (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
+    Texture Synthesis, 2008, section 3.1, figures 8 and 9). The picture arranges exemplars by octave and labels edges
+    with r.
 
     Parameters
     ----------
     *photos : ImageLike
-        the photos, coarsest first; none is taken where graph says them
+        Photos, coarsest first. None are taken if graph is given.
     graph : FileName | None, default None
-        draw this graph, JSON or YAML, instead of making one
+        Graph to draw (JSON or YAML). No graph is created.
     json : FileName | None, default None
-        the graph goes to this file
+        File for the graph.
     scale : float | Sequence[float] | None, default None
-        how many times smaller the pixels of each photo are than those before, or one for all; 8; a number or a sequence of them >= 1
+        Ratio between the pixel sizes of each photo and the next, or one ratio for all. Expected: a
+        number or a sequence of numbers >= 1. Default: 8, less for small photos; with scales, 2.
     loop : int | None, default None
-        r of an edge from the last exemplar to itself; 0: none; 1 for one photo, else 0; a whole number >= 0 and <= 7
+        Octaves r of an edge from the last exemplar to itself. 0: no edge. Expected: an integer from 0
+        to 7. Default: 1 for one photo, else 0.
     scales : int, default 1
-        cut so many exemplars out of one photo, scale apart (2): written by json; a whole number >= 1 and <= 16
+        Number of exemplars to cut out of one photo, which differ by scale. Written with json. Expected:
+        an integer from 1 to 16.
     side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
-        of an exemplar, at most; 16 | 32 | 64 | 128 | 256 | 512 | 1024
-    thumb : int, default 128
-        side of an exemplar in the picture; a whole number >= 32 and <= 512 px
+        Maximum side of an exemplar. Expected: one of 16, 32, 64, 128, 256, 512, 1024.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf
-        picture: exemplars and edges [8-bit sRGB picture]
-        graph: the document for `synth` and `zoom` [JSON; with json]
-        exemplar.N: with scales: the photo N times reduced, beside it [pixels; with json]
+        - picture: Diagram of exemplars and edges. [8-bit sRGB picture]
+        - graph: Graph for `synth` and `zoom`. [JSON; with json]
+        - exemplar.N: Crop of the photo reduced N times, next to the graph; with scales. [pixels; with
+          json]
+
+    Other Parameters
+    ----------------
+    thumb : int, default 128
+        Side of an exemplar in the picture. Expected: an integer from 32 to 512 px.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> drawing = filters.graph("photo.png", json="graph.json")
+    >>> texture = filters.synth(None, graph="graph.json", size=(256, 256))
     """
 
 def join(
@@ -1394,34 +1578,41 @@ def join(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf | dict[str, ImageBuf]:
-    """Put the shares of an image together, as a farm has rendered them: the same pixels as of one run.
+    """Join crops of an image that were rendered separately, as on a farm.
 
-    Takes all images of the stack, in any order: crops in one display window, as `synth` with tiles=1/8 to tiles=8/8
-    makes them. They must cover it. Where they overlap they must be equal, and they must have the same channels,
-    pixel type and parts; what does not fit is refused by name.
+    Takes all images on the stack, in any order. They must be crops of one display window, as `synth` renders them with
+    tiles=1/8 to tiles=8/8, and must cover it. They must have the same channels, pixel type and parts, and must be equal
+    where they overlap. The result has the same pixels as a single run.
 
     Parameters
     ----------
     *shares : ImageLike
-        the shares, in any order
+        Crops to join, in any order.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        joined: all parts of the shares, whole [pixels]
+        - joined: Whole image, with all parts. [pixels]
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> import OpenImageIO as oiio
+    >>> halves = [filters.flatten("photo.png", roi=oiio.ROI(x, x + 48, 0, 96)) for x in (0, 48)]  # of 96 x 96 px
+    >>> joined = filters.join(*halves)
     """
 
 @overload
@@ -1436,42 +1627,48 @@ def lab(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Turn color into CIE Lab (D65), and back.
+    """Convert to and from CIE Lab (D65).
 
-    L is 0 for black and 100 for diffuse white, a and b are 0 for gray; HDR values lie above 100, and negative ones
-    survive. L, a and b are stored as 32-bit floats in the channels R, G and B, as OpenColorIO does it: a channel that
-    is named 'a' is taken for alpha by most programs. Gray becomes three channels. Color is unpremultiplied first and
-    premultiplied again on the way back; alpha and other channels stay. The result is tagged as data, so that nobody
-    takes it for RGB, and remembers the space that it came from for the way back.
+    L is 0 for black and 100 for diffuse white; a and b are 0 for gray. HDR values exceed 100, and negative values are
+    kept. L, a and b are stored as 32-bit floats in channels R, G and B, as OpenColorIO does, because most programs
+    take a channel named 'a' for alpha. Gray becomes three channels. Color is unpremultiplied first, and premultiplied
+    again by the inverse; alpha and other channels are kept. The result is tagged as data, so that no program takes it
+    for RGB. An attribute records the original color space for the inverse.
 
     Parameters
     ----------
     source : ImageLike
-        the image
+        Image to convert.
     inverse : bool, default False
-        from Lab to color
+        Convert from Lab to color.
     to : str | None, default None
-        with `inverse`: the color space to go to; the one that the image came from when left out
+        Color space of the result. Requires inverse. Default: the original color space.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        lab: L, a and b in the channels R, G and B [32-bit float values]
-        color: written in the type of the run's first file [pixels; with inverse]
+        A dict of parts by name if more than one part is requested.
+        - lab: L, a and b in channels R, G and B. [32-bit float values]
+        - color: Color, in the type of the first input file. [pixels; with inverse]
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> lab = filters.lab("photo.png")
+    >>> lightness = lab.get_pixels()[..., 0]
     """
 @overload
 def lab(
@@ -1515,81 +1712,104 @@ def label(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> dict[str, ImageBuf]:
-    """Find what an image consists of, and label it at several scales.
+    """Segment an image into labels at several scales, without training.
 
-    Superpixels that look alike get one label; how many there are follows from the image (LSA16: Lockerman, Sauvage,
+    Similar superpixels get the same label, and the image determines the number of labels (LSA16: Lockerman, Sauvage,
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016). The
-    result has one part per scale: label.1 is the finest, the last one the coarsest, and every label of a level lies
-    in one label of the next, its parent. Ids are 1, 2, ... of type uint32; 0 stands only where alpha is 0. Write it
-    to EXR or TIFF, which hold them. With `keep` the photo stays the first part. Attributes of a part say its scale
-    (oiiotex:rho, px), how many labels it has (oiiotex:labels) and their parents, in order (oiiotex:parents).
+    result has a part for each scale, from label.1, the finest, to the coarsest. Each label of a level lies within one
+    label of the next level, its parent. Ids are 1, 2, ... of type uint32, and 0 only where alpha is 0: write them to
+    EXR or TIFF. With `keep` the photo is the first part. Attributes of a part record its scale in px (oiiotex:rho), its
+    number of labels (oiiotex:labels) and their parents, in order (oiiotex:parents).
 
     Parameters
     ----------
     source : ImageLike
-        the image
-    features : Literal['textons', 'moments', 'gabor', 'quadtree'], default 'textons'
-        what superpixels are compared by; moments: the paper's
-    cluster : Literal['nmf', 'kmeans', 'spectral'], default 'nmf'
-        how alike ones are gathered; the last two need scikit-learn, and get the count from the first
+        Image to segment.
     persistence : float, default 0.95
-        how short the random walk is: less gives fewer labels; level n takes its nth power; a number >= 0.01 and <= 0.999
-    share : float, default 0.5
-        of the superpixels of the next scale that must hold two labels; the paper: 1; a number >= 0.01 and <= 1
+        Length of the random walk: smaller values give fewer labels. Level n uses the nth power.
+        Expected: a number from 0.01 to 0.999.
     coarsest : bool, default True
-        a coarsest level of subtextures, as `decompose` finds them; not in the paper
+        Add a coarsest level of subtextures, as `decompose` finds them. The paper has none.
     labels : int | None, default None
-        how many subtextures that level has, at most; found when left out; a whole number >= 1 and <= 50
-    neighbors : int, default 256
-        of a superpixel in the graph, at most; a whole number >= 8 and <= 4096
-    tries : int, default 0
-        random starts that are joined with the first (boosting); a whole number >= 0 and <= 100
-    runs : int, default 1
-        of SLIC, the best is taken; the paper: 10; a whole number >= 1 and <= 1000
-    minsize : int | None, default None
-        smaller superpixels join a neighbor; sigma^2 / 4 when left out, 25 in the paper; a whole number >= 1 px
-    seed : int, default 0
-        of random starts; with tries=0 and runs=1 there are none; a whole number >= 0 and <= 4294967295
+        Maximum number of subtextures in the coarsest level. Expected: an integer from 1 to 50. Default:
+        found.
     paper : bool, default False
-        LSA16 by the letter: features=moments:persistence=0.95:share=1:coarsest off:neighbors=256:runs=10:minsize=25, one persistence at all levels, and labels cut wherever a coarser border crosses them
+        Settings of the paper (LSA16):
+        features=moments:persistence=0.95:share=1:coarsest=0:neighbors=256:runs=10:minsize=25, the same
+        persistence at all levels, and labels split wherever a coarser border crosses them.
     keep : bool, default False
-        the photo stays the first part, the labels follow it
-    soft : bool, default False
-        further parts: membership.N (G) and fit.N (F / its largest) of level N
+        Keep the photo as the first part, before the labels.
     cryptomatte : bool | FileName, default False
-        1: a further part with Cryptomatte 1.2 of all levels; a file name: its manifest goes there
+        Append Cryptomatte 1.2 of all levels as a part. A file name: also write the manifest to that
+        file.
     names : FileName | None, default None
-        table of `palette`: what labels are called, in parts and in Cryptomatte
-    single : bool, default False
-        with cryptomatte: one nameless part of the image's channels and Cryptomatte's, as Blender and Nuke take it at once
+        Table from `palette`, whose names are written to label parts and Cryptomatte.
     json : FileName | None, default None
-        scales, counts, areas and the tree of labels go to this file
+        File for scales, number and areas of labels, and their tree.
     data : bool, default False
-        the channels are no colors: compare them as they are
+        Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        photo: the photo, before all others [pixels; with keep]
-        label.N: at scale N; 1 is the finest [32-bit ids]
-        membership.N: of level N: G, a channel for every label [32-bit float values; with soft]
-        fit.N: of level N: F / its largest, a channel for every label [32-bit float values; with soft]
-        cryptomatte: all levels [Cryptomatte 1.2; with cryptomatte]
-        facts: scales, counts, areas and the tree of labels [JSON; with json]
+        A dict of parts by name if more than one part is requested.
+        - photo: Photo, as the first part. [pixels; with keep]
+        - label.N: Label map at level N; 1 is the finest. [32-bit ids]
+        - membership.N: Membership G at level N, a channel for each label. [32-bit float values; with
+          soft]
+        - fit.N: Fit F / max F at level N, a channel for each label. [32-bit float values; with soft]
+        - cryptomatte: All levels as Cryptomatte. [Cryptomatte 1.2; with cryptomatte]
+        - facts: Scales, number and areas of labels, and their tree. [JSON; with json]
+
+    Other Parameters
+    ----------------
+    features : Literal['textons', 'moments', 'gabor', 'quadtree'], default 'textons'
+        Features by which superpixels are compared. moments: as in the paper.
+    cluster : Literal['nmf', 'kmeans', 'spectral'], default 'nmf'
+        Clustering method. kmeans and spectral require scikit-learn and take the number of labels from
+        nmf.
+    share : float, default 0.5
+        Proportion of superpixels at the next scale that must each contain two or more labels. The
+        paper: 1. Expected: a number from 0.01 to 1.
+    neighbors : int, default 256
+        Maximum number of neighbors of a superpixel in the graph. Expected: an integer from 8 to 4096.
+    tries : int, default 0
+        Number of random starts that are combined with the first (boosting). Expected: an integer from 0
+        to 100.
+    runs : int, default 1
+        Number of SLIC runs, of which the best is used. The paper: 10. Expected: an integer from 1 to
+        1000.
+    minsize : int | None, default None
+        Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25. Expected:
+        an integer >= 1 px. Default: sigma^2 / 4.
+    seed : int, default 0
+        Seed of random starts. No effect with tries=0 and runs=1. Expected: an integer from 0 to
+        4294967295.
+    soft : bool, default False
+        Append parts membership.N (G) and fit.N (F / max F) for each level N.
+    single : bool, default False
+        Output as one unnamed part with the channels of the image and of Cryptomatte, as Blender and
+        Nuke expect. Requires cryptomatte.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> levels = filters.label("photo.png")
+    >>> list(levels)[0]
+    'label.1'
     """
 @overload
 def label(
@@ -1662,41 +1882,46 @@ def labelview(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Show label maps to people: a contact sheet of all levels, with the tree of labels beside it.
+    """Visualize label maps as a contact sheet of all levels, with the tree of labels.
 
-    Takes the image that `label` or `superpixel` makes, best with `keep`: the photo, then for every label part
-    (uint32, one channel) its labels in colors that stay apart for color-blind viewers too, over the photo's lightness
-    and with their borders. The tree has the coarsest labels at its top; a node is as wide as the label's share of the
-    image. The result is an 8-bit sRGB image for screens, made from every nth pixel: do not measure it.
+    Takes the result of `label` or `superpixel`, preferably with `keep`. The sheet shows the photo, then each label part
+    (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo and with
+    borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The result is
+    an 8-bit sRGB image for display, subsampled from the labels: do not measure it.
 
     Parameters
     ----------
     source : ImageLike
-        an image with label parts, as `label` or `superpixel` with `keep` makes it
+        Image with label parts, from `label` or `superpixel` with `keep`.
     side : int, default 384
-        longer side of one panel; a whole number >= 64 and <= 4096 px
+        Longer side of a panel. Expected: an integer from 64 to 4096 px.
     columns : int, default 3
-        panels in a row; a whole number >= 1 and <= 16
+        Number of panels in a row. Expected: an integer from 1 to 16.
     strength : float, default 0.65
-        of the labels' colors over the photo; a number >= 0 and <= 1
+        Opacity of the label colors over the photo. Expected: a number from 0 to 1.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf
-        view: the sheet [8-bit sRGB picture]
+        - view: Contact sheet. [8-bit sRGB picture]
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> sheet = filters.labelview(filters.label("photo.png", keep=True))
     """
 
 @overload
@@ -1730,84 +1955,112 @@ def paint(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Turn a painting of labels into a texture, at one scale or at two.
+    """Turn a painting of labels into a texture, at one or two scales.
 
-    What the painting calls label 3 becomes texture of label 3 of the photo, by guided quilting (`quilt`). A second
-    painting, fine, lays labels of the next finer level over it; where it is empty (black, id 0 or alpha 0), the first
-    stays (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
-    Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE is what `palette` wrote: which color is which
-    label; paintings of ids need none. With plan=FILE the next edit begins there: before=FILE keeps every patch whose
-    labels did not change, so that pixels elsewhere are the same to the bit.
+    Where the painting has label 3, the result has texture of label 3 of the photo, by guided quilting (`quilt`). An
+    optional second painting, `fine`, overlays labels of the next finer level; where it is empty (black, id 0 or alpha
+    0), the first painting applies (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
+    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE from `palette` maps colors to
+    labels; paintings of ids do not need it. To edit a result, write plan=FILE and pass it as before=FILE to the next
+    run: patches whose labels did not change are kept, so pixels elsewhere are bit-identical.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; where labels are spoken of, with label maps as `label` with `keep` makes them
+        Photo. Where labels are used, with the label maps that `label` with `keep` creates.
     painting : ImageLike
-        ids of labels, or colors that table gives a meaning; of any size
-    labels : ImageLike | None, default None
-        label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
+        Painting of any size: label ids, or colors that table maps to labels.
     fine : ImageLike | None, default None
-        a painting of labels of the next finer level that is laid over it; a text is the name of a part of the first image, else of a file
+        Painting of labels of the next finer level, overlaid on the first. A string is the name of a
+        part of the first image, or a file name.
     level : int | None, default None
-        which label map is painted: label.N; the table's, else the coarsest, when left out; a whole number >= 1
+        Level of the painted labels: N of label.N. Expected: an integer >= 1. Default: the table's
+        level, else the coarsest.
     table : FileName | None, default None
-        JSON of `palette`: which label each color of the paintings means
-    soft : float, default 0.2
-        how far a color of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and white are 1 apart: what soft brushes blend is within 0.2 of `palette`'s colors; 0: none; a number >= 0 and <= 1
+        JSON table from `palette`, which maps colors to labels.
     size : tuple[int, int] | None, default None
-        of the result; the painting's when left out; (width, height) >= 8 and <= 4194304 px
+        Size of the result. Expected: (width, height) from 8 to 4194304 px. Default: the painting's
+        size.
     plan : FileName | None, default None
-        what was painted, and with which patches, goes to this file (.npz)
+        File (.npz) for the painted labels and their patches, to be used by before.
     before : FileName | None, default None
-        such a file: what is painted as it was keeps its patches
-    report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/reference/report.md)
-    fail : Sequence[str] | None, default None
-        limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
+        Plan of an earlier run. Patches whose labels did not change are kept.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
-        along which axes the result tiles
+        Axes along which the result tiles.
     patch : int | None, default None
-        side of a patch; the label level's scale, or shorter side / 8, as a power of two when left out (less where a guide's labels are found in too few places); a whole number >= 8 and <= 256 px
-    candidates : int, default 256
-        patches that are tried in a place, at most; a whole number >= 1 and <= 65536
-    reuse : float, default 1.0
-        a region of the exemplar that is shown oftener than twice, and than once more than this times its fair share, costs, the more the oftener; a number >= 0 and <= 1000000000
-    finer : float, default 0.5
-        weight of finer levels' labels in the overlaps, beside color; a number >= 0 and <= 100
+        Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
+        Expected: an integer from 8 to 256 px. Default: scale of the label level, or shorter side / 8,
+        as a power of two; with guide, less if a label is rare.
     guidance : float, default 1.0
-        weight of the guide's labels inside a patch, beside color; a number >= 0 and <= 100
+        Weight of the guide's labels inside a patch, compared with color. Expected: a number from 0 to
+        100.
     keep : bool, default False
-        label parts of the exemplar follow, made from the same sources
-    data : bool, default False
-        the channels are no colors: compare them as they are
+        Write the exemplar's label parts, from the same source pixels, after the image.
     seed : int, default 0
-        same seed, same pixels; a whole number >= 0 and <= 4294967295
-    stmap : bool | FileName, default False
-        1: source coordinates as part 'st' of the result; a file name: there
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        paint: pixels copied from the photo, all channels together, in its own color space and type [pixels]
-        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
-        label.N: label parts of the photo, made from the same sources [32-bit ids; with keep]
-        plan: what was painted, and with which patches [.npz; with plan]
-        report: measures of the result, for machines [JSON; with report]
+        A dict of parts by name if more than one part is requested.
+        - paint: Pixels copied from the photo, all channels together, in its color space and type.
+          [pixels]
+        - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
+          with stmap]
+        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with keep]
+        - plan: Painted labels and the patches used for them. [.npz; with plan]
+        - report: Measures of the result, for programs. [JSON; with report]
+
+    Other Parameters
+    ----------------
+    labels : ImageLike | None, default None
+        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
+        first image, or a file name.
+    soft : float, default 0.2
+        Largest distance, in Oklab, at which a color counts as the nearest color of the table. Black and
+        white are 1 apart. Blends of soft brushes lie within 0.2 of the colors of `palette`. 0: exact
+        colors only. Expected: a number from 0 to 1.
+    report : FileName | None, default None
+        JSON file for the measures of the result (see docs/reference/report.md).
+    fail : Sequence[str] | None, default None
+        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
+        limit.
+    candidates : int, default 256
+        Maximum number of candidate patches per place. Expected: an integer from 1 to 65536.
+    reuse : float, default 1.0
+        Number of free uses of a region of the exemplar, as a multiple of its fair share. Uses beyond
+        two, and beyond one more than that number, are penalized. Expected: a number from 0 to
+        1000000000.
+    finer : float, default 0.5
+        Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
+        to 100.
+    data : bool, default False
+        Use the channels as data, without conversion to CIE Lab.
+    stmap : bool | FileName, default False
+        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        file.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> import numpy as np
+    >>> photo = filters.label("photo.png", keep=True)
+    >>> painting = np.ones((300, 400), np.uint32)  # label 1 everywhere
+    >>> texture = filters.paint(photo, painting)
     """
 @overload
 def paint(
@@ -1893,64 +2146,79 @@ def palette(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Lay out what a texture consists of: a band for every label, beside it the labels within.
+    """Create a chart of the labels of a texture: a row for each label, with its sublabels.
 
-    Every row is a label of one level, its texture synthesized from its pixels alone;
-    right of it are its children on the next finer level, side by side (LSA16: Lockerman, Sauvage, Allegre, Dischler,
-    Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2, figures 13
-    and 14). The largest label is on top. json=FILE says for each its id, name, color to paint with, area, parent,
-    children and place in the picture: the table of `paint`. paints=FILE is a palette for painting programs, `chips`
-    a picture of the same colors.
+    A row starts with texture synthesized from the pixels of one label only. To its right are its children on the next
+    finer level (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
+    Texture Synthesis, SIGGRAPH 2016, section 6.2, figures 13 and 14). The largest label is on top. json=FILE writes the
+    table for `paint`: id, name, paint color, area, parent, children and position in the chart of each label.
+    paints=FILE writes the colors as a palette for painting programs, and `chips` draws them.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; where labels are spoken of, with label maps as `label` with `keep` makes them
-    labels : ImageLike | None, default None
-        label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
+        Photo. Where labels are used, with the label maps that `label` with `keep` creates.
     side : int, default 96
-        height of a row; a whole number >= 16 and <= 1024 px
+        Height of a row. Expected: an integer from 16 to 1024 px.
     rows : int, default 24
-        labels that are shown, the largest first; a whole number >= 1 and <= 256
+        Maximum number of labels, the largest first. Expected: an integer from 1 to 256.
     children : int, default 8
-        children that are shown of each, the largest first; a whole number >= 0 and <= 64
+        Maximum number of children of each label, the largest first. Expected: an integer from 0 to 64.
     chips : bool | FileName, default False
-        1: a further part with the paint colors, ids and names in them; a file name: there
+        Paint colors with ids and names. 1: append them as part 'chips'; a file name: write that file.
     paints : FileName | None, default None
-        the paint colors go to this file, .gpl or .aco: load it where you paint
+        File for the paint colors (.gpl or .aco), to load into a painting program.
     json : FileName | None, default None
-        ids, names, colors, areas, parents, children and boxes go to this file
-    level : int | None, default None
-        which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
-    data : bool, default False
-        the channels are no colors: compare them as they are
+        File for ids, names, colors, areas, parents, children and boxes of labels.
     seed : int, default 0
-        same seed, same pixels; a whole number >= 0 and <= 4294967295
-    stmap : bool | FileName, default False
-        1: source coordinates as part 'st' of the result; a file name: there
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        palette: rows of texture, copied from the photo, in its own color space and type [pixels]
-        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
-        chips: the paint colors with ids and names, each as large as its swatch [8-bit sRGB picture; with chips]
-        paints: the paint colors by name, for GIMP, Krita and Inkscape, or Photoshop [.gpl or .aco; with paints]
-        table: ids, names, colors, areas, parents, children and boxes of labels [JSON; with json]
+        A dict of parts by name if more than one part is requested.
+        - palette: Rows of texture, copied from the photo, in its own color space and type. [pixels]
+        - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
+          with stmap]
+        - chips: Paint colors with ids and names, laid out like the palette. [8-bit sRGB picture; with
+          chips]
+        - paints: Named paint colors for GIMP, Krita and Inkscape, or Photoshop. [.gpl or .aco; with
+          paints]
+        - table: Ids, names, colors, areas, parents, children and boxes of labels. [JSON; with json]
+
+    Other Parameters
+    ----------------
+    labels : ImageLike | None, default None
+        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
+        first image, or a file name.
+    level : int | None, default None
+        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
+        Expected: an integer >= 1. Default: the coarsest.
+    data : bool, default False
+        Use the channels as data, without conversion to CIE Lab.
+    stmap : bool | FileName, default False
+        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        file.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> photo = filters.label("photo.png", keep=True)
+    >>> sheet = filters.palette(photo)
     """
 @overload
 def palette(
@@ -2023,7 +2291,7 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    within: ImageLike | None = None,
+    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     contrast: float = 1.0,
     relevel: bool = False,
@@ -2050,86 +2318,120 @@ def patchmatch(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """The photo synthesized anew by PatchMatch alone: the paper's baselines (MJH17 section 5.2).
+    """Resynthesize a photo by PatchMatch alone, for comparison: the baseline of MJH17 (section 5.2).
 
-    The same as `stationarize` without its projection. `tile=xy` is toroidal PatchMatch, `tile=none` the plain one.
+    This is `stationarize` without flattening and without the stationarity projection. `tile=xy` is the paper's toroidal
+    PatchMatch, `tile=none` its plain PatchMatch.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; of n maps of a material, the first
+        Photo; of the n maps of a material, the first.
     mask : ImageLike | None, default None
-        where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
-    labels : ImageLike | None, default None
-        label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
-    within : ImageLike | None, default None
-        make only these pixels anew, from patches outside of them, and leave the rest to the bit: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
-    weight : ImageLike | None, default None
-        how often pixels of the photo are used beside others, by the first channel: 0 never, 2 twice as often as 1; a text is the name of a part of the first image, else of a file
+        Image that marks the valid source pixels (first channel above half its range, or a nonzero label
+        id). A string is the name of a part of the first image, or a file name.
+    inpaint : ImageLike | None, default None
+        Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero
+        label id). They are filled from patches outside of the marked area; all other pixels are kept
+        unchanged. A string is the name of a part of the first image, or a file name.
     maps : Sequence[ImageLike], default ()
-        the other maps of the material, made anew with it
-    contrast : float, default 1.0
-        how strongly the histogram is held to the photo's at first; it fades out; a number >= 0 and <= 1
-    relevel : bool, default False
-        1: every copied piece of a height map is raised or lowered as a whole, for its seams to close as far as constants can: its pixels are then copies plus a constant; goes with kinds=...,height
+        Further maps, resynthesized from the same source pixels. A string is the name of a part of the
+        first image, or a file name.
     size : Literal['pow2'] | tuple[int, int] | None, default None
-        size of the result. pow2: the nearest power of two of each side of the photo. Default: the photo's size; 'pow2' or (width, height) >= 5 and <= 65536 px
+        Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
+        'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
-        along which axes the result tiles; when left out xy, with within none
+        Axes along which the result tiles. Default: xy; with inpaint, none.
     variants : int, default 1
-        so many different tiles that go beside each other: up to 7 any beside any; from 8 on edges have two colors (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say; a whole number >= 1 and <= 64
+        Number of interchangeable tiles. Up to 7, any tile fits next to any other. From 8, they are Wang
+        tiles with two edge colors (16: the complete set), stored in the part names and the attribute
+        oiiotex:edges. Expected: an integer from 1 to 64.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
-        Side of a patch: the scale up to which detail is copied whole. Default: 13.; 5 | 7 | 9 | 11 | 13 | 15 | 17 | 19 | 21
-    iterations : int, default 30
-        Iterations on the coarsest level; each finer level has one. Default: 30.; a whole number >= 1 and <= 1000
-    uniformity : float, default 0.01
-        how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence; a number >= 0 and <= 1
-    reuse : float, default 1.0
-        Weight of the penalty on regions of the photo that are shown more than 2 times. 0: none; the result is closer to the photo and repeats more. Default: 1.; a number >= 0 and <= 1
-    resume : bool, default False
-        keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there
-    report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/reference/report.md)
-    fail : Sequence[str] | None, default None
-        limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
+        Side of a patch. Detail up to this scale is copied whole. Expected: one of 5, 7, 9, 11, 13, 15,
+        17, 19, 21. Default: 13.
     n : int, default 1
-        how many maps of one material are made together, the last images of the stack; a whole number >= 1 and <= 16
-    kinds : Sequence[str] | None, default None
-        what the maps are, in their order: color (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no color is tagged as data
-    match : float | Sequence[float] | None, default None
-        how much the maps count when patches are compared, in their order; 0: not at all; when left out 1 for every map, 0.25 for a height; a number or a sequence of them >= 0
+        Number of maps of one material, resynthesized together: the last n images. Expected: an integer
+        from 1 to 16.
     label : int | None, default None
-        take only pixels of that label, by its id; a whole number >= 1
-    level : int | None, default None
-        which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
-    data : bool, default False
-        the channels are no colors: compare them as they are
+        Id of a label: only its pixels are used as a source. Expected: an integer >= 1.
     seed : int, default 0
-        same seed, same pixels; a whole number >= 0 and <= 4294967295
-    stmap : bool | FileName, default False
-        1: source coordinates as part 'st' of the result; a file name: there
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]
-        a dict where more than one part was asked for
-        a list of these where there are several images
-        tile: pixels copied from the photo, all channels together, in its own color space and type; of n maps n images, in their order; of variants that many [pixels]
-        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
-        report: measures of the result, for machines [JSON; with report]
+        A dict of parts by name if more than one part is requested.
+        A list of these if several images are made.
+        - tile: Pixels copied from the photo, all channels together, in its color space and type. One
+          image for each of the n maps, in order, and for each variant. [pixels]
+        - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
+          with stmap]
+        - report: Measures of the result, for programs. [JSON; with report]
+
+    Other Parameters
+    ----------------
+    labels : ImageLike | None, default None
+        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
+        first image, or a file name.
+    weight : ImageLike | None, default None
+        Image of relative weights, in its first channel: a pixel of weight 2 is used twice as often as
+        one of weight 1, and one of weight 0 never. A string is the name of a part of the first image,
+        or a file name.
+    contrast : float, default 1.0
+        Initial strength of histogram matching to the photo. It fades out over the coarsest level.
+        Expected: a number from 0 to 1.
+    relevel : bool, default False
+        Offset of each copied piece of a height map by a constant, to close the steps at its seams.
+        Requires kinds=...,height.
+    iterations : int, default 30
+        Iterations on the coarsest level; each finer level has one. Expected: an integer from 1 to 1000.
+    uniformity : float, default 0.01
+        Weight of the uniform-use term (MJH17 eq. 6). Above 0.1, coherence suffers. Expected: a number
+        from 0 to 1.
+    reuse : float, default 1.0
+        Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
+        is closer to the photo and repeats more. Expected: a number from 0 to 1.
+    resume : bool, default False
+        Checkpoint after each pyramid level, in OUT.parts, from which an interrupted run resumes.
+    report : FileName | None, default None
+        JSON file for the measures of the result (see docs/reference/report.md).
+    fail : Sequence[str] | None, default None
+        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
+        limit.
+    kinds : Sequence[str] | None, default None
+        Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
+        data in the result. Default: color (with data=1, data) for the first map, data for the others.
+    match : float | Sequence[float] | None, default None
+        Weight of each map in the comparison of patches, in order. 0: the map is ignored there, but
+        still resynthesized. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
+        0.25 for a height.
+    level : int | None, default None
+        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
+        Expected: an integer >= 1. Default: the coarsest.
+    data : bool, default False
+        Use the channels as data, without conversion to CIE Lab.
+    stmap : bool | FileName, default False
+        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        file.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> tile = filters.patchmatch("photo.png", seed=7)
     """
 @overload
 def patchmatch(
@@ -2138,7 +2440,7 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    within: ImageLike | None = None,
+    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     contrast: float = 1.0,
     relevel: bool = False,
@@ -2172,7 +2474,7 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    within: ImageLike | None = None,
+    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
     contrast: float = 1.0,
@@ -2213,41 +2515,50 @@ def preview(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Lay a tile out as it will be seen: 2 x 2, 3 x 3, and on a plane in perspective to the horizon.
+    """Preview a tile as it will be used: repeated 2 x 2 and 3 x 3, and on a plane in perspective.
 
-    The plane is the stress test of MJH17 (section 5.2): all repetition shows there. With `exemplar` the photo stands
-    beside it, and what a paint program's 'make seamless' makes of it, 2 x 2: the photo blended with itself shifted by
-    half. Every pixel is the mean of all it covers. Values are averaged as they are stored: of a picture that is not
-    linear convert a copy first (OpenImageIO's `colorconvert`), where the light at the horizon must be right.
+    The plane extends to the horizon, where any repetition becomes visible (the stress test of MJH17, section 5.2). With
+    `exemplar`, the preview also shows the photo, and the photo made seamless by blending it with itself shifted by
+    half, as paint programs do.
+
+    Every pixel is the mean of the area that it covers. Stored values are averaged without conversion: for correct
+    brightness near the horizon, convert the tile to a linear color space first (OpenImageIO's `colorconvert`).
 
     Parameters
     ----------
     tile : ImageLike
-        the tile
+        Tile to preview.
     exemplar : ImageLike | None, default None
-        the photo that it was made from; a text is the name of a part of the first image, else of a file
+        Photo from which the tile was made. A string is the name of a part of the first image, or a file
+        name.
     panels : Sequence[str] | None, default None
-        which, in their order: exemplar, seamless, 2x2, 3x3, plane; when left out all there can be
+        Panels to show, in order: exemplar, seamless, 2x2, 3x3, plane. Default: all; without exemplar,
+        2x2,3x3,plane.
     height : int, default 512
-        of each panel; a whole number >= 16 and <= 16384 px
+        Height of each panel. Expected: an integer from 16 to 16384 px.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf
-        preview: the panels side by side, in the tile's color space and type [pixels]
+        - preview: Panels side by side, in the tile's color space and type. [pixels]
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> sheet = filters.preview(filters.stationarize("photo.png"), panels=["3x3"])
     """
 
 @overload
@@ -2284,90 +2595,123 @@ def quilt(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Sew a texture of any size together from patches of a photo, as a stream.
+    """Synthesize a texture of any size from patches of a photo, joined along minimum-error cuts.
 
-    Image quilting (Efros & Freeman, SIGGRAPH 2001): square patches on a regular grid, each the one that fits what is
-    there best, cut along the line where both look most alike. With label maps (of `label`) a guide says what is
-    to be where: patches are looked up by their content, the two most frequent labels in them (LSA16: Lockerman,
-    Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
-    2016, section 6.1). Every pixel of the result is a copy of one pixel of the photo, and the result does not depend
-    on memory or threads. A plan of offsets and cuts is all that is kept, so memory does not grow with the pixels.
+    Image quilting (Efros & Freeman, SIGGRAPH 2001) places square patches on a regular grid. Each patch is the best
+    match for its neighbors, and is cut along the path of least difference.
+
+    With label maps (of `label`), a guide controls the layout: patches are selected by their content, the two most
+    frequent labels in them (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map
+    Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.1).
+
+    Every pixel of the result is a copy of one pixel of the photo. Only a plan of offsets and cuts is held, so memory
+    does not grow with the number of pixels.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; where labels are spoken of, with label maps as `label` with `keep` makes them
+        Photo. Where labels are used, with the label maps that `label` with `keep` creates.
     mask : ImageLike | None, default None
-        where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
-    labels : ImageLike | None, default None
-        label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
+        Image that marks the valid source pixels (first channel above half its range, or a nonzero label
+        id). A string is the name of a part of the first image, or a file name.
     guide : ImageLike | None, default None
-        what is to be where: ids of labels, or ids or colors that table gives a meaning; of any size; a text is the name of a part of the first image, else of a file
+        Image of any size that controls the layout: label ids, or ids or colors mapped by table. A
+        string is the name of a part of the first image, or a file name.
     label : int | None, default None
-        take only pixels of that label, by its id; a whole number >= 1
-    table : FileName | None, default None
-        JSON: {"255,0,0": 3, "0,0,255": [1, 2]}: which label or key ids or 8-bit colors of the guide mean
-    soft : float, default 0.2
-        how far a color of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and white are 1 apart: what soft brushes blend is within 0.2 of `palette`'s colors; 0: none; a number >= 0 and <= 1
-    overlap : int | None, default None
-        of neighbors, at most patch / 3; patch / 4 when left out; a whole number >= 4 and <= 85 px
-    plan : FileName | None, default None
-        the plan goes to this file (.npz): offsets and cuts
-    render : bool, default False
-        make the result from the plan in that file, of the photo or of any map of its size
-    report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/reference/report.md)
-    fail : Sequence[str] | None, default None
-        limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
+        Id of a label: only its pixels are used as a source. Expected: an integer >= 1.
     size : tuple[int, int] | None, default None
-        of the result; the guide's or else the exemplar's when left out; (width, height) >= 1 and <= 4194304 px
+        Size of the result. Expected: (width, height) from 1 to 4194304 px. Default: size of the guide,
+        else of the exemplar.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
-        along which axes the result tiles
+        Axes along which the result tiles.
     patch : int | None, default None
-        side of a patch; the label level's scale, or shorter side / 8, as a power of two when left out (less where a guide's labels are found in too few places); a whole number >= 8 and <= 256 px
-    candidates : int, default 256
-        patches that are tried in a place, at most; a whole number >= 1 and <= 65536
-    reuse : float, default 1.0
-        a region of the exemplar that is shown oftener than twice, and than once more than this times its fair share, costs, the more the oftener; a number >= 0 and <= 1000000000
-    finer : float, default 0.5
-        weight of finer levels' labels in the overlaps, beside color; a number >= 0 and <= 100
+        Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
+        Expected: an integer from 8 to 256 px. Default: scale of the label level, or shorter side / 8,
+        as a power of two; with guide, less if a label is rare.
     guidance : float, default 1.0
-        weight of the guide's labels inside a patch, beside color; a number >= 0 and <= 100
+        Weight of the guide's labels inside a patch, compared with color. Expected: a number from 0 to
+        100.
     keep : bool, default False
-        label parts of the exemplar follow, made from the same sources
-    level : int | None, default None
-        which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
-    data : bool, default False
-        the channels are no colors: compare them as they are
+        Write the exemplar's label parts, from the same source pixels, after the image.
     seed : int, default 0
-        same seed, same pixels; a whole number >= 0 and <= 4294967295
-    stmap : bool | FileName, default False
-        1: source coordinates as part 'st' of the result; a file name: there
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295.
     structure : float, default 0.5
-        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
+        would stretch them visibly, the default size is the nearest with complete repeats only. Ignored
+        for photos without regular repeats. Expected: a number from 0 to 1.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        quilt: pixels copied from the photo, all channels together, in its own color space and type [pixels]
-        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
-        label.N: label parts of the photo, made from the same sources [32-bit ids; with keep]
-        plan: offsets and cuts [.npz; with plan]
-        report: measures of the result, for machines [JSON; with report]
+        A dict of parts by name if more than one part is requested.
+        - quilt: Pixels copied from the photo, all channels together, in its color space and type.
+          [pixels]
+        - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
+          with stmap]
+        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with keep]
+        - plan: Plan of the quilt: offsets and cuts. [.npz; with plan]
+        - report: Measures of the result, for programs. [JSON; with report]
+
+    Other Parameters
+    ----------------
+    labels : ImageLike | None, default None
+        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
+        first image, or a file name.
+    table : FileName | None, default None
+        JSON file that maps ids or 8-bit colors of the guide to labels or keys: {"255,0,0": 3,
+        "0,0,255": [1, 2]}.
+    soft : float, default 0.2
+        Largest distance, in Oklab, at which a color counts as the nearest color of the table. Black and
+        white are 1 apart. Blends of soft brushes lie within 0.2 of the colors of `palette`. 0: exact
+        colors only. Expected: a number from 0 to 1.
+    overlap : int | None, default None
+        Overlap of neighboring patches, at most patch / 3. Expected: an integer from 4 to 85 px.
+        Default: patch / 4.
+    plan : FileName | None, default None
+        File (.npz) for the plan: offsets and cuts.
+    render : bool, default False
+        Rendering from the file of plan, instead of writing it, with any map of the photo's size.
+    report : FileName | None, default None
+        JSON file for the measures of the result (see docs/reference/report.md).
+    fail : Sequence[str] | None, default None
+        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
+        limit.
+    candidates : int, default 256
+        Maximum number of candidate patches per place. Expected: an integer from 1 to 65536.
+    reuse : float, default 1.0
+        Number of free uses of a region of the exemplar, as a multiple of its fair share. Uses beyond
+        two, and beyond one more than that number, are penalized. Expected: a number from 0 to
+        1000000000.
+    finer : float, default 0.5
+        Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
+        to 100.
+    level : int | None, default None
+        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
+        Expected: an integer >= 1. Default: the coarsest.
+    data : bool, default False
+        Use the channels as data, without conversion to CIE Lab.
+    stmap : bool | FileName, default False
+        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        file.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> texture = filters.quilt("photo.png", size=(1024, 512), seed=7)
     """
 @overload
 def quilt(
@@ -2454,52 +2798,69 @@ def rectify(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Show a flat surface from the front that was photographed at a slant.
+    """Correct the perspective of a flat surface that was photographed obliquely.
 
-    Four corners of what is a rectangle in the world become those of the result; width over height follows from the
-    perspective itself (Zhang and He 2007: square pixels, the photo not cropped), or from physical=. Without corners a
-    photo of what repeats at equal distances in two directions (tiles, bricks, a weave) is straightened by its lattice,
-    and the result has as many whole cells of it as fit into the photo, so that it closes on itself along both axes.
-    With physical= the size of a pixel goes into the metadata (XResolution, YResolution, ResolutionUnit), which
-    all filters hand on. Values are filtered as they are stored; normals and displacements keep their directions.
+    Four corners of a rectangle in the world become the corners of the result. The aspect ratio is derived from the
+    perspective (Zhang and He 2007: square pixels, uncropped photo) or from `physical`.
+
+    Without `corners`, the lattice of a surface that repeats regularly in two directions (tiles, bricks, a weave) is
+    detected and straightened. The result contains as many complete cells of the lattice as the photo, so it tiles along
+    both axes.
+
+    With `physical`, the size of a pixel is stored in the metadata (XResolution, YResolution, ResolutionUnit), which all
+    filters preserve. Stored values are filtered without conversion, and vectors in normal maps are not rotated.
 
     Parameters
     ----------
     source : ImageLike
-        the photo
+        Photo to rectify.
     corners : float | Sequence[float] | None, default None
-        x,y of top left, top right, bottom right, bottom left, from the display window's corner; by the photo's lattice when left out; a number or a sequence of them px
+        Corners as x,y of top left, top right, bottom right, bottom left, relative to the display
+        window. Expected: a number or a sequence of numbers px. Default: detected from the photo's
+        lattice.
     size : tuple[int, int] | None, default None
-        width x height of the result; as large as the longer sides are seen when left out; (width, height) >= 1 and <= 65536
+        Size of the result. Expected: (width, height) from 1 to 65536. Default: lengths of the longer
+        sides in the photo.
     physical : float | Sequence[float] | None, default None
-        width,height in meters of what the corners span; of the lattice, of a cell; a number or a sequence of them >= 1e-09 and <= 1000000000 m
-    filter : Literal['lanczos3', 'mitchell', 'triangle'], default 'lanczos3'
-        what pixels are resampled by
-    stmap : bool | FileName, default False
-        1: source coordinates as part 'st' of the result; a file name: there
-    json : FileName | None, default None
-        corners, size, cells, meters and the matrix go to this file
+        Width and height of the area between the corners, or of a cell of the lattice without corners.
+        Expected: a number or a sequence of numbers from 1e-09 to 1000000000 m.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        rectified: the surface from the front, in the photo's own color space and type [pixels]
-        st: where every pixel comes from, between pixels, as `st_warp` reads it [32-bit float coordinates; with stmap]
-        geometry: corners, size, cells, meters, matrix [JSON; with json]
+        A dict of parts by name if more than one part is requested.
+        - rectified: Surface seen from the front, in the photo's color space and type. [pixels]
+        - st: Source coordinates of every pixel, with subpixel precision, for `st_warp`. [32-bit float
+          coordinates; with stmap]
+        - geometry: Corners, size, cells, meters and matrix. [JSON; with json]
+
+    Other Parameters
+    ----------------
+    filter : Literal['lanczos3', 'mitchell', 'triangle'], default 'lanczos3'
+        Resampling filter.
+    stmap : bool | FileName, default False
+        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        file.
+    json : FileName | None, default None
+        JSON file for corners, size, cells, meters and the matrix.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> front = filters.rectify("photo.png", corners=(3, 2, 66, 5, 70, 60, 1, 62))
     """
 @overload
 def rectify(
@@ -2551,54 +2912,67 @@ def sigmas(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Show what each sigma of `stationarize` makes of a photo, and find sigmas whose steps look even.
+    """Compare the effect of sigma in `stationarize` on a photo, as a contact sheet with equal visible steps.
 
-    A contact sheet of n small tiles, from the largest sigma (amount 0) to the smallest (amount 1), laid out 2 x 2. How
-    much a tile changes with sigma hangs on the photo: neighbors are compared by the earth mover's distance between
-    their histograms, and sigmas are spread anew so that the steps are even (MJH17: Moritz, James, Haines, Ritschel,
-    Weyrich, Texture Stationarization, Eurographics 2017, section 4.4). Its `amount` finds its sigma on the
-    same scale, which is kept in the user's cache. The table is printed; json keeps it. The result is an 8-bit sRGB
-    image for screens: do not measure it.
+    The sheet shows n small tiles, each repeated 2 x 2, from the largest sigma (amount 0) to the smallest (amount 1).
+    The visible effect of sigma depends on the photo: it is measured as the earth mover's distance between the
+    histograms of neighboring tiles, and sigmas are spaced to make these steps equal (MJH17: Moritz, James, Haines,
+    Ritschel, Weyrich, Texture Stationarization, Eurographics 2017, section 4.4).
+
+    The modifier amount of `stationarize` uses the same scale, which is stored in the user's cache. The table of sigmas
+    is printed, and written with `json`. The result is an 8-bit sRGB image for display, not for measurements.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo
+        Photo.
     n : int, default 9
-        how many sigmas; a whole number >= 3 and <= 32
+        Number of sigmas. Expected: an integer from 3 to 32.
     size : tuple[int, int] | None, default None
-        of the tile they are for; the photo's own when left out; (width, height) >= 5 and <= 65536 px
-    measure : Literal['histogram', 'moments', 'steerable'], default 'histogram'
-        what must look the same everywhere: local histograms, local moments, or responses of steerable filters
-    order : int | None, default None
-        of measure=moments: up to which; 2 (mean and variance) when left out, 3 adds skewness, 4 kurtosis; a whole number >= 2 and <= 4
+        Size of the tile for which sigma is chosen. Expected: (width, height) from 5 to 65536 px.
+        Default: size of the photo.
     seed : int, default 0
-        same seed, same pixels; a whole number >= 0 and <= 4294967295
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295.
     columns : int, default 3
-        tiles in a row; a whole number >= 1 and <= 32
+        Number of tiles in a row. Expected: an integer from 1 to 32.
     json : FileName | None, default None
-        the table goes to this file
+        JSON file for the table.
     data : bool, default False
-        the channels are no colors: compare them as they are
+        Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf
-        view: the sheet [8-bit sRGB picture]
-        table: sigmas and amounts [JSON; with json]
+        - view: Contact sheet. [8-bit sRGB picture]
+        - table: Table of sigmas and amounts. [JSON; with json]
+
+    Other Parameters
+    ----------------
+    measure : Literal['histogram', 'moments', 'steerable'], default 'histogram'
+        Statistics that define stationarity. histogram: local histograms. moments: local moments.
+        steerable: responses of steerable filters.
+    order : int | None, default None
+        Highest order of moments, for measure=moments. 2: mean and variance. 3: also skewness. 4: also
+        kurtosis. Expected: an integer from 2 to 4. Default: 2.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> sheet = filters.sigmas("photo.png", n=4)
     """
 
 def stationarity(
@@ -2614,44 +2988,59 @@ def stationarity(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Map how far an image is from looking the same everywhere.
+    """Map the stationarity of an image: how much each place differs statistically from the rest.
 
-    The value of a pixel is the mean difference between what is seen there through a Gaussian of sigma and what is seen
-    elsewhere: 0 where the image is as it is everywhere, high in stains, shadows and odd patches. The difference is the
-    earth mover's distance between Lab histograms, or that between histograms of the responses of steerable filters,
-    or the squared difference of local moments. Its mean is the stationarity cost of MJH17 (eq. 1), which is logged
-    with -v and stored in the attribute oiiotex:stationarity of the result.
+    The value of a pixel is the mean difference between local statistics there, in a Gaussian window of scale sigma, and
+    those elsewhere: near 0 in typical areas, high in stains, shadows and unusual patches. Depending on `measure`, the
+    difference is the earth mover's distance between Lab histograms or between histograms of steerable filter responses,
+    or the squared difference of local moments.
+
+    The mean is the stationarity cost of MJH17 (eq. 1). It is logged with -v and stored in the attribute
+    oiiotex:stationarity of the result.
 
     Parameters
     ----------
     source : ImageLike
-        the image
+        Image to measure.
     sigma : float | None, default None
-        scale at which the image is looked at; longer side / 32 when left out; a number >= 1 and <= 1000000 px
+        Scale of the local statistics. Expected: a number from 1 to 1000000 px. Default: longer side /
+        32.
     measure : Literal['histogram', 'moments', 'steerable'], default 'histogram'
-        what must look the same everywhere: local histograms, local moments, or responses of steerable filters
-    order : int | None, default None
-        of measure=moments: up to which; 2 (mean and variance) when left out, 3 adds skewness, 4 kurtosis; a whole number >= 2 and <= 4
+        Statistics that define stationarity. histogram: local histograms. moments: local moments.
+        steerable: responses of steerable filters.
     data : bool, default False
-        the channels are no colors: compare them as they are
+        Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf
-        deviation: one channel in Lab units (moments: squared), of the image's windows [32-bit float values]
+        - deviation: One channel in Lab units (for moments, squared), in the image's windows. [32-bit
+          float values]
+
+    Other Parameters
+    ----------------
+    order : int | None, default None
+        Highest order of moments, for measure=moments. 2: mean and variance. 3: also skewness. 4: also
+        kurtosis. Expected: an integer from 2 to 4. Default: 2.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> deviation = filters.stationarity("photo.png")
+    >>> worst = deviation.get_pixels().max()  # Lab units
     """
 
 @overload
@@ -2661,7 +3050,7 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    within: ImageLike | None = None,
+    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -2699,114 +3088,167 @@ def stationarize(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Turn a photo into a texture that tiles without visible repetition.
+    """Create a seamlessly tiling texture from a photo, without visible repetition.
 
-    Gradients of light and stains repeat visibly when a photo is tiled. They are removed first (`flatten`), as by
-    `flatten`. Then the photo is resynthesized from its own patches, while local histograms, or another measure, are
-    kept uniform above a scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization,
-    Eurographics 2017). Every pixel of the result is a copy of one pixel of the photo, all its channels together; where
-    drift is removed, the copy is corrected by a gain and an offset in Lab that vary slowly, but for the rims of stains.
-    With `relevel`, heights are copies plus a constant for each copied piece.
+    Gradients of light and stains repeat visibly when a photo is tiled, so `flatten` removes them first. The photo is
+    then resynthesized from its own patches while local statistics (by default histograms) are kept uniform above a
+    scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017).
+
+    Every pixel of the result is a copy of one pixel of the photo, with all its channels. Where low-frequency variation
+    was removed, a gain and an offset in Lab are applied to the copy. With `relevel`, a constant is added to each copied
+    piece of a height map.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; of n maps of a material, the first
+        Photo; of the n maps of a material, the first.
     mask : ImageLike | None, default None
-        where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
-    labels : ImageLike | None, default None
-        label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
-    within : ImageLike | None, default None
-        make only these pixels anew, from patches outside of them, and leave the rest to the bit: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
-    weight : ImageLike | None, default None
-        how often pixels of the photo are used beside others, by the first channel: 0 never, 2 twice as often as 1; a text is the name of a part of the first image, else of a file
+        Image that marks the valid source pixels (first channel above half its range, or a nonzero label
+        id). A string is the name of a part of the first image, or a file name.
+    inpaint : ImageLike | None, default None
+        Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero
+        label id). They are filled from patches outside of the marked area; all other pixels are kept
+        unchanged. A string is the name of a part of the first image, or a file name.
     sigmamap : ImageLike | None, default None
-        sigma for each pixel of the result, in px, by the first channel of floats; a text is the name of a part of the first image, else of a file
+        Image of sigma for each pixel of the result, in pixels, in the first channel of a float image. A
+        string is the name of a part of the first image, or a file name.
     maps : Sequence[ImageLike], default ()
-        the other maps of the material, made anew with it
+        Further maps, resynthesized from the same source pixels. A string is the name of a part of the
+        first image, or a file name.
     flatten : float | None, default None
-        Share of the photo's gradients and stains that is removed before synthesis, as by `flatten`. 0: every pixel is a verbatim copy. Default: 1; 0 with within and for data.; a number >= 0 and <= 1
-    drift : bool | FileName, default False
-        1: the correction as part 'drift' of the result; a file name: there. Default: 0.
+        Share of the photo's gradients and stains that is removed before synthesis. 0: every pixel is a
+        verbatim copy. Expected: a number from 0 to 1. Default: 1; with inpaint or for data, 0.
     sigma : float | None, default None
-        Scale in pixels above which the result is statistically uniform; structures below it are kept. Default: longer side / 8, with within / 32, at least patch / 4.; a number >= 0.5 and <= 1000000 px
-    amount : float | None, default None
-        instead of sigma: how stationary it shall look, in even steps that hang on the photo (see `sigmas`); a number >= 0 and <= 1
-    contrast : float | None, default None
-        How strongly the overall histogram is held to that of target. 0: colors of rare objects, such as windows in a wall, may vanish. Default: 0.7; 0 with within.; a number >= 0 and <= 1
-    target : Literal['flat', 'exemplar'], default 'flat'
-        the histogram that contrast holds to: that of the photo made stationary, or (as in the paper, fading out over the coarsest level) of the photo
-    measure : Literal['histogram', 'moments', 'steerable'], default 'histogram'
-        what must look the same everywhere: local histograms, local moments, or responses of steerable filters
-    order : int | None, default None
-        of measure=moments: up to which; 2 (mean and variance) when left out, 3 adds skewness, 4 kurtosis; a whole number >= 2 and <= 4
+        Scale, in pixels, above which the result is statistically uniform. Smaller structures are kept.
+        Reduce it if features still repeat visibly. Expected: a number from 0.5 to 1000000 px. Default:
+        longer side / 8; with inpaint, longer side / 32; at least patch / 4.
     structure : float, default 0.5
-        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
+        would stretch them visibly, the default size is the nearest with complete repeats only. Ignored
+        for photos without regular repeats. Expected: a number from 0 to 1.
     preset : Literal['even', 'clean', 'keep'] | None, default None
-        Modifiers for those that are not given. keep (large structures stay whole): sigma = longer side / 4, patch=21; even (structures beyond sigma are evened out, too): sigma = longer side / 32, patch=11; clean (objects are removed): as even, with contrast=0 and the mask of `dominant`. -v prints the line that makes the same pixels. Default: none of them.
-    paper : bool, default False
-        MJH17 by the letter: flatten=0:target=exemplar:contrast=1:structure=0, sigma longer side / 32, patch=11, a pyramid that starts at a quarter of the tile, 3 iterations on each finer level, no reuse penalties, no overshoot. Where the paper gives no number (alpha, uniformity) it is ours. Default: 0.
-    relevel : bool, default False
-        1: every copied piece of a height map is raised or lowered as a whole, for its seams to close as far as constants can: its pixels are then copies plus a constant; goes with kinds=...,height
+        Set of values for modifiers that are not given. keep preserves large structures (sigma = longer
+        side / 4, patch=21). even also evens out structures beyond sigma (longer side / 32, patch=11).
+        clean also removes objects (as even, with contrast=0 and the mask of `dominant`).
     size : Literal['pow2'] | tuple[int, int] | None, default None
-        size of the result. pow2: the nearest power of two of each side of the photo. Default: the photo's size; 'pow2' or (width, height) >= 5 and <= 65536 px
+        Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
+        'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
-        along which axes the result tiles; when left out xy, with within none
+        Axes along which the result tiles. Default: xy; with inpaint, none.
     variants : int, default 1
-        so many different tiles that go beside each other: up to 7 any beside any; from 8 on edges have two colors (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say; a whole number >= 1 and <= 64
+        Number of interchangeable tiles. Up to 7, any tile fits next to any other. From 8, they are Wang
+        tiles with two edge colors (16: the complete set), stored in the part names and the attribute
+        oiiotex:edges. Expected: an integer from 1 to 64.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
-        Side of a patch: the scale up to which detail is copied whole. Default: 13.; 5 | 7 | 9 | 11 | 13 | 15 | 17 | 19 | 21
-    iterations : int, default 30
-        Iterations on the coarsest level; each finer level has one. Default: 30.; a whole number >= 1 and <= 1000
-    uniformity : float, default 0.01
-        how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence; a number >= 0 and <= 1
-    reuse : float, default 1.0
-        Weight of the penalty on regions of the photo that are shown more than 2 times. 0: none; the result is closer to the photo and repeats more. Default: 1.; a number >= 0 and <= 1
-    resume : bool, default False
-        keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there
-    report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/reference/report.md)
-    fail : Sequence[str] | None, default None
-        limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
+        Side of a patch. Detail up to this scale is copied whole. Expected: one of 5, 7, 9, 11, 13, 15,
+        17, 19, 21. Default: 13.
     n : int, default 1
-        how many maps of one material are made together, the last images of the stack; a whole number >= 1 and <= 16
-    kinds : Sequence[str] | None, default None
-        what the maps are, in their order: color (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no color is tagged as data
-    match : float | Sequence[float] | None, default None
-        how much the maps count when patches are compared, in their order; 0: not at all; when left out 1 for every map, 0.25 for a height; a number or a sequence of them >= 0
+        Number of maps of one material, resynthesized together: the last n images. Expected: an integer
+        from 1 to 16.
     label : int | None, default None
-        take only pixels of that label, by its id; a whole number >= 1
-    level : int | None, default None
-        which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
-    data : bool, default False
-        the channels are no colors: compare them as they are
+        Id of a label: only its pixels are used as a source. Expected: an integer >= 1.
     seed : int, default 0
-        same seed, same pixels; a whole number >= 0 and <= 4294967295
-    stmap : bool | FileName, default False
-        1: source coordinates as part 'st' of the result; a file name: there
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]
-        a dict where more than one part was asked for
-        a list of these where there are several images
-        tile: pixels copied from the photo, all channels together, in its own color space and type; of n maps n images, in their order; of variants that many [pixels]
-        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
-        report: measures of the result, for machines [JSON; with report]
-        drift: the correction: Lab x gain + offset, channels gain.L, gain.a, gain.b, offset.L, offset.a, offset.b [32-bit float values; with drift]
+        A dict of parts by name if more than one part is requested.
+        A list of these if several images are made.
+        - tile: Pixels copied from the photo, all channels together, in its color space and type. One
+          image for each of the n maps, in order, and for each variant. [pixels]
+        - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
+          with stmap]
+        - report: Measures of the result, for programs. [JSON; with report]
+        - drift: Correction: Lab x gain + offset. Channels: gain.L, gain.a, gain.b, offset.L, offset.a,
+          offset.b. [32-bit float values; with drift]
+
+    Other Parameters
+    ----------------
+    labels : ImageLike | None, default None
+        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
+        first image, or a file name.
+    weight : ImageLike | None, default None
+        Image of relative weights, in its first channel: a pixel of weight 2 is used twice as often as
+        one of weight 1, and one of weight 0 never. A string is the name of a part of the first image,
+        or a file name.
+    drift : bool | FileName, default False
+        Write the correction: 1 as part 'drift' of the result, a file name as a separate image.
+    amount : float | None, default None
+        Perceived stationarity, used instead of sigma: 0 the least, 1 the most. Equal steps look equal;
+        `sigmas` shows them for a photo. Expected: a number from 0 to 1.
+    contrast : float | None, default None
+        Strength with which the overall histogram is matched to that of target. At 0, the colors of rare
+        objects, such as windows in a wall, may vanish. Expected: a number from 0 to 1. Default: 0.7;
+        with inpaint, 0.
+    target : Literal['flat', 'exemplar'], default 'flat'
+        Histogram that contrast matches. flat: that of the stationarized photo. exemplar: that of the
+        photo itself, fading out over the coarsest level as in the paper.
+    measure : Literal['histogram', 'moments', 'steerable'], default 'histogram'
+        Statistics that define stationarity. histogram: local histograms. moments: local moments.
+        steerable: responses of steerable filters.
+    order : int | None, default None
+        Highest order of moments, for measure=moments. 2: mean and variance. 3: also skewness. 4: also
+        kurtosis. Expected: an integer from 2 to 4. Default: 2.
+    paper : bool, default False
+        Paper's settings (MJH17): flatten=0:target=exemplar:contrast=1:structure=0, sigma = longer side
+        / 32, patch=11, a pyramid that starts at a quarter of the tile, 3 iterations on each finer
+        level, no reuse penalties and no overshoot. Constants that the paper does not state (alpha,
+        uniformity) keep our values.
+    relevel : bool, default False
+        Offset of each copied piece of a height map by a constant, to close the steps at its seams.
+        Requires kinds=...,height.
+    iterations : int, default 30
+        Iterations on the coarsest level; each finer level has one. Expected: an integer from 1 to 1000.
+    uniformity : float, default 0.01
+        Weight of the uniform-use term (MJH17 eq. 6). Above 0.1, coherence suffers. Expected: a number
+        from 0 to 1.
+    reuse : float, default 1.0
+        Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
+        is closer to the photo and repeats more. Expected: a number from 0 to 1.
+    resume : bool, default False
+        Checkpoint after each pyramid level, in OUT.parts, from which an interrupted run resumes.
+    report : FileName | None, default None
+        JSON file for the measures of the result (see docs/reference/report.md).
+    fail : Sequence[str] | None, default None
+        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
+        limit.
+    kinds : Sequence[str] | None, default None
+        Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
+        data in the result. Default: color (with data=1, data) for the first map, data for the others.
+    match : float | Sequence[float] | None, default None
+        Weight of each map in the comparison of patches, in order. 0: the map is ignored there, but
+        still resynthesized. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
+        0.25 for a height.
+    level : int | None, default None
+        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
+        Expected: an integer >= 1. Default: the coarsest.
+    data : bool, default False
+        Use the channels as data, without conversion to CIE Lab.
+    stmap : bool | FileName, default False
+        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        file.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> tile = filters.stationarize("photo.png", preset="keep", seed=7)
+    >>> tile.write("tile.png")
+    True
     """
 @overload
 def stationarize(
@@ -2815,7 +3257,7 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    within: ImageLike | None = None,
+    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -2860,7 +3302,7 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    within: ImageLike | None = None,
+    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -2905,7 +3347,7 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    within: ImageLike | None = None,
+    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
@@ -2965,58 +3407,75 @@ def superpixel(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Cut an image into superpixels: small connected regions of one look.
+    """Segment an image into superpixels: small connected regions of similar color.
 
-    Fine superpixels are found by SLIC in Lab and merged into coarser ones, guided by a Gaussian stack, so that coarse
-    borders are a choice of fine ones (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
-    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 3). The result is a label map: ids from 1 on,
-    numbered by their first pixel in reading order, 0 where alpha is 0, and the same for any tile size or memory
-    budget.
+    Fine superpixels are computed by SLIC in Lab. A Gaussian stack guides their merging into coarser ones, whose borders
+    are a subset of the fine borders (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
+    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 3).
+
+    The result is a label map. Ids start at 1, in the order of their first pixels; transparent pixels have id 0. The
+    result does not depend on the memory budget.
 
     Parameters
     ----------
     source : ImageLike
-        the image
+        Image to segment.
     sigma : float | None, default None
-        scale of the superpixels: the nearest level; the finest when left out; a number >= 1 and <= 1000000 px
+        Scale, rounded to the nearest level. Expected: a number from 1 to 1000000 px. Default: the
+        finest level.
     count : int | None, default None
-        how many superpixels, instead of a scale; a whole number >= 1
+        Number of superpixels, used instead of sigma. Expected: an integer >= 1.
     finest : float | None, default None
-        scale of the finest level; shorter side / 50, at least 4, when left out; a number >= 2 and <= 100000 px
+        Scale of the finest level. Expected: a number from 2 to 100000 px. Default: shorter side / 50,
+        at least 4.
     compactness : float, default 20.0
-        m of SLIC: how many Lab units count as much as one sigma of distance; a number >= 0.1 and <= 100
-    iterations : int, default 1000
-        of SLIC, at most: it stops when no seed moves; a whole number >= 1 and <= 100000
-    runs : int, default 1
-        of SLIC: the best of so many by eq. 3 is taken; the paper takes 10; a whole number >= 1 and <= 1000
-    minsize : int | None, default None
-        smaller pieces join a neighbor; a quarter of finest^2 when left out, 25 in the paper; a whole number >= 1 px
-    seed : int, default 0
-        of the runs after the first, whose seeds start elsewhere; a whole number >= 0 and <= 4294967295
+        Compactness m of SLIC: the Lab distance equal to one sigma in space. Expected: a number from 0.1
+        to 100.
     keep : bool, default False
-        the image stays as first part, the label map follows it
+        Keep the image as the first part, followed by the label map.
     data : bool, default False
-        the channels are no colors: compare them as they are
+        Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        photo: the photo, before all others [pixels; with keep]
-        superpixels: one channel, of the image's windows: write it to EXR or TIFF [32-bit ids]
+        A dict of parts by name if more than one part is requested.
+        - photo: Photo, as the first part. [pixels; with keep]
+        - superpixels: One channel of ids, in the image's windows. Write it to EXR or TIFF. [32-bit ids]
+
+    Other Parameters
+    ----------------
+    iterations : int, default 1000
+        Maximum iterations of SLIC, which stops when no center moves. Expected: an integer from 1 to
+        100000.
+    runs : int, default 1
+        Runs of SLIC, of which the best by eq. 3 is used. The paper uses 10. Expected: an integer from 1
+        to 1000.
+    minsize : int | None, default None
+        Minimum area of a superpixel. Smaller pieces are merged into a neighbor. The paper uses 25.
+        Expected: an integer >= 1 px. Default: finest^2 / 4.
+    seed : int, default 0
+        Seed of the runs after the first, which start from other centers. Expected: an integer from 0 to
+        4294967295.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> ids = filters.superpixel("photo.png", count=100)
+    >>> view = filters.labelview(ids)
     """
 @overload
 def superpixel(
@@ -3087,77 +3546,97 @@ def synth(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Synthesize a texture without end from one exemplar, or from a graph of exemplars at different scales.
+    """Synthesize an unbounded texture from one exemplar, or from a graph of exemplars at different scales.
 
-    Without `graph` the top image is the one exemplar: a texture of any size grows from it (Lefebvre & Hoppe, Parallel
-    controllable texture synthesis, 2005). A graph says of a few small exemplars how their scales relate, and any window
-    of any level of detail can be had, alone and the same to the bit as in the whole (HRRG08: Han, Risser, Ramamoorthi,
-    Grinspun, Multiscale Texture Synthesis, 2008). Exemplars are cut to squares of a power of two around their centers;
-    one that does not tile is mirrored at its borders. Every pixel is a copy of one of an exemplar, but for the color
-    offset by which exemplars that do not agree are brought together.
+    Without `graph`, a texture of any size is synthesized from the top image (Lefebvre & Hoppe, Parallel controllable
+    texture synthesis, 2005). A graph relates the scales of a few small exemplars. Any window at any level of detail can
+    be computed alone, with the same pixels as in the whole (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
+    Texture Synthesis, 2008).
+
+    Exemplars are cropped to centered squares with a power-of-two side. One that does not tile is mirrored at its
+    borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a graph differ.
 
     Parameters
     ----------
     exemplar : ImageLike | None
-        the one exemplar; none is taken where graph says them
+        Exemplar. Omit it with graph.
     size : tuple[int, int] | None, default None
-        of the result; the window's, or the exemplar's own, when left out; (width, height) >= 1 and <= 1073741824 px
+        Size of the result. Expected: (width, height) from 1 to 1073741824 px. Default: size of window,
+        otherwise of the exemplar.
     window : str | None, default None
-        WxH+X+Y: only these pixels of the plane
-    tiles : str | None, default None
-        I/N: the share I, from 1 to N, of these pixels, some rows of them, for a farm
+        Window of the plane to compute, as WxH+X+Y.
     level : int | None, default None
-        octaves below a pixel as large as the root; the finest that exemplars hold; a whole number >= 0 and <= 60
+        Level of detail: octaves below level 0, where one pixel covers the whole root exemplar.
+        Expected: an integer from 0 to 60. Default: finest level of the exemplars.
     toroidal : bool, default False
-        the result of that size tiles; sides are multiples of 2^level px
-    resume : bool, default False
-        keep finished pieces in OUT.parts until OUT is whole: a run that was killed goes on from there
-    stmap : bool | FileName, default False
-        1: source coordinates as parts of the result; a file name: there
+        Tiling result. Requires size, with sides that are multiples of 2^level pixels.
     graph : FileName | None, default None
-        an exemplar graph, JSON or YAML
-    lock : bool | int, default False
-        1: no jitter up to the root's own resolution, finer detail for it as it is; 2 and more: up to that level; True or False or a whole number >= 0 and <= 60
-    correct : bool, default True
-        bring exemplars that do not agree in color together (HRRG08 section 5)
-    dims : int, default 16
-        of projected neighborhoods; 6 are the paper's, 16 repeat less; a whole number >= 1 and <= 16
+        Exemplar graph, JSON or YAML.
     side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
-        of an exemplar's square, at most; 16 | 32 | 64 | 128 | 256 | 512 | 1024
-    paper : bool, default False
-        HRRG08 by the letter: dims=6, and zooms without end turn anywhere, to anything, and lose their contrast
+        Maximum side of an exemplar's square. Expected: one of 16, 32, 64, 128, 256, 512, 1024.
     seed : int | None, default None
-        same seed, same pixels; the graph's, or 0, when left out; a whole number >= 0 and <= 4294967295
+        Random seed. The same seed gives the same pixels. Expected: an integer from 0 to 4294967295.
+        Default: seed of the graph, else 0.
     data : bool, default False
-        the channels are no colors: compare them as they are
-    report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/reference/report.md)
-    fail : Sequence[str] | None, default None
-        limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
+        Use the channels as data, without conversion to CIE Lab.
     structure : float, default 0.5
-        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
+        would stretch them visibly, the default size is the nearest with complete repeats only. Ignored
+        for photos without regular repeats. Expected: a number from 0 to 1.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf | dict[str, ImageBuf]
-        a dict where more than one part was asked for
-        texture: pixels copied from the exemplars, all channels, in the root's color space and type [pixels]
-        st: where every pixel comes from, as `warp` reads it; with graph also the exemplar's number [32-bit float coordinates; with stmap]
-        transfer: with graph: the offset that was added to each copied pixel, L, a and b of CIE Lab as R, G and B [32-bit float coordinates; with stmap]
-        report: measures of the result, for machines [JSON; with report]
+        A dict of parts by name if more than one part is requested.
+        - texture: Pixels copied from the exemplars, all channels, in the root's color space and type.
+          [pixels]
+        - st: Source coordinates of every pixel, for `warp`; with graph, also the exemplar's number.
+          [32-bit float coordinates; with stmap]
+        - transfer: Color offset added to each copied pixel: L, a and b of CIE Lab in R, G and B. Only
+          with graph. [32-bit float coordinates; with stmap]
+        - report: Measures of the result, for programs. [JSON; with report]
+
+    Other Parameters
+    ----------------
+    tiles : str | None, default None
+        Chunk I of N of the rows of the result, as I/N, for a render farm.
+    resume : bool, default False
+        Checkpoint after each finished piece, in OUT.parts, from which an interrupted run resumes.
+    stmap : bool | FileName, default False
+        Source coordinates: 1 appends them as parts to the result, a file name writes them to that file.
+    lock : bool | int, default False
+        Last level without jitter: up to it the root is reproduced, and finer levels add detail. 1: the
+        level of the root's resolution. Expected: True or False or an integer from 0 to 60.
+    correct : bool, default True
+        Color correction between exemplars that differ (HRRG08 section 5).
+    dims : int, default 16
+        Dimensions of projected neighborhoods. 6: as in the paper. 16: fewer repeats. Expected: an
+        integer from 1 to 16.
+    paper : bool, default False
+        Paper's settings (HRRG08): dims=6, and endless zooms turn at any level and lose their contrast.
+    report : FileName | None, default None
+        JSON file for the measures of the result (see docs/reference/report.md).
+    fail : Sequence[str] | None, default None
+        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
+        limit.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> texture = filters.synth("photo.png", size=(1024, 512), seed=7)
     """
 @overload
 def synth(
@@ -3232,48 +3711,53 @@ def variants(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Lay out what a synthesis makes of a photo: a column for every seed, a row for every value of one modifier.
+    """Compare results of a synthesis filter in a contact sheet, with a column for each seed.
 
-    So a seed is chosen by eye, or it is seen what a modifier does: `vary=sigma:over=8,16,32` makes three rows of
-    `stationarize`. Everything else is as the filter has it when nothing is said. The caption says what to say for
-    the one that is liked. The result is an 8-bit sRGB image for screens: do not measure it.
+    Use it to choose a seed, or to see the effect of a modifier: `vary=sigma:over=8,16,32` makes three rows of
+    `stationarize`. All other modifiers have their defaults. Captions show the modifiers of each result. The result is
+    an 8-bit sRGB image for display, not for measurements.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; for composite with label maps
+        Photo; for filter=composite, with label maps.
     filter : Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'], default 'stationarize'
-        the filter, by the name of its function
+        Name of the synthesis filter.
     seeds : int, default 4
-        how many seeds, from seed on; a whole number >= 1 and <= 16
+        Number of seeds, which is the number of columns. Expected: an integer from 1 to 16.
     seed : int, default 0
-        the first seed; a whole number >= 0 and <= 4294967279
+        First seed. Expected: an integer from 0 to 4294967279.
     vary : str | None, default None
-        the modifier that differs from row to row
+        Modifier that varies from row to row. Requires over.
     over : Sequence[str] | None, default None
-        its values, as they are said for the filter
+        Values of that modifier.
     thumb : int, default 256
-        longer side of a result in the sheet, at most; a whole number >= 32 and <= 2048 px
+        Maximum longer side of a result in the sheet. Expected: an integer from 32 to 2048 px.
     data : bool, default False
-        the channels are no colors: compare them as they are
+        Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf
-        view: the sheet [8-bit sRGB picture]
+        - view: Contact sheet. [8-bit sRGB picture]
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> sheet = filters.variants("photo.png", filter="quilt", seeds=3)
     """
 
 def warp(
@@ -3286,36 +3770,42 @@ def warp(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Re-make an image from a map of source coordinates, pixel for pixel, to the bit.
+    """Rearrange the pixels of an image by a map of source coordinates, without interpolation.
 
-    Of a photo's normals and the `stmap` of a tile, it makes the normals that belong to that tile. The result has the
-    map's size; nothing is interpolated, so normals stay normals. The image must have the display window of the photo
-    from which the map was made.
+    Use it to apply a synthesis to further maps of a photo: the photo's normals and the `stmap` of a tile give the
+    normals of that tile. The result has the size of the map. Pixels are copied unchanged, so normals remain valid. The
+    image must have the display window of the photo from which the map was made.
 
     Parameters
     ----------
     source : ImageLike
-        the image to take pixels from
+        Image that provides the pixels.
     st : ImageLike
-        source coordinates: part 'st', else the first part
+        Source coordinates: part 'st', or the first part if there is none of that name.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf
-        warped: the image's pixels at the map's places [pixels]
+        - warped: Pixels of the image, copied as the map says. [pixels]
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> made = filters.stationarize("photo.png", stmap=True)
+    >>> rough_tile = filters.warp("roughness.png", made["st"])
     """
 
 def zoom(
@@ -3346,73 +3836,90 @@ def zoom(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Make one frame of a zoom into a texture without end.
+    """Render one frame of a zoom into an unbounded texture.
 
-    A frame follows from its number alone, whichever others are rendered, and only what it shows is synthesized (HRRG08:
-    Han, Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, figure 3). `--frames` says the number; on
-    whole octaves a frame is a window of `synth` of that level, between them the two levels around it are resampled
-    and blended. Without `graph` the top image is zoomed into for ever: one exemplar with an edge of r=1 to itself.
+    A frame depends only on its number, which `--frames` sets, and only its visible part is synthesized (HRRG08: Han,
+    Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, figure 3). At integer octaves, a frame is a
+    window of `synth` at that level; in between, the two nearest levels are resampled and blended.
+
+    Without `graph`, the zoom into the top image is endless: a graph of one exemplar with an edge of r=1 to itself.
 
     Parameters
     ----------
     exemplar : ImageLike | None
-        the one exemplar; none is taken where graph says them
+        Exemplar. Omit it with graph.
     frame : int | None, default None
-        the frame's number; that of --frames, or first, when left out
+        Number of the frame. Default: that of --frames, otherwise first.
     first : int, default 1
-        the number of the frame where the zoom begins
+        Number of the frame at which the zoom begins.
     speed : float, default 0.05
-        octaves a frame: 1 doubles the size of things, below 0 zooms out; a number >= -8 and <= 8
+        Octaves per frame. 1 doubles the scale each frame; negative values zoom out. Expected: a number
+        from -8 to 8.
     level : float | None, default None
-        the zoom of the first frame, as of `synth`; the root's own resolution; a number >= 0 and <= 60
+        Level of detail of the first frame, as in `synth`. Expected: a number from 0 to 60. Default:
+        resolution of the root.
     at : float | Sequence[float] | None, default None
-        X,Y: what is zoomed into, in pixels of the root; its middle; a number or a sequence of them px
+        Point X,Y to zoom into, in pixels of the root. Expected: a number or a sequence of numbers px.
+        Default: center of the root.
     size : tuple[int, int] | None, default None
-        of the frame; the root's own when left out; (width, height) >= 1 and <= 65536 px
+        Size of the frame. Expected: (width, height) from 1 to 65536 px. Default: size of the root.
     movie : FileName | None, default None
-        a movie to look at goes to this file: .gif by Pillow, .mp4 by ffmpeg where it is in $PATH
+        File for a preview movie: .gif (Pillow), or .mp4 (requires ffmpeg in $PATH).
     count : int, default 48
-        frames of the movie, from this one on; a whole number >= 2 and <= 65536
+        Number of frames of the movie, from this frame on. Expected: an integer from 2 to 65536.
     rate : float, default 24.0
-        frames of the movie in a second; a number >= 0.1 and <= 240
+        Frames per second of the movie. Expected: a number from 0.1 to 240.
     graph : FileName | None, default None
-        an exemplar graph, JSON or YAML
-    lock : bool | int, default False
-        1: no jitter up to the root's own resolution, finer detail for it as it is; 2 and more: up to that level; True or False or a whole number >= 0 and <= 60
-    correct : bool, default True
-        bring exemplars that do not agree in color together (HRRG08 section 5)
-    dims : int, default 16
-        of projected neighborhoods; 6 are the paper's, 16 repeat less; a whole number >= 1 and <= 16
+        Exemplar graph, JSON or YAML.
     side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
-        of an exemplar's square, at most; 16 | 32 | 64 | 128 | 256 | 512 | 1024
-    paper : bool, default False
-        HRRG08 by the letter: dims=6, and zooms without end turn anywhere, to anything, and lose their contrast
+        Maximum side of an exemplar's square. Expected: one of 16, 32, 64, 128, 256, 512, 1024.
     seed : int | None, default None
-        same seed, same pixels; the graph's, or 0, when left out; a whole number >= 0 and <= 4294967295
+        Random seed. The same seed gives the same pixels. Expected: an integer from 0 to 4294967295.
+        Default: seed of the graph, else 0.
     data : bool, default False
-        the channels are no colors: compare them as they are
-    report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/reference/report.md)
-    fail : Sequence[str] | None, default None
-        limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
+        Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
-        color space of the images that come first; their own tag where it is None
+        Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
-        compute only this region of the result
+        Region of the result to compute. Default: all of it.
     nthreads : int, default 0
-        CPU threads, where no session says it; 0: as many as the process may use
+        Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
-        device, memory budget, color config, progress
+        Device, memory budget, color config and progress, shared by several calls.
 
     Returns
     -------
     ImageBuf
-        frame: all channels, in the root's color space and type; its display window begins at 0 [pixels]
-        movie: the zoom from this frame on, in sRGB [GIF or MP4; with movie]
-        report: measures of the result, for machines [JSON; with report]
+        - frame: All channels, in the root's color space and type, with the display window at 0,0.
+          [pixels]
+        - movie: Zoom from this frame on, in sRGB. [GIF or MP4; with movie]
+        - report: Measures of the result, for programs. [JSON; with report]
+
+    Other Parameters
+    ----------------
+    lock : bool | int, default False
+        Last level without jitter: up to it the root is reproduced, and finer levels add detail. 1: the
+        level of the root's resolution. Expected: True or False or an integer from 0 to 60.
+    correct : bool, default True
+        Color correction between exemplars that differ (HRRG08 section 5).
+    dims : int, default 16
+        Dimensions of projected neighborhoods. 6: as in the paper. 16: fewer repeats. Expected: an
+        integer from 1 to 16.
+    paper : bool, default False
+        Paper's settings (HRRG08): dims=6, and endless zooms turn at any level and lose their contrast.
+    report : FileName | None, default None
+        JSON file for the measures of the result (see docs/reference/report.md).
+    fail : Sequence[str] | None, default None
+        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
+        limit.
 
     Raises
     ------
     oiiotex.Error
-        with one line that says what is wrong and what is allowed
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> frames = [filters.zoom("photo.png", frame=n, size=(640, 360)) for n in (1, 2)]
     """

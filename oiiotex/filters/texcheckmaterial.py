@@ -65,7 +65,9 @@ class CheckMaterial(ScanThenMap):
     source: Image = image(help="Map to check. Of n maps of a material, the first.")
     maps: tuple[Image, ...] = image((), help="Other maps of the material.", count="n")
     n: int = param(1, ge=1, le=16, help="Number of maps to check together: the last images on the stack.")
-    kinds: Words | None = param(None, help=KINDS_HELP)
+    kinds: Words | None = param(
+        None, help=KINDS_HELP, unset="color for the first map, data for the others", example="color,normal"
+    )
     convention: str = param(
         "opengl", choices=("opengl", "directx"), help="Expected green channel of normals. opengl: up; directx: down."
     )

@@ -249,8 +249,8 @@ COLOR = (
        convert=lambda use, color, config: oiio.ImageBufAlgo.ociodisplay(
            color, use.display, use.view, _space(use.from_, color.spec()), use.looks,
            use.unpremult, use.inverse, use.key, use.value, config),
-       display=(str, argument(help="Name of the display. default: the config's default display.", example="default")),
-       view=(str, argument(help="Name of the view. default: the display's default view.", example="default")),
+       display=(str, argument(help="Name of the display, or `default` for that of the config.", example="default")),
+       view=(str, argument(help="Name of the view, or `default` for that of the display.", example="default")),
        from_=param("current", example="ACEScg",
                    help="Color space of the input, or with inverse of the result. current: the image's tag."),
        looks=param("", help="Comma-separated looks that replace those of the view.", example="night"),

@@ -156,7 +156,7 @@ class Warp(Warped):
         help="9 values, row by row. The matrix maps row vectors (x, y, 1) from the source to the result.",
         example="0.5,0,0,0,0.5,0,0,0,1",
     )
-    wrap: str = param("default", choices=_WRAPS, help="Pixels outside the image. default: black.")
+    wrap: str = param("default", choices=_WRAPS, help="Pixels outside the image. `default` is black.")
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The warped part, not yet computed."""
