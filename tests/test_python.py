@@ -163,7 +163,7 @@ def test_errors_speak_python(tmp_path):
             lambda: filters.stationarize(PHOTO, colorspace=SRGB, session=Session(budget=1 << 10)),
             "the session's budget",
         ),
-        (lambda: filters.lab(PHOTO, colorspace="data"), "say colorspace=NAME if it is color"),
+        (lambda: filters.lab(PHOTO, colorspace="data"), "add colorspace=NAME if it is color"),
     ):
         with pytest.raises(errors.Error) as caught:
             call()
