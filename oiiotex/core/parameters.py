@@ -118,7 +118,9 @@ class Parameter:
             return ""
         if self.unset or self.default in (None, ""):
             return self.unset or "none"
-        return str(int(self.default)) if isinstance(self.default, bool) else str(self.default)
+        if isinstance(self.default, (bool, int, float)):
+            return f"{self.default:.10g}"
+        return str(self.default)
 
     @property
     def sample(self) -> str:
@@ -143,7 +145,7 @@ class Parameter:
     def described(self, help: str) -> str:
         """`help`, followed by valid values and default as sentences."""
         values = self.allowed()
-        text = f"{help} {values[:1].upper()}{values[1:]}."
+        text = f"{help} {f'Either {values}' if values.startswith('pow2') else values[:1].upper() + values[1:]}."
         return text if self.required else f"{text} Default: {self.default_text}."
 
     def allowed(self) -> str:
