@@ -102,7 +102,7 @@ def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch
 
 
 def test_limits_of_a_movie_are_said(tmp_path):
-    with pytest.raises(errors.ParameterError, match=r"frame 1000 would be at"):
+    with pytest.raises(errors.ParameterError, match=r"frame 1000 is at"):
         filters.zoom(PHOTO, movie=tmp_path / "z.gif", **{**ZOOM, "count": 1000})
     with pytest.raises(errors.ImageError, match=r"a GIF of 200 frames needs \d+ MB of memory"):
         small = Session(budget=64 << 20)

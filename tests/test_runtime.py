@@ -303,7 +303,7 @@ def test_make_takes_the_step_that_helps(monkeypatch, capsys):
     with pytest.raises(Replaced) as again:
         make.main()
     assert ran[0][1:5] == ["-m", "pip", "install", "-q"] and ran[0][-1].endswith("[intel]")
-    assert "make does this now" in capsys.readouterr().out
+    assert "make now runs: " in capsys.readouterr().out
     monkeypatch.setattr(sys, "argv", again.value.args[0][2:])
     with pytest.raises(SystemExit, match="pip install"):  # it did not help: not once more
         make.main()

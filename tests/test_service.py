@@ -231,5 +231,5 @@ def test_it_ends_when_nobody_wants_anything(folder):
 def test_a_folder_that_is_open_to_others_is_refused(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     (tmp_path / "oiiotex").mkdir(mode=0o755)
-    with pytest.raises(Error, match="a folder of yours alone"):
+    with pytest.raises(Error, match="expected a private folder"):
         SETTINGS.socket()
