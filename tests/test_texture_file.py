@@ -60,7 +60,7 @@ def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
         ({"photo": None}, "", "expected one of photo, graph and tiles, not none"),
         ({"graph": "loop.json"}, "", "not photo and graph"),
         ({"photo": "nowhere.exr"}, "", "nowhere.exr: No such file"),
-        ({"photo": 7}, "", "photo: expected text of 1 to 1000 characters without NUL, not 7"),
+        ({"photo": 7}, "", "photo: expected a string of 1 to 1000 characters without NUL, not 7"),
         ({"fotograph": "x.exr"}, "", "unknown key 'fotograph'.*; expected oiiotex, photo, graph, tiles"),
         ({"size": None}, "", "size is missing: expected WIDTHxHEIGHT"),
         ({"size": "0x4"}, "", "size=0x4: expected"),
@@ -81,8 +81,8 @@ def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
         ({}, f"?seed={'9' * 9000}", r"the query after '\?' has 9005 characters: expected up to 1000"),
         ({}, f"?size={'9' * 990}", r"size=9{60}: expected WIDTHxHEIGHT"),
         ({}, f"?seed={'9' * 990}", r"seed: expected an integer .*, not 9{60}\.\.\."),
-        ({"colorspace": "x" * 1001}, "", r"colorspace: expected text of 1 to 1000 characters .*, not 'x{59}\.\.\."),
-        ({"photo": "a\0b"}, "", r"photo: expected text .* without NUL, not 'a\\x00b'"),
+        ({"colorspace": "x" * 1001}, "", r"colorspace: expected a string of 1 to 1000 characters .*, not 'x{59}\.\.\."),
+        ({"photo": "a\0b"}, "", r"photo: expected a string .* without NUL, not 'a\\x00b'"),
     ],
 )
 def test_what_is_wrong_in_a_document_is_said(folder, changes, query, text):

@@ -102,14 +102,19 @@ class Parameter:
         if self.choices:
             line = ", ".join(str(choice) for choice in self.choices if choice not in ("", None))
             return f"one of {either(line, ', '.join(repr(choice) for choice in self.choices if choice is not None))}"
-        text = " or ".join(_KINDS[k] for k in self.kind)
+        if bool in self.kind and len(self.kind) > 1:
+            others = " or ".join(_KINDS[k] for k in self.kind if k is not bool)
+            text = f"{either('0, 1, or', 'True, False, or')} {others}"
+        else:
+            text = " or ".join(_KINDS[k] for k in self.kind)
         if self.ge is not None and self.le is not None:
-            text += f" from {self.ge:g} to {self.le:.10g}"
+            text += f" from {self.ge:.10g} to {self.le:.10g}"
         elif self.ge is not None:
-            text += f" >= {self.ge:g}"
+            text += f" >= {self.ge:.10g}"
         elif self.le is not None:
             text += f" <= {self.le:.10g}"
-        return f"{text} {self.unit}".rstrip()
+        unit = f"in {self.unit}" if self.unit and Numbers in self.kind and self.ge is None else self.unit
+        return f"{text} {unit}".rstrip()
 
     @property
     def default_text(self) -> str:
@@ -143,7 +148,8 @@ class Parameter:
     def described(self, help: str) -> str:
         """`help`, followed by valid values and default as sentences."""
         values = self.allowed()
-        text = f"{help} {values[:1].upper()}{values[1:]}."
+        literal = self.kind is None or SizeRule in self.kind  # begins with a value, which keeps its spelling
+        text = f"{help} Values: {values}." if literal else f"{help} {values[:1].upper()}{values[1:]}."
         return text if self.required else f"{text} Default: {self.default_text}."
 
     def allowed(self) -> str:
@@ -220,9 +226,9 @@ class Parameter:
 
 _KINDS = {
     int: "an integer", float: "a number", bool: either("0 or 1", "True or False"), Path: "a file name",
-    str: either("text", "a string"), Size: either("WIDTHxHEIGHT", "(width, height)"),
+    str: "a string", Size: either("WIDTHxHEIGHT", "(width, height)"),
     Numbers: either("a comma-separated list of numbers", "a number or a sequence of numbers"),
-    Words: either("a comma-separated list of words", "a sequence of strings"), SizeRule: either("pow2", "'pow2'"),
+    Words: either("a comma-separated list", "a sequence of strings"), SizeRule: either("pow2", "'pow2'"),
 }  # fmt: skip
 
 

@@ -75,7 +75,7 @@ class Atlas(MaterialOp, Whole):
     )
     convention: str = param(
         "opengl", choices=("opengl", "directx"), advanced=True,
-        help="Direction of the green channel of maps of kind normal. opengl: up; directx: down.",
+        help="Green channel of normal maps. opengl: up; directx: down.",
     )  # fmt: skip
 
     def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:

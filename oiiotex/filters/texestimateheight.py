@@ -42,7 +42,7 @@ class EstimateHeight(Whole):
     name: ClassVar[str] = "estimateheight"
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("height", Kind.MEASURE, "Height map: one channel, 0 to 1, larger is nearer."),
+        Output("height", Kind.MEASURE, "Height map: one channel, 0 to 1, higher values are closer to the viewer."),
         Output("normal", Kind.MEASURE, "Normal map of these heights, encoded as 0 to 1.", asked_by="normal"),
     )
 

@@ -44,10 +44,16 @@ class Flatten(ScanThenMap):
         unit="px",
         unset=f"{DEFAULT_RADIUS} x longer side",
         example="200",
-        help="Radius of the disc. Smaller structures are kept.",
+        help="Radius of the disc. Smaller structures are kept. Reduce it if stains remain, increase it if the texture"
+        " looks flat.",
     )
-    amount: float = param(1.0, ge=0, le=1, help="Proportion of the low-frequency variation to remove.")
-    contrast: float = param(1.0, ge=0, le=1, help="Proportion of the variation in local contrast to remove.")
+    amount: float = param(1.0, ge=0, le=1, help="Fraction of the low-frequency variation to remove.")
+    contrast: float = param(
+        1.0,
+        ge=0,
+        le=1,
+        help="Fraction of the variation in local contrast to remove. Reduce it if dark joints become gray.",
+    )
     tile: str = param(
         "none",
         choices=("none", "x", "y", "xy"),

@@ -50,14 +50,16 @@ class Quilting(Reported, Quilted, Structured):
     mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
     label: int | None = param(None, ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
     guide: Image | None = image(
-        None, help="Image of any size that controls the layout: label ids, or ids or colors mapped by table."
+        None,
+        help="Image of any size that controls the layout. Its pixels are label ids, or ids or colors that table"
+        " maps to labels.",
     )
     table: Path | None = param(
         None,
         example="table.json",
         advanced=True,
-        help="JSON file that maps ids or 8-bit colors of the guide to labels or keys:"
-        ' {"255,0,0": 3, "0,0,255": [1, 2]}.',
+        help='JSON file that maps ids or 8-bit colors of the guide to labels or pairs of labels: {"255,0,0": 3,'
+        ' "0,0,255": [1, 2]}.',
     )
     soft: float = param(0.2, ge=0, le=1, help=SOFT, advanced=True)
     overlap: int | None = param(
@@ -70,12 +72,16 @@ class Quilting(Reported, Quilted, Structured):
         help="Overlap of neighboring patches, at most patch / 3.",
     )
     plan: Path | None = param(
-        None, example="plan.npz", advanced=True, help="File (.npz) for the plan: offsets and cuts."
+        None,
+        example="plan.npz",
+        advanced=True,
+        help="File (.npz) to write the plan (offsets and cuts) to; with render=1, to read it from.",
     )
     render: bool = param(
         False,
         advanced=True,
-        help="Rendering from the file of plan, instead of writing it, with any map of the photo's size.",
+        help="Render the plan of an earlier run instead of computing one. The exemplar may be another map of the same"
+        " size.",
     )
 
     def files(self) -> dict[str, Path]:

@@ -65,7 +65,9 @@ class Synth(Multiscale, Structured):
     size: Size | None = param(
         None, ge=1, le=1 << 30, unit="px", unset="size of window, otherwise of the exemplar", help="Size of the result."
     )
-    window: str | None = param(None, example="1920x1080+0-400", help="Window of the plane to compute, as WxH+X+Y.")
+    window: str | None = param(
+        None, example="1920x1080+0-400", help="Window of the unbounded plane to compute, as WxH+X+Y."
+    )
     tiles: str | None = param(
         None, example="1/4", advanced=True, help="Chunk I of N of the rows of the result, as I/N, for a render farm."
     )
@@ -74,7 +76,8 @@ class Synth(Multiscale, Structured):
         ge=0,
         le=MOST_LEVEL,
         unset="finest level of the exemplars",
-        help="Level of detail: octaves below level 0, where one pixel covers the whole root exemplar.",
+        help="Level of detail. At level 0, one pixel covers the whole root exemplar; each further level doubles the"
+        " resolution.",
     )
     toroidal: bool = param(False, help="Tiling result. Requires size, with sides that are multiples of 2^level pixels.")
     resume: bool = param(
@@ -86,7 +89,7 @@ class Synth(Multiscale, Structured):
         False,
         example="st.exr",
         advanced=True,
-        help="Source coordinates: 1 appends them as parts to the result, a file name writes them to that file.",
+        help="Source coordinates of every pixel. 1: append them as parts; a file name: write them to that file.",
     )
 
     def single(self, name: str) -> Graph:

@@ -43,15 +43,26 @@ class WriteModifiers:
     datatype: str | None = param(None, unset="that of -d", example="half", help="Alias of type.", advanced=True)
     bits: int | None = param(None, ge=1, le=64, unset="all", example="10", help="Significant bits.", advanced=True)
     tile: Size | None = param(None, ge=1, le=65536, unset="that of --tile", example="64x64", help="Size of tiles.")
-    scanline: bool | None = param(None, unset="1 after --scanline", help="Write scanlines instead of tiles.")
-    dither: bool | None = param(None, unset="1 after --dither", help="Dither when quantizing to 8 bits.")
-    autocrop: bool | None = param(None, advanced=True, unset="0 after --noautocrop", help="0: as --noautocrop.")
-    autotrim: bool | None = param(None, advanced=True, unset="1 after --autotrim", help="Trim as --autotrim does.")
-    autocc: bool | None = param(None, unset="1 after --autocc", help="Convert to the color space in the file's name.")
+    scanline: bool | None = param(None, unset="1 after --scanline, else 0", help="Write scanlines instead of tiles.")
+    dither: bool | None = param(None, unset="1 after --dither, else 0", help="Dither when quantizing to 8 bits.")
+    autocrop: bool | None = param(
+        None,
+        advanced=True,
+        unset="0 after --noautocrop, else 1",
+        help="Crop or pad to the display window in formats with a single window.",
+    )
+    autotrim: bool | None = param(
+        None, advanced=True, unset="1 after --autotrim, else 0", help="Trim as --autotrim does."
+    )
+    autocc: bool | None = param(
+        None, unset="1 after --autocc, else 0", help="Convert to the color space in the file's name."
+    )
     unpremult: bool = param(False, advanced=True, help="Unpremultiply colors for the conversion.")
     contig: bool = param(False, advanced=True, help="Interleave the channels.")
     separate: bool = param(False, advanced=True, help="Store each channel separately.")
-    fileformatname: str = param("", unset="by name", example="tiff", advanced=True, help="Name of the file format.")
+    fileformatname: str = param(
+        "", unset="that of the extension", example="tiff", advanced=True, help="Name of the file format."
+    )
 
 
 def write_output(chain: Chain, path: str, given: WriteModifiers) -> None:

@@ -68,7 +68,7 @@ class TextureModifiers:
     uvslopes_scale: float = param(0.0, ge=0, help="Scale of slopes, for slopes in uv space.")
     cdf: bool = param(False, help="Store the cumulative distribution of values in the metadata.")
     cdfbits: int = param(8, ge=1, le=16, help="Bits of the cumulative distribution.")
-    cdfsigma: float = param(1 / 6, ge=0, help="Sigma of the cumulative distribution.")
+    cdfsigma: float = param(1 / 6, ge=0, unset="1/6", help="Sigma of the cumulative distribution.")
 
 
 _BOTH = {"highlightcomp": "hicomp", "filtername": "filter", "oiio_options": "oiio", "prman_options": "prman"}

@@ -218,7 +218,7 @@ class FlipModifiers:
     tonemapper: str = param("aces", choices=("aces", "hable", "reinhard"), help="Tone mapping operator.")
     colormap: str = param("", example="turbo", help="Color map of the result: inferno, viridis, magma, turbo ...")
     fail: float = param(10.0, ge=0, help="Largest error that passes. 10 or more: no check.")
-    print: bool = param(True, help="Output of the errors.")
+    print: bool = param(True, help="Print the errors.")
 
 
 def flip_difference(chain: Chain, given: FlipModifiers) -> None:

@@ -86,7 +86,7 @@ class PrintInfoModifiers:
 
     allsubimages: bool | None = param(None, unset="1 after -a, else 0", help="Output for all parts (subimages).")
     native: bool = param(False, help="Pixel types of the file instead of those that ops work on.")
-    stats: bool | None = param(None, unset="1 after --stats, else 0", help="Output of pixel statistics.")
+    stats: bool | None = param(None, unset="1 after --stats, else 0", help="Print pixel statistics.")
     verbose: bool = param(True, help="Output of all metadata.")
 
 
@@ -147,7 +147,7 @@ class CountModifiers:
 
 
 def count_colors(chain: Chain, text: str, given: CountModifiers) -> None:
-    """Count the pixels of each color in COLORS, as R,G,B:R,G,B ..."""
+    """Count the pixels of each color in COLORS, such as 1,0,0:0,1,0."""
     from ...host.arithmetic import numbers_for_channels
 
     part = chain.top.first
