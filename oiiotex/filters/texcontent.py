@@ -47,7 +47,7 @@ class Content(ScanThenMap):
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
     section 6.1). The patch at `at` is outlined on the photo, and the centers of all patches with the same key are
     marked red (figure 10). The label histograms of the patch at each level are printed (figure 9); json= writes them
-    to a file. With `table`, each key is illustrated by a patch: rows by the first label, columns by the second
+    to a file. With `table`, a table shows a patch for each key: rows are the first label, columns the second
     (figure 11). The result is an 8-bit sRGB image for display, not for measurement.
     """
 

@@ -29,12 +29,12 @@ _HAAR_SAMPLES = 1000  # CZF02 section III C: "similar to the typical texture seg
 class Decompose(OnePart, InLab, ScanThenMap):
     """Segment a texture into the simpler textures that it consists of.
 
-    Regions compete for pixels by their textons. Regions that are more likely one texture than two are merged, until
-    none are left or the number `labels` is reached; then the remaining subtextures compete once more. The result is a
-    label map with ids from 1, and 0 where alpha is 0. Images above a megapixel are analyzed at an integer fraction of
-    their resolution. group=cliques instead compares the texton histograms of places, each with the best match near
-    the other place, and groups them by clique partitioning (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised
-    Texture Segmentation by Clique Partitioning).
+    Regions compete for pixels by their textons (clusters of local features). Pairs of regions that are probably one
+    texture are merged, until no such pair is left and at most `labels` regions remain. The remaining subtextures then
+    compete once more. The result is a label map with ids from 1, and 0 where alpha is 0. Images above a megapixel are
+    analyzed at an integer fraction of their resolution. group=cliques instead compares the texton histograms of sampled
+    places, searches near each place for the best match, and groups the places by clique partitioning (CZF02: Caenen,
+    Zalesny, Ferrari, Van Gool, Unsupervised Texture Segmentation by Clique Partitioning).
     """
 
     example: ClassVar[str] = """\

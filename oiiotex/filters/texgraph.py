@@ -36,10 +36,10 @@ _KEPT = (".exr", ".tif", ".tiff", ".png")  # lossless formats
 class ExemplarGraph(Whole):
     """Create an exemplar graph from one or more photos, or draw an existing graph.
 
-    Several photos, coarsest first, become a chain in which each is finer than the one before by `scale`. A single
+    Several photos, coarsest first, become a chain: each has pixels `scale` times smaller than the one before. A single
     photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of it, from the
-    whole photo at reduced resolution to a crop at full resolution. json=FILE writes the graph for `synth` and `zoom`,
-    which you can edit; file names in it are relative to it (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
+    whole photo at reduced resolution to a crop at full resolution. json=FILE writes the graph for `synth` and `zoom`.
+    You can edit it; file names are relative to the graph (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
     Texture Synthesis, 2008, section 3.1, figures 8 and 9). The picture arranges exemplars by octave and labels edges
     with r.
     """

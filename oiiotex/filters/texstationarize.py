@@ -40,8 +40,8 @@ class Stationarize(PatchSynthesis):
     scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017).
 
     Every pixel of the result is a copy of one pixel of the photo, with all its channels. Where low-frequency variation
-    was removed, a gain and an offset in Lab are applied to the copy. With `relevel`, a constant is added to each copied
-    piece of a height map.
+    was removed, a gain and an offset in Lab are applied to the copy. With `relevel`, a constant is also added to each
+    copied piece of a height map.
     """
 
     example: ClassVar[str] = """\

@@ -35,9 +35,9 @@ class Synth(Multiscale, Structured):
     """Synthesize an unbounded texture from one exemplar, or from a graph of exemplars at different scales.
 
     Without `graph`, a texture of any size is synthesized from the top image (Lefebvre & Hoppe, Parallel controllable
-    texture synthesis, 2005). A graph relates the scales of a few small exemplars. Any window at any level of detail can
-    be computed alone, with the same pixels as in the whole (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
-    Texture Synthesis, 2008).
+    texture synthesis, 2005). With `graph`, several small exemplars at different scales are combined. Any window at any
+    level of detail can be computed alone, and has the same pixels as in the whole texture (HRRG08: Han, Risser,
+    Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008).
 
     Exemplars are cropped to centered squares with a power-of-two side. One that does not tile is mirrored at its
     borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a graph differ.

@@ -28,7 +28,7 @@ class Variants(InLab, Whole):
 
     Use it to choose a seed, or to see the effect of a modifier: `vary=sigma:over=8,16,32` makes three rows of
     `stationarize`. All other modifiers have their defaults. Captions show the modifiers of each result. The result is
-    an 8-bit sRGB image for display, not for measurements.
+    an 8-bit sRGB image for display, not for measurement.
     """
 
     example: ClassVar[str] = '>>> sheet = filters.variants("photo.png", filter="quilt", seeds=3)'

@@ -39,7 +39,9 @@ class WriteModifiers:
 
     all: int | None = param(None, ge=0, help="Write all images of the stack: %d in FILE counts from this number.")
     udim: Size | None = param(None, ge=1, le=10, example="2x2", help="Cut the image into UDIM tiles: <UDIM> in FILE.")
-    type: str | None = param(None, unset="that of -d", example="half", help="Pixel type: uint8, uint10, half ...")
+    type: str | None = param(
+        None, unset="that of -d", example="half", help="Pixel type, such as uint8, uint10 or half."
+    )
     datatype: str | None = param(None, unset="that of -d", example="half", help="Alias of type.", advanced=True)
     bits: int | None = param(None, ge=1, le=64, unset="all", example="10", help="Significant bits.", advanced=True)
     tile: Size | None = param(None, ge=1, le=65536, unset="that of --tile", example="64x64", help="Size of tiles.")

@@ -33,7 +33,7 @@ class TextureModifiers:
     wrap: str = param("black", choices=_WRAPS, help="Wrap mode outside the image.")
     swrap: str | None = param(None, choices=(*_WRAPS, None), unset="that of wrap", help="Horizontal wrap mode.")
     twrap: str | None = param(None, choices=(*_WRAPS, None), unset="that of wrap", help="Vertical wrap mode.")
-    type: str | None = param(None, unset="that of -d", example="half", help="Pixel type: uint8, half, float ...")
+    type: str | None = param(None, unset="that of -d", example="half", help="Pixel type, such as uint8, half or float.")
     tile: Size | None = param(None, ge=1, le=65536, unset="that of --tile, 64x64", help="Size of tiles.")
     fileformatname: str = param("", unset="that of the extension", example="tiff", help="Name of the file format.")
     resize: bool = param(False, help="Resize the image to powers of two.")

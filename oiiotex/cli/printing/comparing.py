@@ -216,7 +216,9 @@ class FlipModifiers:
     medianluminance: float = param(0.18, ge=0, help="Luminance to which the median is exposed.")
     ppd: float = param(0.0, ge=0, help="Pixels per degree of visual angle. 0: those of a desktop monitor.")
     tonemapper: str = param("aces", choices=("aces", "hable", "reinhard"), help="Tone mapping operator.")
-    colormap: str = param("", example="turbo", help="Color map of the result: inferno, viridis, magma, turbo ...")
+    colormap: str = param(
+        "", example="turbo", help="Color map of the result, such as inferno, viridis, magma or turbo."
+    )
     fail: float = param(10.0, ge=0, help="Largest error that passes. 10 or more: no check.")
     print: bool = param(True, help="Print the errors.")
 
