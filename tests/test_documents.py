@@ -36,7 +36,7 @@ NODE = '{"exemplars": [{"id": "a", "file": "a.png"}], '
         (NODE + '"title": "\\ud800"}', "unpaired surrogate"),
         ("[" * 100_000, "too deep"),
         (b"\xff\xfe", "not text in UTF-8"),
-        ("[1]" + " " * (17 << 20), "larger than 16 MB"),
+        ("[1]" + " " * (17 << 20), "file too large: expected at most 16 MB"),
     ],
 )
 def test_a_document_is_refused_in_one_line(tmp_path, text, said):

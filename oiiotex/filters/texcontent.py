@@ -69,7 +69,7 @@ class Content(ScanThenMap):
     labels: Image | None = image(None, help=LABELS)
     at: Numbers | None = param(
         None, unit="px", unset="the center of the image", example="512,384",
-        help="Center of the patch: x,y in the data window.",
+        help="Center X,Y of the patch, in the data window.",
     )  # fmt: skip
     level: int | None = param(None, ge=1, unset="the coarsest", help="Level of the label map: N of label.N.")
     patch: int | None = param(
@@ -113,7 +113,7 @@ class Content(ScanThenMap):
         if self.at is None:
             return (width - side) // 2, (height - side) // 2
         if len(self.at) != 2:
-            raise ParameterError(parameter="at", value=self.at, expected="two numbers: x,y")
+            raise ParameterError(parameter="at", value=self.at, expected="two numbers, X,Y")
         x, y = (int(np.floor(n)) for n in self.at)
         x, y = x - part.spec.x, y - part.spec.y
         if not (0 <= x < width and 0 <= y < height):

@@ -86,7 +86,7 @@ def _numbered(path: str, number: int) -> str:
     try:
         return path % number if "%" in path else path
     except (TypeError, ValueError):
-        raise ParameterError(f"'{path}': expected a single %d for the number of the image") from None
+        raise ParameterError(f"'{path}': expected a single %d, for the image number") from None
 
 
 def _write_tiles(chain: Chain, path: str, count: Size, given: WriteModifiers) -> None:

@@ -302,7 +302,7 @@ OPTIONS = (
             (
                 "warnpercent",
                 "PERCENT",
-                "Set the percentage of such pixels without a warning. Default: 0",
+                "Set the percentage of pixels above --warn that --diff accepts. Default: 0",
             ),
             ("hardwarn", "THRESHOLD", "Set the difference above which a single pixel makes --diff warn"),
         )

@@ -16,7 +16,7 @@ OPTIONS = settings_of(
     ("--colorconfig FILE", "Set the OCIO config. Default: $OCIO, else a built-in config"),
     (
         "--interchange SPACE OURS",
-        "Declare SPACE of a config without interchange roles as lin_rec709, ACES2065-1 ...",
+        "Identify SPACE of a config without interchange roles as OURS: lin_rec709, ACES2065-1 ...",
     ),
     ("-q", "Print errors only"),
     ("--noprogress", "Print no progress"),
