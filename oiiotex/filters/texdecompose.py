@@ -30,11 +30,11 @@ class Decompose(OnePart, InLab, ScanThenMap):
     """Segment a texture into the simpler textures that it consists of.
 
     Regions compete for pixels by their textons (clusters of local features). Pairs of regions that are probably one
-    texture are merged, until no such pair is left and at most `labels` regions remain. The remaining subtextures then
-    compete once more. The result is a label map with ids from 1, and 0 where alpha is 0. Images above a megapixel are
-    analyzed at an integer fraction of their resolution. group=cliques instead compares the texton histograms of sampled
-    places, searches near each place for the best match, and groups the places by clique partitioning (CZF02: Caenen,
-    Zalesny, Ferrari, Van Gool, Unsupervised Texture Segmentation by Clique Partitioning).
+    texture are merged until no such pair is left; with `labels`, until that number of regions is left. The remaining
+    subtextures then compete once more. The result is a label map with ids from 1, and 0 where alpha is 0. Images above
+    a megapixel are analyzed at an integer fraction of their resolution. group=cliques instead compares the texton
+    histograms of sampled places, searches near each place for the best match, and groups the places by clique
+    partitioning (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised Texture Segmentation by Clique Partitioning).
     """
 
     example: ClassVar[str] = """\
@@ -58,8 +58,8 @@ class Decompose(OnePart, InLab, ScanThenMap):
     )  # fmt: skip
     threshold: float | None = param(
         None, ge=0, le=1, unset="0.32; with group=cliques, 0.76; with features=haar, 0.95",
-        help="Threshold for joining: regions above this probability, or places above this similarity, become one"
-        " texture. Increase it for more subtextures.",
+        help="Threshold for joining, without labels: regions above this probability, or places above this similarity,"
+        " become one texture. Increase it for more subtextures.",
     )  # fmt: skip
     radius: float | None = param(
         None, ge=1, le=512, unit="px", unset="48; with features=haar, 8",

@@ -29,12 +29,12 @@ class Quilting(Reported, Quilted, Structured):
     Image quilting (Efros & Freeman, SIGGRAPH 2001) places square patches on a regular grid. Each patch is the best
     match for its neighbors, and is cut along the path of least difference.
 
-    With label maps (of `label`), a guide controls the layout: patches are selected by their content, the two most
+    With label maps, a guide controls the layout: patches are selected by their content, the two most
     frequent labels in them (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map
     Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.1).
 
-    Every pixel of the result is a copy of one pixel of the photo. Only a plan of offsets and cuts is held, so memory
-    does not grow with the number of pixels.
+    Every pixel of the result is a copy of one pixel of the photo. Only a plan of offsets and cuts is kept in memory, so
+    memory does not grow with the number of pixels.
     """
 
     example: ClassVar[str] = '>>> texture = filters.quilt("photo.png", size=(1024, 512), seed=7)'
