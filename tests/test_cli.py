@@ -106,7 +106,7 @@ photo.png --threads two | --threads two: expected an integer from 0
 photo.png --threads 40000 | --threads 40000: expected an integer from 0 to 4096
 photo.png --attrib:type=int[1000000000] foo 1 | expected at most 65536 values
 photo.png --colorconfig photo.png --texstationarize | cannot load the color config
-half.exr --iscolorspace ACEScg --texstationarize | half.exr: cannot read rows
+half.exr --iscolorspace ACEScg --texstationarize | cannot read rows
 clear.exr --iscolorspace ACEScg --texstationarize | free of transparent pixels
 """  # mistyped ops and modifiers: test_parse.py; operands that lack: test_rehearsal.py
 

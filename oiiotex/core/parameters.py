@@ -125,7 +125,9 @@ class Parameter:
             return ""
         if self.unset or self.default in (None, ""):
             return self.unset or "none"
-        return str(int(self.default)) if isinstance(self.default, bool) else str(self.default)
+        if isinstance(self.default, (bool, int, float)):
+            return f"{self.default:.10g}"
+        return str(self.default)
 
     @property
     def sample(self) -> str:
@@ -150,8 +152,11 @@ class Parameter:
     def described(self, help: str) -> str:
         """`help`, followed by valid values and default as sentences."""
         values = self.allowed()
-        literal = self.kind is None or SizeRule in self.kind  # begins with a value, which keeps its spelling
-        text = f"{help} Values: {values}." if literal else f"{help} {values[:1].upper()}{values[1:]}."
+        if self.kind is None:  # begins with a value, as does pow2
+            lead = f"Values: {values}"
+        else:
+            lead = f"Either {values}" if values.startswith("pow2") else values[:1].upper() + values[1:]
+        text = f"{help} {lead}."
         return text if self.required else f"{text} Default: {self.default_text}."
 
     def allowed(self) -> str:

@@ -241,7 +241,7 @@ class Chain:
     def require_free(self, path: str) -> None:
         """Refuse a name that an op has just written."""
         if os.path.realpath(path) in self.written:
-            raise ParameterError(f"{path} would overwrite a file written by an earlier op")
+            raise ParameterError(f"{path} would overwrite a file written by an earlier op; use another name")
 
     def changed(self, path: str) -> float:
         """The time of a file's last change in seconds; 0 if it does not exist."""
