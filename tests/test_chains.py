@@ -210,9 +210,9 @@ def test_ops_without_number_do_not_nest_without_end(folder, tmp_path):
 
 
 def test_a_while_that_does_not_end_is_refused(tmp_path):
-    with pytest.raises(Error, match="is still true after 10 rounds; raise --maxloop"):
+    with pytest.raises(Error, match="is still true after 10 iterations; raise --maxloop"):
         run(shlex.split("--maxloop 10 --while 1 --set i 1 --endwhile"), tmp_path)
-    with pytest.raises(Error, match="expected at most 100000 rounds; raise --maxloop"):
+    with pytest.raises(Error, match="expected at most 100000 iterations; raise --maxloop"):
         run(shlex.split("--for i 1e12 --endfor"), tmp_path)
     assert run(shlex.split("--set i 0 --maxloop 10 --while '{i < 10}' --set i '{i+1}' --endwhile"), tmp_path) == 0
 

@@ -36,7 +36,7 @@ NODE = '{"exemplars": [{"id": "a", "file": "a.png"}], '
         (NODE + '"title": "\\ud800"}', "unpaired surrogate"),
         ("[" * 100_000, "too deep"),
         (b"\xff\xfe", "not text in UTF-8"),
-        ("[1]" + " " * (17 << 20), "larger than 16 MB"),
+        ("[1]" + " " * (17 << 20), "file too large: expected at most 16 MB"),
     ],
 )
 def test_a_document_is_refused_in_one_line(tmp_path, text, said):
@@ -68,12 +68,12 @@ WHOLE = {"leaves": [{"from": "a", "r": 3}, {"from": "b"}], "share": 1, "names": 
     [
         ({"leaves": {}}, "leaves: expected a list, not an object"),
         ({"leaves": [{"from": "a"}, 7]}, "leaves[1]: expected an object of from, r, mode, not 7"),
-        ({"leaves": [{}]}, "leaves[0]: from is missing: expected text"),
+        ({"leaves": [{}]}, "leaves[0]: from is missing: expected a string"),
         (
             {"leaves": [{"from": "a", "mod": "x"}]},
             "leaves[0]: unknown key 'mod', did you mean 'mode'?; expected from",
         ),
-        ({"leaves": [{"from": 1}]}, "leaves[0].from: expected text, not 1"),
+        ({"leaves": [{"from": 1}]}, "leaves[0].from: expected a string, not 1"),
         ({"leaves": [{"from": "a", "r": True}]}, "leaves[0].r: expected an integer from 0 to 9, not True"),
         ({"leaves": [{"from": "a", "r": 3.0}]}, "leaves[0].r: expected an integer from 0 to 9, not 3.0"),
         ({"leaves": [{"from": "a", "r": 10**400}]}, "leaves[0].r: expected an integer from 0 to 9, not 1000"),

@@ -279,7 +279,7 @@ def test_a_stale_socket_is_replaced(shell, folder):
         ('{"oiiotex": 1, "photo": "bad.oiiotex", "size": "8x8"}', "bad.oiiotex", "is already a texture"),
         ('{"oiiotex": 1, "photo": "photo.png", "colorspace": "no such", "size": "8x8"}', "bad.oiiotex", "no such"),
         ('{"oiiotex": 1, "photo": "/etc/hosts", "size": "8x8"}', "bad.oiiotex", "is outside the document's folder"),
-        ("{", f"bad.oiiotex?seed={'9' * 9000}", "has 9005 characters: expected up to 1000"),
+        ("{", f"bad.oiiotex?seed={'9' * 9000}", "has 9005 characters: expected at most 1000"),
     ],
     ids=("json", "query", "none", "itself", "space", "outside", "long"),
 )

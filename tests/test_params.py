@@ -72,11 +72,11 @@ def test_a_declaration_keeps_its_facts():
         ("anything", "a number"),
         ("size", "WIDTHxHEIGHT from 5 to 65536 px"),
         ("flag", "0 or 1"),
-        ("stmap", "0 or 1 or a file name"),
+        ("stmap", "0, 1, or a file name"),
         ("mode", "one of xy, x, none"),
         ("patch", "one of 0, 1, 5, 7"),
         ("color", "a comma-separated list of numbers"),
-        ("words", "a comma-separated list of words"),
+        ("words", "a comma-separated list"),
     ],
 )
 def test_allowed_says_type_range_and_unit(name, words):

@@ -89,7 +89,7 @@ def test_a_python_value_out_of_type_or_range_is_refused_with_what_is_allowed(nam
         ("size", "64x64", "size='64x64': expected (width, height) from 5 to 65536 px, not str"),
         ("size", 64, "size=64: expected (width, height) from 5 to 65536 px, not int"),
         ("flag", 1, "flag=1: expected True or False, not int"),
-        ("stmap", 1, "stmap=1: expected True or False or a file name, not int"),
+        ("stmap", 1, "stmap=1: expected True, False, or a file name, not int"),
         ("mode", 1, "mode=1: expected one of 'xy', 'x', 'none', not int"),
         ("color", [1, "2"], "color=[1, '2']: expected a number or a sequence of numbers"),
         ("words", "a,b", "words='a,b': expected a sequence of strings, not str"),

@@ -116,7 +116,7 @@ def test_what_cannot_be_read_is_asked_for_and_a_library_is_no_photo(tmp_path):
     found = {material.name: material for material in materials(tmp_path, recipe())}
     assert sorted(found) == ["a", "b", "bad", "name"] and found["a"].questions == ()
     assert "name.zip: 'utf-8' codec" in found["name"].questions[0]
-    assert "bad.zip" in found["bad"].questions[0] and "license: expected text" in found["b"].questions[0]
+    assert "bad.zip" in found["bad"].questions[0] and "license: expected a string" in found["b"].questions[0]
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="NOT RUN: no pipes with names")
@@ -193,7 +193,7 @@ def test_the_printed_recipe_holds_also_with_all_its_offers_taken(tmp_path):
             "--texstationarize:stmap=../x.exr: is not in the product's folder",
         ),
         ('[[product]]\nname = "T"\nline = "$maps $outputs"\n', "name 'T': expected a-z"),
-        ('[[product]]\nname = "t"\n', r"product\[0\]: line is missing: expected text"),
+        ('[[product]]\nname = "t"\n', r"product\[0\]: line is missing: expected a string"),
         ("", "no .*product.*: expected at least one"),
         (LINE + "[deliver]\nformat = 'png'\n", "deliver.format: expected 'exr' or 'tiff', not 'png'"),
         (LINE + "[deliver]\ntx = 1\n", "deliver.tx: expected true or false, not 1"),

@@ -200,7 +200,7 @@ WRONG = [
     (("photo.png", "--texsynth:toroidal=1"), "toroidal=1 requires size, the period of the texture"),
     *((("photo.png", f"--texsynth:size=70x50:tiles={wrong}"), f"tiles={wrong}: expected I/N, I from 1 to N")
       for wrong in ("0/3", "4/3", "1", "1/51", "a/b")),
-    (("photo.png", "--texsynth:lock=61"), "lock=61: expected 0 or 1 or an integer from 0 to 60"),
+    (("photo.png", "--texsynth:lock=61"), "lock=61: expected 0, 1, or an integer from 0 to 60"),
     (("photo.png", "--texsynth:size=70x50:window=9x9+0+0:tiles=1/10"), "N at most 9 rows"),
     (("tiny.png", "--texsynth"), "tiny.png is 9 px wide or high: expected at least 16 px"),
     (("clear.png", "--texsynth"), "clear.png is transparent in its middle 16x16 px"),

@@ -60,12 +60,12 @@ def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
         ({"photo": None}, "", "expected one of photo, graph and tiles, not none"),
         ({"graph": "loop.json"}, "", "not photo and graph"),
         ({"photo": "nowhere.exr"}, "", "nowhere.exr: No such file"),
-        ({"photo": 7}, "", "photo: expected text of 1 to 1000 characters without NUL, not 7"),
+        ({"photo": 7}, "", "photo: expected a string of 1 to 1000 characters without NUL, not 7"),
         ({"fotograph": "x.exr"}, "", "unknown key 'fotograph'.*; expected oiiotex, photo, graph, tiles"),
         ({"size": None}, "", "size is missing: expected WIDTHxHEIGHT"),
         ({"size": "0x4"}, "", "size=0x4: expected"),
         ({"size": f"{2**31}x4"}, "", r"1 to 2147482624 px \(2\^31 - 1024\)"),
-        ({"size": "2147482624x131073"}, "", r"expected up to 2\^48 px in total"),
+        ({"size": "2147482624x131073"}, "", r"expected at most 2\^48 px in total"),
         ({"plan": "loop.json"}, "", "size conflicts with plan, which requires a photo and defines the rest"),
         ({"plan": "loop.json", "size": None, "seed": None}, "?seed=7", "seed conflicts with plan"),
         ({"tiles": "photo.exr"}, "", "not photo and tiles"),
@@ -78,11 +78,11 @@ def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
         ({}, "?sed=7", r"'\?sed=7': expected seed, size"),
         ({}, "?seed=seven", "seed: expected an integer .*, not 'seven'"),
         ({}, "?size=8", "size=8: expected WIDTHxHEIGHT"),
-        ({}, f"?seed={'9' * 9000}", r"the query after '\?' has 9005 characters: expected up to 1000"),
+        ({}, f"?seed={'9' * 9000}", r"the query after '\?' has 9005 characters: expected at most 1000"),
         ({}, f"?size={'9' * 990}", r"size=9{60}: expected WIDTHxHEIGHT"),
         ({}, f"?seed={'9' * 990}", r"seed: expected an integer .*, not 9{60}\.\.\."),
-        ({"colorspace": "x" * 1001}, "", r"colorspace: expected text of 1 to 1000 characters .*, not 'x{59}\.\.\."),
-        ({"photo": "a\0b"}, "", r"photo: expected text .* without NUL, not 'a\\x00b'"),
+        ({"colorspace": "x" * 1001}, "", r"colorspace: expected a string of 1 to 1000 characters .*, not 'x{59}\.\.\."),
+        ({"photo": "a\0b"}, "", r"photo: expected a string .* without NUL, not 'a\\x00b'"),
     ],
 )
 def test_what_is_wrong_in_a_document_is_said(folder, changes, query, text):
@@ -116,7 +116,7 @@ def test_a_name_that_is_too_long_is_said(folder):
         "a\0.oiiotex",
         f"{'x' * 9000}?seed=7",
     ):
-        with pytest.raises(ImageError, match=r"has \d+ characters: expected up to 4096|File name too long") as caught:
+        with pytest.raises(ImageError, match=r"has \d+ characters: expected at most 4096|File name too long") as caught:
             read_texture_file(name)
         assert len(str(caught.value)) < 500
     for word in ("{", "[]", "7", '{"name": 7}', '{"texture": "{}"}', '{"texture": 7}', "[" * 100_000):

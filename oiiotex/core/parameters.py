@@ -102,14 +102,21 @@ class Parameter:
         if self.choices:
             line = ", ".join(str(choice) for choice in self.choices if choice not in ("", None))
             return f"one of {either(line, ', '.join(repr(choice) for choice in self.choices if choice is not None))}"
-        text = " or ".join(_KINDS[k] for k in self.kind)
-        if self.ge is not None and self.le is not None:
-            text += f" from {self.ge:g} to {self.le:.10g}"
+        if bool in self.kind and len(self.kind) > 1:
+            others = " or ".join(_KINDS[k] for k in self.kind if k is not bool)
+            text = f"{either('0, 1, or', 'True, False, or')} {others}"
+        else:
+            text = " or ".join(_KINDS[k] for k in self.kind)
+        if self.ge is not None and self.ge == self.le:
+            text = f"{self.ge:.10g}"
+        elif self.ge is not None and self.le is not None:
+            text += f" from {self.ge:.10g} to {self.le:.10g}"
         elif self.ge is not None:
-            text += f" >= {self.ge:g}"
+            text += f" >= {self.ge:.10g}"
         elif self.le is not None:
             text += f" <= {self.le:.10g}"
-        return f"{text} {self.unit}".rstrip()
+        unit = f"in {self.unit}" if self.unit and Numbers in self.kind and self.ge is None else self.unit
+        return f"{text} {unit}".rstrip()
 
     @property
     def default_text(self) -> str:
@@ -145,7 +152,11 @@ class Parameter:
     def described(self, help: str) -> str:
         """`help`, followed by valid values and default as sentences."""
         values = self.allowed()
-        text = f"{help} {f'Either {values}' if values.startswith('pow2') else values[:1].upper() + values[1:]}."
+        if self.kind is None:  # begins with a value, as does pow2
+            lead = f"Values: {values}"
+        else:
+            lead = f"Either {values}" if values.startswith("pow2") else values[:1].upper() + values[1:]
+        text = f"{help} {lead}."
         return text if self.required else f"{text} Default: {self.default_text}."
 
     def allowed(self) -> str:
@@ -222,9 +233,9 @@ class Parameter:
 
 _KINDS = {
     int: "an integer", float: "a number", bool: either("0 or 1", "True or False"), Path: "a file name",
-    str: either("text", "a string"), Size: either("WIDTHxHEIGHT", "(width, height)"),
+    str: "a string", Size: either("WIDTHxHEIGHT", "(width, height)"),
     Numbers: either("a comma-separated list of numbers", "a number or a sequence of numbers"),
-    Words: either("a comma-separated list of words", "a sequence of strings"), SizeRule: either("pow2", "'pow2'"),
+    Words: either("a comma-separated list", "a sequence of strings"), SizeRule: either("pow2", "'pow2'"),
 }  # fmt: skip
 
 

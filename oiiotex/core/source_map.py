@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 COPIED = "Pixels copied from the photo, all channels together, in its color space and type."
 ST = Output("st", Kind.COORDINATES, "Source coordinates of every pixel, for `warp` and `st_warp`.", asked_by="stmap")
-STMAP = "Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that file."
+STMAP = "Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that file."
 BITS = 16  # for x and for y of a single exemplar, as in kernels (cl/offsets.h)
 NONE = 0xFFFFFFFF  # no pixel
 _ROWS_AT_ONCE = 16 << 20  # bytes of an exemplar that are read at once, if it is read by rows

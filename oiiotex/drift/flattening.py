@@ -27,7 +27,9 @@ DRIFT = Output(
     "Correction: Lab x gain + offset. Channels: gain.L, gain.a, gain.b, offset.L, offset.a, offset.b.",
     asked_by="drift",
 )
-DRIFT_HELP = "Write the correction: 1 as part 'drift' of the result, a file name as a separate image."
+DRIFT_HELP = (
+    "Correction that removes gradients and stains. 1: append it as part 'drift'; a file name: write it to that file."
+)
 DEFAULT_RADIUS = 0.2  # of the longer side: a smaller one removes the texture's own variation at 1/24 of it
 _CENTER = (50.0, 0.0, 0.0)  # of Lab; data are scaled to 0 .. 100
 

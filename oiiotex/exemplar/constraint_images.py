@@ -18,14 +18,17 @@ from ..patchmatch.recipe import Recipe
 from .exemplar_masks import laid_over, mask_pixels
 
 INPAINT = (
-    "Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero label id). They are"
-    " filled from patches outside of the marked area; all other pixels are kept unchanged."
+    "Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero label id). They"
+    " are filled from patches outside the marked area; all other pixels are kept unchanged."
 )
 WEIGHT = (
-    "Image of relative weights, in its first channel: a pixel of weight 2 is used twice as often as one of weight 1,"
-    " and one of weight 0 never."
+    "Image of relative weights, in its first channel: pixels of weight 2 are used twice as often as pixels of weight"
+    " 1, and pixels of weight 0 are never used."
 )
-SIGMAMAP = "Image of sigma for each pixel of the result, in pixels, in the first channel of a float image."
+SIGMAMAP = (
+    "Float image of the result's size whose first channel is sigma, in pixels, at each pixel. Use it to keep"
+    " structure in some areas and even out others."
+)
 _LEAST_SIGMA = 0.5
 
 Run = Callable[[Recipe, Constraints], Synthesis]

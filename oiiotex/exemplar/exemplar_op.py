@@ -28,9 +28,9 @@ Found = TypeVar("Found")
 
 EXEMPLAR = "Photo. Where labels are used, with the label maps that `label` with `keep` creates."
 MASK = "Image that marks the valid source pixels (first channel above half its range, or a nonzero label id)."
-LABELS = "Label maps of the exemplar, if they are not parts of it."
-LABEL = "Id of a label: only its pixels are used as a source."
-LEVEL = "Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest."
+LABELS = "Label maps of the exemplar, if they are not stored as its parts."
+LABEL = "Id of a label in the exemplar's label maps. Only pixels of that label are used as a source."
+LEVEL = "Level of the label maps: N selects the part label.N. 1 is the finest."
 COARSEST = "the coarsest"
 SEED = "Seed of the random numbers. The same seed gives the same pixels."
 

@@ -81,6 +81,7 @@ def hint_that_it_tiles(flag: str, photo: Part) -> None:
     ratios = [seam_ratio(gray, axis) for axis in (1, 0)]
     if max(ratios) <= TILES and all(map(math.isfinite, ratios)):
         log.warning(
-            "%s: the photo already tiles (seam ratio %.2f along x, %.2f along y); --texflatten:tile=xy keeps it whole",
+            "%s: the photo already tiles (seam ratio %.2f along x, %.2f along y); to keep its layout, use"
+            " --texflatten:tile=xy instead",
             flag, *ratios,
         )  # fmt: skip

@@ -23,8 +23,8 @@ from ..session.resources import Resources
 log = logging.getLogger("oiiotex")
 
 RELEVEL = (
-    "Offset of each copied piece of a height map by a constant, to close the steps at its seams. Requires"
-    " kinds=...,height."
+    "Constant added to each copied piece of a height map, so that pieces meet without steps. Set it if displaced"
+    " heights show cliffs. Requires kinds=...,height."
 )
 _LARGE = 0.1  # a step, as a share of the map's range
 _MUCH = 0.005  # share of neighbors, in addition to twice the photo's, that causes a warning

@@ -24,7 +24,7 @@ KINDS_HELP = (
     "Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as data in the result."
 )
 MATCH_HELP = (
-    "Weight of each map in the comparison of patches, in order. 0: the map is ignored there, but still resynthesized."
+    "Weight of each map in the comparison of patches, in order. 0: the map is not compared, but follows the others."
 )
 # the default weight of a height: a larger one reduces the steps at seams but removes large shapes and makes the colors
 # fit less well (tests/test_heights.py)

@@ -31,7 +31,9 @@ from .photo_lattice import least_size
 _PATCHES, PATCH = tuple(range(5, 23, 2)), 13
 _LAB_BYTES = 12  # for each pixel of a map
 _SIZE_HELP = "Size of the result. pow2: each side of the photo, rounded to the nearest power of two."
-_PATCH_HELP = "Side of a patch. Detail up to this scale is copied whole."
+_PATCH_HELP = (
+    "Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks or stones are cut."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,18 +61,25 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         ge=1,
         le=64,
         help="Number of interchangeable tiles. Up to 7, any tile fits next to any other. From 8, they are Wang tiles"
-        " with two edge colors (16: the complete set), stored in the part names and the attribute oiiotex:edges.",
+        " with two edge colors (16: the complete set). Part names and the attribute oiiotex:edges contain the edge"
+        " colors.",
     )
     patch: int | None = param(None, choices=(*_PATCHES, None), unit="px", unset=str(PATCH), help=_PATCH_HELP)
     iterations: int = param(
-        30, ge=1, le=1000, advanced=True, help="Iterations on the coarsest level; each finer level has one."
+        30,
+        ge=1,
+        le=1000,
+        advanced=True,
+        help="Number of iterations on the coarsest level. Each finer level has one."
+        " Increase it if a warning says that texture is lost.",
     )
     uniformity: float = param(
         0.01,
         ge=0,
         le=1,
         advanced=True,
-        help="Weight of the uniform-use term (MJH17 eq. 6). Above 0.1, coherence suffers.",
+        help="Weight of the term that makes all parts of the photo appear equally often (MJH17 eq. 6). Increase it to"
+        " use more of the photo. Above 0.1, coherence suffers.",
     )
     reuse: float = param(
         1.0,

@@ -22,10 +22,10 @@ LARGE_PATCH = 21  # px
 KEEP_SIGMA_SHARE, EVEN_SIGMA_SHARE = 4, 32  # of the longer side
 SMALL_PATCH = 11  # px
 PRESET_HELP = (
-    f"Set of values for modifiers that are not given. keep preserves large structures (sigma = longer side /"
-    f" {KEEP_SIGMA_SHARE}, patch={LARGE_PATCH}). even also evens out structures beyond sigma (longer side /"
-    f" {EVEN_SIGMA_SHARE}, patch={SMALL_PATCH}). clean also removes objects (as even, with contrast=0 and the mask of"
-    " `dominant`)."
+    f"Values for modifiers that you do not set. keep: large structures are preserved (sigma = longer side /"
+    f" {KEEP_SIGMA_SHARE}, patch={LARGE_PATCH}). even: large structures are also evened out (sigma = longer side /"
+    f" {EVEN_SIGMA_SHARE}, patch={SMALL_PATCH}). clean: objects are also removed (as even, with contrast=0 and a mask"
+    " from `dominant`)."
 )
 
 

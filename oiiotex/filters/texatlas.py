@@ -27,15 +27,16 @@ _PIXEL_BYTES, _PHOTO_BYTES, _MAP_BYTES = 120, 200, 40  # peak, per pixel of: atl
 
 @dataclass(frozen=True, kw_only=True)
 class Atlas(MaterialOp, Whole):
-    """Create a texture for a 3-D object that continues across the borders of its UV charts.
+    """Create a texture for a mesh, continuous across the borders of its UV charts.
 
-    This is dominant texture on objects, LDR09 figure 7 (Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
-    Manifolds, 2009). A mask from `dominant` keeps other things in the photo off the object. Pixels of the charts are
-    synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture synthesis, SIGGRAPH 2006, section 5),
-    each from its neighbors on the surface, which are rotated and scaled across shared edges.
+    It can cover a mesh with the dominant texture of a photo, as in LDR09 figure 7 (Lu, Dorsey, Rushmeier, Dominant
+    Texture and Diffusion Distance Manifolds, 2009). A mask from `dominant` keeps objects and stains of the photo off
+    the mesh. Pixels of the charts are synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture
+    synthesis, SIGGRAPH 2006, section 5), each from its neighbors on the surface, which are rotated and scaled across
+    shared edges.
 
-    Directions follow the u axis of the charts, smoothed over the surface. The texture has the same scale everywhere,
-    regardless of the scale of each chart. All maps of a material are synthesized together
+    The texture is oriented along the u axis of the charts, smoothed over the surface. The texture has the same scale
+    everywhere, regardless of the scale of each chart. All maps of a material are synthesized together
     (n=3:kinds=color,data,normal), and tangent-space normals rotate with the texture. Gutters of 8 px continue the
     texture beyond the border of each chart. A mesh without UVs is unwrapped by xatlas: render the result on the mesh
     that unwrapped=FILE.obj writes. Requires `pip install oiiotex[atlas]`.
@@ -75,7 +76,7 @@ class Atlas(MaterialOp, Whole):
     )
     convention: str = param(
         "opengl", choices=("opengl", "directx"), advanced=True,
-        help="Direction of the green channel of maps of kind normal. opengl: up; directx: down.",
+        help="Green channel of normal maps. opengl: up; directx: down.",
     )  # fmt: skip
 
     def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:

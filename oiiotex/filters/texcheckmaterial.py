@@ -38,15 +38,15 @@ def _without_hash(spec: oiio.ImageSpec) -> None:
 class CheckMaterial(ScanThenMap):
     """Check the maps of a material for problems in rendering, and pass them on unchanged.
 
-    All maps: different sizes, NaN and Inf, a color space that does not suit the kind of the map.
+    All maps: different sizes, NaN and Inf, a color space that conflicts with the kind of the map.
     Albedo: values that no real surface has, and baked lighting: low-frequency variation of lightness, or lightness
     that correlates with the normals (directional light) or with the heights (occlusion).
     Normals: vectors that are not of unit length or point down, a tilted mean, and a green channel of the wrong sign
     (OpenGL up, DirectX down). The sign is tested against the heights, or without heights by the curl of the slopes.
     Heights: a constant map, and 8-bit files. Other data: values outside of 0 to 1.
 
-    Each finding is printed as a line; json= writes them to a file with all measures. An error renders incorrectly, a
-    warning may. The run always completes; with fail=errors its exit code is 3 if there is an error.
+    Each finding is printed as a line; json= writes them to a file with all measures. Errors render incorrectly,
+    warnings possibly. The run always completes; with fail=errors its exit code is 3 if there is an error.
     """
 
     example: ClassVar[str] = """\

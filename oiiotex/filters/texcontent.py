@@ -47,7 +47,7 @@ class Content(ScanThenMap):
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
     section 6.1). The patch at `at` is outlined on the photo, and the centers of all patches with the same key are
     marked red (figure 10). The label histograms of the patch at each level are printed (figure 9); json= writes them
-    to a file. With `table`, each key is illustrated by a patch: rows by the first label, columns by the second
+    to a file. With `table`, a table shows a patch for each key: rows are the first label, columns the second
     (figure 11). The result is an 8-bit sRGB image for display, not for measurement.
     """
 
@@ -69,7 +69,7 @@ class Content(ScanThenMap):
     labels: Image | None = image(None, help=LABELS)
     at: Numbers | None = param(
         None, unit="px", unset="the center of the image", example="512,384",
-        help="Center of the patch: x,y in the data window.",
+        help="Center X,Y of the patch, in the data window.",
     )  # fmt: skip
     level: int | None = param(None, ge=1, unset="the coarsest", help="Level of the label map: N of label.N.")
     patch: int | None = param(
@@ -113,7 +113,7 @@ class Content(ScanThenMap):
         if self.at is None:
             return (width - side) // 2, (height - side) // 2
         if len(self.at) != 2:
-            raise ParameterError(parameter="at", value=self.at, expected="two numbers: x,y")
+            raise ParameterError(parameter="at", value=self.at, expected="two numbers, X,Y")
         x, y = (int(np.floor(n)) for n in self.at)
         x, y = x - part.spec.x, y - part.spec.y
         if not (0 <= x < width and 0 <= y < height):

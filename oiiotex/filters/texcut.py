@@ -28,7 +28,7 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
 
     Graph-cut textures (KSE03: Kwatra, Schoedl, Essa, Turk, Bobick, Graphcut Textures, SIGGRAPH 2003): matching patches
     are placed one after another, and each is cut against the existing texture along the cheapest seam of any shape.
-    A visible seam is covered by a further patch. With label=3, or a mask, only that label of the photo is used (LSA16:
+    A visible seam is covered by a further patch. With label=3, only pixels of label 3 are used (LSA16:
     Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis,
     SIGGRAPH 2016, section 5.2). Each pixel of the result is a copy of one pixel of the photo.
     """
@@ -43,13 +43,18 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
     size: Size | None = param(None, ge=5, le=16384, unit="px", unset="the exemplar's size", help="Size of the result.")
     tile: str = param("xy", choices=("xy", "x", "y", "none"), help="Axes along which the result tiles.")
     patch: int | None = param(
-        None, ge=5, le=512, unit="px", unset="shorter side of the exemplar / 5, from 16 to 96", help="Side of a patch."
+        None,
+        ge=5,
+        le=512,
+        unit="px",
+        unset="shorter side of the exemplar / 5, at least 16 and at most 96",
+        help="Side of a patch. Increase it to preserve larger structures.",
     )
     passes: int = param(
         1,
         ge=0,
         le=100,
-        help="Number of refinement passes. Each places as many patches again over the worst seams.",
+        help="Number of refinement passes. Each pass covers the most visible seams with as many patches again.",
     )
 
     def compute(self, session: Session) -> dict[str, Any]:

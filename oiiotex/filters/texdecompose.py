@@ -29,12 +29,12 @@ _HAAR_SAMPLES = 1000  # CZF02 section III C: "similar to the typical texture seg
 class Decompose(OnePart, InLab, ScanThenMap):
     """Segment a texture into the simpler textures that it consists of.
 
-    Regions compete for pixels by their textons. Regions that are more likely one texture than two are merged, until
-    none are left or the number `labels` is reached; then the remaining subtextures compete once more. The result is a
-    label map with ids from 1, and 0 where alpha is 0. Images above a megapixel are analyzed at an integer fraction of
-    their resolution. group=cliques instead compares the texton histograms of places, each with the best match near
-    the other place, and groups them by clique partitioning (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised
-    Texture Segmentation by Clique Partitioning).
+    Regions compete for pixels by their textons (clusters of local features). Pairs of regions that are probably one
+    texture are merged until no such pair is left; with `labels`, until that number of regions is left. The remaining
+    subtextures then compete once more. The result is a label map with ids from 1, and 0 where alpha is 0. Images above
+    a megapixel are analyzed at an integer fraction of their resolution. group=cliques instead compares the texton
+    histograms of sampled places, searches near each place for the best match, and groups the places by clique
+    partitioning (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised Texture Segmentation by Clique Partitioning).
     """
 
     example: ClassVar[str] = """\
@@ -51,19 +51,20 @@ class Decompose(OnePart, InLab, ScanThenMap):
     )
 
     source: Image = image(help="Image to segment.")
-    labels: int | None = param(None, ge=1, le=50, unset="found", help="Maximum number of subtextures.")
+    labels: int | None = param(None, ge=1, le=50, unset="chosen by the filter", help="Maximum number of subtextures.")
     group: str | None = param(
         None, choices=("merging", "cliques"), unset="merging; with features=haar, cliques", advanced=True,
         help="Grouping method. merging: of regions; cliques: of places that are compared in pairs.",
     )  # fmt: skip
     threshold: float | None = param(
         None, ge=0, le=1, unset="0.32; with group=cliques, 0.76; with features=haar, 0.95",
-        help="Threshold above which two regions (by probability) or two places (by similarity) are one texture. Larger"
-        " values give more subtextures.",
+        help="Threshold for joining, without labels: regions above this probability, or places above this similarity,"
+        " become one texture. Increase it for more subtextures.",
     )  # fmt: skip
     radius: float | None = param(
         None, ge=1, le=512, unit="px", unset="48; with features=haar, 8",
-        help="Radius of the disc whose textons describe a place. The neighborhood of a pixel is a quarter of it.",
+        help="Radius of the disc whose textons describe a place. Increase it for coarse textures. The neighborhood of"
+        " a pixel has a quarter of this radius.",
     )  # fmt: skip
     shift: float | None = param(
         None, ge=0, le=512, unit="px", unset="24; with features=haar, the radius", advanced=True,
@@ -75,22 +76,23 @@ class Decompose(OnePart, InLab, ScanThenMap):
     )  # fmt: skip
     bins: int | None = param(
         None, ge=2, le=64, unset="64; with features=haar, 8", advanced=True,
-        help="Number of textons; with features=haar, of color and of detail each.",
+        help="Number of textons; with features=haar, number of color textons and number of detail textons.",
     )  # fmt: skip
     step: int | None = param(
-        None, ge=1, le=512, unit="px", unset="from the size of the image", advanced=True,
+        None, ge=1, le=512, unit="px", unset="derived from the size of the image", advanced=True,
         help="Spacing of the places that are compared, with group=cliques.",
     )  # fmt: skip
     scales: int = param(
         1, ge=1, le=5, advanced=True,
-        help="Number of radii at which the second place is compared, half an octave apart, with group=cliques.",
+        help="Number of radii, half an octave apart, at which the second of two places is compared, with"
+        " group=cliques.",
     )  # fmt: skip
     search: str = param(
         "grid", choices=("grid", "meanshift"), advanced=True,
         help="Search method for the best match, with group=cliques. meanshift: as in the paper, slow.",
     )  # fmt: skip
     refine: bool = param(
-        True, advanced=True, help="Refinement of the cliques by moves of single places, which the paper does not have."
+        True, advanced=True, help="Refinement of the cliques by moves of single places. The paper has none."
     )
     assign: str = param(
         "competition", choices=("competition", "neighbors"), advanced=True,

@@ -21,14 +21,14 @@ from ..session import Session
 class Dominant(InLab, ScanThenMap):
     """Find the dominant texture of a photo: a mask without objects, cracks, stains and shadows.
 
-    Overlapping patches are points in a space of colors. Heat diffuses from the densest point: it reaches the large
-    group of similar patches, and hardly reaches others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion
-    Distance Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of the
-    patches, the photo is rejected with a warning and an empty mask; with `strict`, with an error. With `keep` the
-    photo is the first part and the mask follows it as part 'dominant', which can guide a synthesis.
+    Overlapping patches are points in a space of colors. Heat diffuses from the densest point through the large group of
+    similar patches, but hardly to others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
+    Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of the patches,
+    the mask is empty and a warning is printed; with `strict`, the run stops with an error. With `keep` the photo is the
+    first part and the mask follows it as part 'dominant', which can guide a synthesis.
 
     Attributes record the patch side in px (oiiotex:patch), the size of the kernel (oiiotex:epsilon), the dimension of
-    the manifold (oiiotex:dimension), the diffusion steps (oiiotex:tau) and the proportion of dominant patches
+    the manifold (oiiotex:dimension), the diffusion steps (oiiotex:tau) and the fraction of dominant patches
     (oiiotex:share).
     """
 
@@ -41,7 +41,12 @@ class Dominant(InLab, ScanThenMap):
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="keep", of="source"),
         Output("dominant", Kind.MASK, "Mask: 1 in the dominant texture, in the image's windows."),
-        Output("types", Kind.IDS, "Type of the patch around each pixel: 1 to 4 for 0 to III.", asked_by="types"),
+        Output(
+            "types",
+            Kind.IDS,
+            "Type of the patch around each pixel (LDR09 section 4): 1 to 4 for types 0, I, II and III.",
+            asked_by="types",
+        ),
         Output("score", Kind.MEASURE, "Density, and the decimal logarithm of heat.", asked_by="score"),
         Output("facts", Kind.TABLE, "Kernel curve, thresholds, iterations and proportions.", asked_by="json"),
         Output("chart", Kind.PICTURE, "Plots of the kernel curve, and of density against heat.", asked_by="chart"),
@@ -50,8 +55,8 @@ class Dominant(InLab, ScanThenMap):
     source: Image = image(help="Photo to mask.")
     mask: Image | None = image(None, help="Region to analyze. Pixels outside of it are ignored.")
     patch: int | None = param(
-        None, ge=3, le=63, unit="px", unset="from the Fourier transform", example="15",
-        help="Side of a patch. Even values are made odd.",
+        None, ge=3, le=63, unit="px", unset="estimated from the photo's Fourier transform", example="15",
+        help="Side of a patch, rounded to an odd number. Increase it if the texture has large elements.",
     )  # fmt: skip
     step: int | None = param(
         None, ge=1, le=256, unit="px", unset="the smallest that gives at most 12000 patches", example="4",
@@ -59,7 +64,8 @@ class Dominant(InLab, ScanThenMap):
     )  # fmt: skip
     rule: str = param(
         "repaired", choices=("repaired", "paper"), advanced=True,
-        help="Thresholds and mask. repaired: the paper's with corrections; paper: as published.",
+        help="Rules for thresholds and mask. repaired: those of the paper, corrected; paper: those of the paper, as"
+        " published.",
     )  # fmt: skip
     mode: str = param(
         "diffusion",
@@ -70,10 +76,13 @@ class Dominant(InLab, ScanThenMap):
     paper: bool = param(
         False, help="Settings of the paper (LDR09): rule=paper:mode=diffusion:step=1, without an estimate of noise."
     )
-    strict: bool = param(False, help="Reject a photo without a dominant texture with an error.")
+    strict: bool = param(False, help="Error instead of a warning for a photo without a dominant texture.")
     keep: bool = param(False, help="Keep the photo as the first part, before the mask.")
     types: bool = param(
-        False, advanced=True, help="Append part 'types': 1 to 4 for a patch of type 0 to III around each pixel, else 0."
+        False,
+        advanced=True,
+        help="Append part 'types', the type of the patch around each pixel (LDR09 section 4): 1"
+        " to 4 stand for types 0, I, II and III, and 0 for no patch.",
     )
     score: bool = param(False, advanced=True, help="Append part 'score': density, and the decimal logarithm of heat.")
     json: Path | None = param(

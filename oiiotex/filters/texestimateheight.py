@@ -26,12 +26,12 @@ class EstimateHeight(Whole):
 
     The surface is assumed to be matte, of uniform color apart from structures larger than sigma, and lit from one side
     (Pentland 1990) or by an overcast sky, where recesses are dark (Langer and Zucker 1994). Heights are the integrable
-    surface closest to the estimated slopes (Frankot and Chellappa 1988, by FFT). Paint is mistaken for relief: if a
-    scan has heights, prefer those.
+    surface closest to the estimated slopes (Frankot and Chellappa 1988, by FFT). Paint is mistaken for relief. If a
+    scan has a height map, use that instead.
 
     A photo cannot tell from which of two opposite sides the light comes. Light from above is assumed, or from the left
     if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side.
-    Heights are stored as 0 to 1; the attribute oiiotex:heightpx records the height in pixels that 1 stands for.
+    Heights are stored as 0 to 1; the attribute oiiotex:heightpx contains the height, in pixels, of the value 1.
     """
 
     example: ClassVar[str] = """\
@@ -42,7 +42,7 @@ class EstimateHeight(Whole):
     name: ClassVar[str] = "estimateheight"
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("height", Kind.MEASURE, "Height map: one channel, 0 to 1, larger is nearer."),
+        Output("height", Kind.MEASURE, "Height map: one channel, 0 to 1, higher values are closer to the viewer."),
         Output("normal", Kind.MEASURE, "Normal map of these heights, encoded as 0 to 1.", asked_by="normal"),
     )
 

@@ -21,9 +21,9 @@ from ..session import Session
 class Flatten(ScanThenMap):
     """Remove low-frequency variation (gradients of light, stains) from an image.
 
-    Local level and local contrast in Lab, as medians over a disc, are matched to those of the whole image. Elements
-    smaller than the disc are kept; larger stains are removed with their rims. The result is the image times a smooth
-    gain, from 1/2 to 2, plus a smooth offset in Lab. Memory does not grow with the image.
+    Local level and local contrast in Lab, as medians over a disc, are matched to those of the whole image. Structures
+    smaller than the disc are kept; larger stains are removed, including their rims. The result is the image times a
+    smooth gain, from 1/2 to 2, plus a smooth offset in Lab. Memory does not grow with the image.
     """
 
     example: ClassVar[str] = '>>> flat = filters.flatten("photo.png", amount=0.5)'
@@ -44,10 +44,16 @@ class Flatten(ScanThenMap):
         unit="px",
         unset=f"{DEFAULT_RADIUS} x longer side",
         example="200",
-        help="Radius of the disc. Smaller structures are kept.",
+        help="Radius of the disc. Smaller structures are kept. Reduce it if stains remain, increase it if the texture"
+        " looks flat.",
     )
-    amount: float = param(1.0, ge=0, le=1, help="Proportion of the low-frequency variation to remove.")
-    contrast: float = param(1.0, ge=0, le=1, help="Proportion of the variation in local contrast to remove.")
+    amount: float = param(1.0, ge=0, le=1, help="Fraction of the low-frequency variation to remove.")
+    contrast: float = param(
+        1.0,
+        ge=0,
+        le=1,
+        help="Fraction of the variation in local contrast to remove. Reduce it if dark joints become gray.",
+    )
     tile: str = param(
         "none",
         choices=("none", "x", "y", "xy"),

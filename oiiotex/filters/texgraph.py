@@ -36,10 +36,10 @@ _KEPT = (".exr", ".tif", ".tiff", ".png")  # lossless formats
 class ExemplarGraph(Whole):
     """Create an exemplar graph from one or more photos, or draw an existing graph.
 
-    Several photos, coarsest first, become a chain in which each is finer than the one before by `scale`. A single
+    Several photos, coarsest first, become a chain: each has pixels `scale` times smaller than the one before. A single
     photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of it, from the
-    whole photo at reduced resolution to a crop at full resolution. json=FILE writes the graph for `synth` and `zoom`,
-    which you can edit; file names in it are relative to it (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
+    whole photo at reduced resolution to a crop at full resolution. json=FILE writes the graph for `synth` and `zoom`.
+    You can edit it; file names are relative to the graph (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
     Texture Synthesis, 2008, section 3.1, figures 8 and 9). The picture arranges exemplars by octave and labels edges
     with r.
     """
@@ -60,7 +60,9 @@ class ExemplarGraph(Whole):
     )  # fmt: skip
 
     photos: tuple[Image, ...] = image(help="Photos, coarsest first. None are taken if graph is given.")
-    graph: Path | None = param(None, example="graph.json", help="Graph to draw (JSON or YAML). No graph is created.")
+    graph: Path | None = param(
+        None, example="graph.json", help="Existing graph to draw (JSON or YAML), instead of creating one."
+    )
     json: Path | None = param(None, example="graph.json", help="File for the graph.")
     scale: Numbers | None = param(
         None, ge=1, unset="8, less for small photos; with scales, 2", example="4,8",
@@ -68,10 +70,13 @@ class ExemplarGraph(Whole):
     )  # fmt: skip
     loop: int | None = param(
         None, ge=0, le=7, unset="1 for one photo, else 0",
-        help="Octaves r of an edge from the last exemplar to itself. 0: no edge.",
+        help="Octaves r of an edge from the last exemplar to itself, which makes a zoom endless. 0: no edge.",
     )  # fmt: skip
     scales: int = param(
-        1, ge=1, le=16, help="Number of exemplars to cut out of one photo, which differ by scale. Written with json."
+        1,
+        ge=1,
+        le=16,
+        help="Number of exemplars at different scales to cut out of one photo. json writes them next to the graph.",
     )
     side: int = param(256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="Maximum side of an exemplar.")
     thumb: int = param(128, ge=32, le=512, unit="px", advanced=True, help="Side of an exemplar in the picture.")

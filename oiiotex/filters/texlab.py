@@ -26,8 +26,8 @@ class Lab(Pointwise):
     """Convert to and from CIE Lab (D65).
 
     L is 0 for black and 100 for diffuse white; a and b are 0 for gray. HDR values exceed 100, and negative values are
-    kept. L, a and b are stored as 32-bit floats in channels R, G and B, as OpenColorIO does, because most programs
-    take a channel named 'a' for alpha. Gray becomes three channels. Color is unpremultiplied first, and premultiplied
+    kept. L, a and b are stored as 32-bit floats in channels R, G and B, as OpenColorIO does, because most programs take
+    a channel named 'a' for alpha. Gray images become three channels. Color is unpremultiplied first, and premultiplied
     again by the inverse; alpha and other channels are kept. The result is tagged as data, so that no program takes it
     for RGB. An attribute records the original color space for the inverse.
     """

@@ -56,7 +56,7 @@ class Label(OnePart, InLab, ScanThenMap):
     source: Image = image(help="Image to segment.")
     features: str = param(
         "textons", choices=("textons", "moments", "gabor", "quadtree"), advanced=True,
-        help="Features by which superpixels are compared. moments: as in the paper.",
+        help="Features by which superpixels are compared. The paper: moments.",
     )  # fmt: skip
     cluster: str = param(
         "nmf", choices=("nmf", "kmeans", "spectral"), advanced=True,
@@ -66,33 +66,36 @@ class Label(OnePart, InLab, ScanThenMap):
         0.95,
         ge=0.01,
         le=0.999,
-        help="Length of the random walk: smaller values give fewer labels. Level n uses the nth power.",
+        help="Persistence of the random walk over superpixels (LSA16 section 4.4). Smaller values give fewer labels."
+        " Level n uses the nth power.",
     )
     share: float = param(
         0.5, ge=0.01, le=1, advanced=True,
-        help="Proportion of superpixels at the next scale that must each contain two or more labels. The paper: 1.",
+        help="Fraction of the superpixels at the next scale that must contain several labels. The paper: 1.",
     )  # fmt: skip
     coarsest: bool = param(
         True, help="Add a coarsest level of subtextures, as `decompose` finds them. The paper has none."
     )
     labels: int | None = param(
-        None, ge=1, le=50, unset="found", help="Maximum number of subtextures in the coarsest level."
+        None, ge=1, le=50, unset="chosen by the filter", help="Maximum number of subtextures in the coarsest level."
     )
     neighbors: int = param(
         256, ge=8, le=4096, advanced=True, help="Maximum number of neighbors of a superpixel in the graph."
     )
     tries: int = param(
-        0, ge=0, le=100, advanced=True, help="Number of random starts that are combined with the first (boosting)."
+        0,
+        ge=0,
+        le=100,
+        advanced=True,
+        help="Number of further, random starts that are combined with the first (boosting).",
     )
-    runs: int = param(
-        1, ge=1, le=1000, advanced=True, help="Number of SLIC runs, of which the best is used. The paper: 10."
-    )
+    runs: int = param(1, ge=1, le=1000, advanced=True, help="Number of SLIC runs. The best one is used. The paper: 10.")
     minsize: int | None = param(
         None, ge=1, unit="px", unset="sigma^2 / 4", example="25", advanced=True,
         help="Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25.",
     )  # fmt: skip
     seed: int = param(
-        0, ge=0, le=2**32 - 1, advanced=True, help="Seed of random starts. No effect with tries=0 and runs=1."
+        0, ge=0, le=2**32 - 1, advanced=True, help="Seed of the random starts. No effect with tries=0 and runs=1."
     )
     paper: bool = param(
         False,
@@ -101,7 +104,9 @@ class Label(OnePart, InLab, ScanThenMap):
     )
     keep: bool = param(False, help="Keep the photo as the first part, before the labels.")
     soft: bool = param(
-        False, advanced=True, help="Append parts membership.N (G) and fit.N (F / max F) for each level N."
+        False,
+        advanced=True,
+        help="Append the parts membership.N and fit.N for each level N (G and F / max F in LSA16).",
     )
     cryptomatte: bool | Path = param(
         False,

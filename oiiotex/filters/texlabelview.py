@@ -24,8 +24,8 @@ class LabelView(ScanThenMap):
 
     Takes the result of `label` or `superpixel`, preferably with `keep`. The sheet shows the photo, then each label part
     (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo and with
-    borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The result is
-    an 8-bit sRGB image for display, subsampled from the labels: do not measure it.
+    borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The result is an
+    8-bit sRGB image, subsampled from the labels, for display, not for measurement.
     """
 
     example: ClassVar[str] = '>>> sheet = filters.labelview(filters.label("photo.png", keep=True))'

@@ -32,7 +32,7 @@ from ..session import Session
 class Paint(Reported, Quilted):
     """Turn a painting of labels into a texture, at one or two scales.
 
-    Where the painting has label 3, the result has texture of label 3 of the photo, by guided quilting (`quilt`). An
+    Areas painted with label 3 are filled with the photo's texture of label 3, by guided quilting (`quilt`). An
     optional second painting, `fine`, overlays labels of the next finer level; where it is empty (black, id 0 or alpha
     0), the first painting applies (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
     Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE from `palette` maps colors to

@@ -65,7 +65,8 @@ class Palette(LabeledExemplar, InBands):
     rows: int = param(24, ge=1, le=256, help="Maximum number of labels, the largest first.")
     children: int = param(8, ge=0, le=64, help="Maximum number of children of each label, the largest first.")
     chips: bool | Path = param(
-        False, help="Paint colors with ids and names. 1: append them as part 'chips'; a file name: write that file."
+        False,
+        help="Paint colors with ids and names. 1: append them as part 'chips'; a file name: write them to that file.",
     )
     paints: Path | None = param(
         None, example="paints.gpl", help="File for the paint colors (.gpl or .aco), to load into a painting program."

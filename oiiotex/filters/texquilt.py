@@ -29,12 +29,12 @@ class Quilting(Reported, Quilted, Structured):
     Image quilting (Efros & Freeman, SIGGRAPH 2001) places square patches on a regular grid. Each patch is the best
     match for its neighbors, and is cut along the path of least difference.
 
-    With label maps (of `label`), a guide controls the layout: patches are selected by their content, the two most
+    With label maps, a guide controls the layout: patches are selected by their content, the two most
     frequent labels in them (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map
     Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.1).
 
-    Every pixel of the result is a copy of one pixel of the photo. Only a plan of offsets and cuts is held, so memory
-    does not grow with the number of pixels.
+    Every pixel of the result is a copy of one pixel of the photo. Only a plan of offsets and cuts is kept in memory, so
+    memory does not grow with the number of pixels.
     """
 
     example: ClassVar[str] = '>>> texture = filters.quilt("photo.png", size=(1024, 512), seed=7)'
@@ -50,14 +50,16 @@ class Quilting(Reported, Quilted, Structured):
     mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
     label: int | None = param(None, ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
     guide: Image | None = image(
-        None, help="Image of any size that controls the layout: label ids, or ids or colors mapped by table."
+        None,
+        help="Image of any size that controls the layout. Its pixels are label ids, or ids or colors that table"
+        " maps to labels.",
     )
     table: Path | None = param(
         None,
         example="table.json",
         advanced=True,
-        help="JSON file that maps ids or 8-bit colors of the guide to labels or keys:"
-        ' {"255,0,0": 3, "0,0,255": [1, 2]}.',
+        help='JSON file that maps ids or 8-bit colors of the guide to labels or pairs of labels: {"255,0,0": 3,'
+        ' "0,0,255": [1, 2]}.',
     )
     soft: float = param(0.2, ge=0, le=1, help=SOFT, advanced=True)
     overlap: int | None = param(
@@ -70,12 +72,16 @@ class Quilting(Reported, Quilted, Structured):
         help="Overlap of neighboring patches, at most patch / 3.",
     )
     plan: Path | None = param(
-        None, example="plan.npz", advanced=True, help="File (.npz) for the plan: offsets and cuts."
+        None,
+        example="plan.npz",
+        advanced=True,
+        help="File (.npz) to write the plan (offsets and cuts) to; with render=1, to read it from.",
     )
     render: bool = param(
         False,
         advanced=True,
-        help="Rendering from the file of plan, instead of writing it, with any map of the photo's size.",
+        help="Render the plan of an earlier run instead of computing one. The exemplar may be another map of the same"
+        " size.",
     )
 
     def files(self) -> dict[str, Path]:

@@ -47,7 +47,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
 class Rectify(Gather):
     """Correct the perspective of a flat surface that was photographed obliquely.
 
-    Four corners of a rectangle in the world become the corners of the result. The aspect ratio is derived from the
+    The four corners of a real rectangle become the corners of the result. The aspect ratio is derived from the
     perspective (Zhang and He 2007: square pixels, uncropped photo) or from `physical`.
 
     Without `corners`, the lattice of a surface that repeats regularly in two directions (tiles, bricks, a weave) is

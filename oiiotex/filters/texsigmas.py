@@ -47,7 +47,7 @@ class Sigmas(InLab, Whole):
     Ritschel, Weyrich, Texture Stationarization, Eurographics 2017, section 4.4).
 
     The modifier amount of `stationarize` uses the same scale, which is stored in the user's cache. The table of sigmas
-    is printed, and written with `json`. The result is an 8-bit sRGB image for display, not for measurements.
+    is printed, and written with `json`. The result is an 8-bit sRGB image for display, not for measurement.
     """
 
     example: ClassVar[str] = '>>> sheet = filters.sigmas("photo.png", n=4)'

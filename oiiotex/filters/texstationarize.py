@@ -40,8 +40,8 @@ class Stationarize(PatchSynthesis):
     scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017).
 
     Every pixel of the result is a copy of one pixel of the photo, with all its channels. Where low-frequency variation
-    was removed, a gain and an offset in Lab are applied to the copy. With `relevel`, a constant is added to each copied
-    piece of a height map.
+    was removed, a gain and an offset in Lab are applied to the copy. With `relevel`, a constant is also added to each
+    copied piece of a height map.
     """
 
     example: ClassVar[str] = """\
@@ -58,7 +58,7 @@ True
         ge=0,
         le=1,
         unset="1; with inpaint or for data, 0",
-        help="Share of the photo's gradients and stains that is removed before synthesis. 0: every pixel is a verbatim"
+        help="Fraction of the photo's gradients and stains to remove before synthesis. 0: every pixel is a verbatim"
         " copy.",
     )
     drift: bool | Path = param(False, help=DRIFT_HELP, advanced=True)
@@ -76,8 +76,8 @@ True
         ge=0,
         le=1,
         advanced=True,
-        help="Perceived stationarity, used instead of sigma: 0 the least, 1 the most. Equal steps look equal;"
-        " `sigmas` shows them for a photo.",
+        help="Visible uniformity of the result, from 0 (least) to 1 (most), used instead of sigma. Equal steps make"
+        " equally visible differences; `sigmas` shows them for a photo.",
     )
     contrast: float | None = param(
         None,
@@ -85,8 +85,8 @@ True
         le=1,
         unset=f"{CONTRAST}; with inpaint, 0",
         advanced=True,
-        help="Strength with which the overall histogram is matched to that of target. At 0, the colors of rare objects,"
-        " such as windows in a wall, may vanish.",
+        help="Strength of the match between the result's overall histogram and that of target. Increase it if rare"
+        " colors are missing. At 0, the colors of rare objects, such as windows in a wall, may vanish.",
     )
     target: str = param(
         "flat",
@@ -103,9 +103,10 @@ True
     paper: bool = param(
         False,
         advanced=True,
-        help="Paper's settings (MJH17): flatten=0:target=exemplar:contrast=1:structure=0, sigma = longer side / 32,"
-        " patch=11, a pyramid that starts at a quarter of the tile, 3 iterations on each finer level, no reuse"
-        " penalties and no overshoot. Constants that the paper does not state (alpha, uniformity) keep our values.",
+        help="Settings of the paper (MJH17): flatten=0:target=exemplar:contrast=1:structure=0, sigma = longer side /"
+        " 32, patch=11, a pyramid that starts at a quarter of the tile, 3 iterations on each finer level, no reuse"
+        " penalties and no overshoot. Constants that the paper does not state (alpha, uniformity) keep the values of"
+        " oiiotex.",
     )
     PAPER: ClassVar[dict[str, Any]] = {
         "flatten": 0.0, "target": "exemplar", "contrast": 1.0, "structure": 0.0, "preset": None,

@@ -23,9 +23,9 @@ from ..superpixels.superpixels import COMPACTNESS, ITERATIONS, LEAST_SIGMA, Supe
 class Superpixel(InLab, ScanThenMap):
     """Segment an image into superpixels: small connected regions of similar color.
 
-    Fine superpixels are computed by SLIC in Lab. A Gaussian stack guides their merging into coarser ones, whose borders
-    are a subset of the fine borders (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
-    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 3).
+    Fine superpixels are computed by SLIC in Lab. A Gaussian stack guides their merging into coarser ones, so coarse
+    borders are a subset of the fine borders (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier,
+    Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 3).
 
     The result is a label map. Ids start at 1, in the order of their first pixels; transparent pixels have id 0. The
     result does not depend on the memory budget.
@@ -49,7 +49,7 @@ class Superpixel(InLab, ScanThenMap):
         le=1e6,
         unit="px",
         unset="the finest level",
-        help="Scale, rounded to the nearest level.",
+        help="Scale of the superpixels, rounded to the nearest level. Increase it for larger superpixels.",
     )
     count: int | None = param(None, ge=1, help="Number of superpixels, used instead of sigma.")
     finest: float | None = param(
@@ -64,13 +64,18 @@ class Superpixel(InLab, ScanThenMap):
         COMPACTNESS,
         ge=0.1,
         le=100,
-        help="Compactness m of SLIC: the Lab distance equal to one sigma in space.",
+        help="Compactness m of SLIC: the Lab distance that weighs as much as one sigma in space. Increase it for"
+        " rounder superpixels.",
     )
     iterations: int = param(
-        ITERATIONS, ge=1, le=100000, help="Maximum iterations of SLIC, which stops when no center moves.", advanced=True
+        ITERATIONS,
+        ge=1,
+        le=100000,
+        help="Maximum number of SLIC iterations. They end earlier if no center moves.",
+        advanced=True,
     )
     runs: int = param(
-        1, ge=1, le=1000, help="Runs of SLIC, of which the best by eq. 3 is used. The paper uses 10.", advanced=True
+        1, ge=1, le=1000, help="Number of SLIC runs. The best one by LSA16 eq. 3 is used. The paper: 10.", advanced=True
     )
     minsize: int | None = param(
         None,
@@ -78,7 +83,7 @@ class Superpixel(InLab, ScanThenMap):
         unit="px",
         unset="finest^2 / 4",
         advanced=True,
-        help="Minimum area of a superpixel. Smaller pieces are merged into a neighbor. The paper uses 25.",
+        help="Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25.",
     )
     seed: int = param(
         0, ge=0, le=2**32 - 1, help="Seed of the runs after the first, which start from other centers.", advanced=True

@@ -35,9 +35,9 @@ class Synth(Multiscale, Structured):
     """Synthesize an unbounded texture from one exemplar, or from a graph of exemplars at different scales.
 
     Without `graph`, a texture of any size is synthesized from the top image (Lefebvre & Hoppe, Parallel controllable
-    texture synthesis, 2005). A graph relates the scales of a few small exemplars. Any window at any level of detail can
-    be computed alone, with the same pixels as in the whole (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
-    Texture Synthesis, 2008).
+    texture synthesis, 2005). With `graph`, several small exemplars at different scales are combined. Any window at any
+    level of detail can be computed alone, and has the same pixels as in the whole texture (HRRG08: Han, Risser,
+    Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008).
 
     Exemplars are cropped to centered squares with a power-of-two side. One that does not tile is mirrored at its
     borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a graph differ.
@@ -65,7 +65,9 @@ class Synth(Multiscale, Structured):
     size: Size | None = param(
         None, ge=1, le=1 << 30, unit="px", unset="size of window, otherwise of the exemplar", help="Size of the result."
     )
-    window: str | None = param(None, example="1920x1080+0-400", help="Window of the plane to compute, as WxH+X+Y.")
+    window: str | None = param(
+        None, example="1920x1080+0-400", help="Window of the unbounded plane to compute, as WxH+X+Y."
+    )
     tiles: str | None = param(
         None, example="1/4", advanced=True, help="Chunk I of N of the rows of the result, as I/N, for a render farm."
     )
@@ -74,7 +76,8 @@ class Synth(Multiscale, Structured):
         ge=0,
         le=MOST_LEVEL,
         unset="finest level of the exemplars",
-        help="Level of detail: octaves below level 0, where one pixel covers the whole root exemplar.",
+        help="Level of detail. At level 0, one pixel covers the whole root exemplar; each further level doubles the"
+        " resolution.",
     )
     toroidal: bool = param(False, help="Tiling result. Requires size, with sides that are multiples of 2^level pixels.")
     resume: bool = param(
@@ -86,7 +89,7 @@ class Synth(Multiscale, Structured):
         False,
         example="st.exr",
         advanced=True,
-        help="Source coordinates: 1 appends them as parts to the result, a file name writes them to that file.",
+        help="Source coordinates of every pixel. 1: append them as parts; a file name: write them to that file.",
     )
 
     def single(self, name: str) -> Graph:

@@ -28,7 +28,7 @@ class Variants(InLab, Whole):
 
     Use it to choose a seed, or to see the effect of a modifier: `vary=sigma:over=8,16,32` makes three rows of
     `stationarize`. All other modifiers have their defaults. Captions show the modifiers of each result. The result is
-    an 8-bit sRGB image for display, not for measurements.
+    an 8-bit sRGB image for display, not for measurement.
     """
 
     example: ClassVar[str] = '>>> sheet = filters.variants("photo.png", filter="quilt", seeds=3)'
@@ -41,10 +41,14 @@ class Variants(InLab, Whole):
         choices=("stationarize", "patchmatch", "quilt", "cut", "synth", "composite"),
         help="Name of the synthesis filter.",
     )
-    seeds: int = param(4, ge=1, le=16, help="Number of seeds, which is the number of columns.")
+    seeds: int = param(4, ge=1, le=16, help="Number of seeds, one for each column.")
     seed: int = param(0, ge=0, le=2**32 - 17, help="First seed.")
-    vary: str | None = param(None, example="sigma", help="Modifier that varies from row to row. Requires over.")
-    over: Words | None = param(None, example="8,16,32", help="Values of that modifier.")
+    vary: str | None = param(
+        None, example="sigma", help="Name of a modifier that varies from row to row. Requires over."
+    )
+    over: Words | None = param(
+        None, example="8,16,32", help="Values of the modifier that vary names, one for each row."
+    )
     thumb: int = param(256, ge=32, le=2048, unit="px", help="Maximum longer side of a result in the sheet.")
 
     def compute(self, session: Session) -> dict[str, Any]:

@@ -22,9 +22,9 @@ from ..session import Session
 class Warp(Gather):
     """Rearrange the pixels of an image by a map of source coordinates, without interpolation.
 
-    Use it to apply a synthesis to further maps of a photo: the photo's normals and the `stmap` of a tile give the
-    normals of that tile. The result has the size of the map. Pixels are copied unchanged, so normals remain valid. The
-    image must have the display window of the photo from which the map was made.
+    Use it to apply a synthesis to further maps of a photo: for example, the photo's normal map and the `stmap` of its
+    tile give the normal map of the tile. The result has the size of the map. Pixels are copied unchanged, so normals
+    remain valid. The image must have the display window of the photo from which the map was made.
     """
 
     example: ClassVar[str] = """\

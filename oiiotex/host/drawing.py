@@ -388,7 +388,7 @@ class Kernel(Hosted, AnyWindow):
     name: ClassVar[str] = "kernel"
 
     kernel: str = argument(help="Kernel, such as gaussian, box, binomial or laplacian.", example="gaussian")
-    size: str = argument(help="Width and height WxH, also fractional.", example="5x5")
+    size: str = argument(help="Width and height WxH, in integer or fractional pixels.", example="5x5")
 
     def compute(self, session: Session) -> Image:
         """The kernel; its values sum to 1."""

@@ -103,7 +103,7 @@ class FixNonFinite(Area):
     strategy: str = argument(
         choices=("none", "black", "box3", "error"),
         help="Replacement. none: the values are kept; black: 0; box3: the mean of the finite values among the"
-        " 8 neighbors; error: the image is refused.",
+        " 8 neighbors; error: the run stops with an error.",
     )
 
     def halo(self) -> tuple[int, int]:

@@ -43,7 +43,7 @@ def read_text(path: Path) -> str:
         with open(path, "rb") as file:
             content = file.read(_MOST_BYTES + 1)
         if len(content) > _MOST_BYTES:
-            raise ImageError(f"{path}: larger than {_MOST_BYTES >> 20} MB")
+            raise ImageError(f"{path}: file too large: expected at most {_MOST_BYTES >> 20} MB")
         return content.decode()
     except (OSError, UnicodeDecodeError) as error:
         raise ImageError(f"{path}: {getattr(error, 'strerror', None) or 'not text in UTF-8'}") from error

@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from ..core.parameters import nearest
 from ..errors import Error, ImageError, ParameterError, within
 
-_NAMES = {str: "text", int: "an integer", float: "a number", bool: "true or false", type(None): "null"}
+_NAMES = {str: "a string", int: "an integer", float: "a number", bool: "true or false", type(None): "null"}
 
 
 @dataclass(frozen=True)

@@ -193,7 +193,7 @@ def _report(graph: Graph, exemplars: Sequence[Exemplar], analysis: Analysis) -> 
             place, factor = exemplars[n].place, exemplars[n].factor
             log.warning(
                 "exemplar '%s': %.0f %% of it has no finer match (color difference up to %.0f Lab units, at %d,%d px);"
-                " detail of something else appears there (HRRG08 section 8)",
+                " unrelated detail appears there (HRRG08 section 8)",
                 graph.names[n], 100 * share, away, (place.left + x) / factor, (place.top + y) / factor,
             )  # fmt: skip
 

@@ -39,7 +39,7 @@ class Multiscale(InLab, Reported, AnyWindow):
         False,
         ge=0,
         le=MOST_LEVEL,
-        help="Last level without jitter: up to it the root is reproduced, and finer levels add detail."
+        help="Last level without random variation. Up to that level, the root is reproduced; finer levels add detail."
         " 1: the level of the root's resolution.",
         advanced=True,
     )
@@ -50,15 +50,18 @@ class Multiscale(InLab, Reported, AnyWindow):
         16,
         ge=1,
         le=16,
-        help="Dimensions of projected neighborhoods. 6: as in the paper. 16: fewer repeats.",
+        help="Number of dimensions to which neighborhoods are projected. 6: as in the paper. 16: fewer repeats.",
         advanced=True,
     )
     side: int = param(
-        256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="Maximum side of an exemplar's square."
+        256,
+        choices=(16, 32, 64, 128, 256, 512, 1024),
+        unit="px",
+        help="Maximum side of the square that is cropped from an exemplar.",
     )
     paper: bool = param(
         False,
-        help="Paper's settings (HRRG08): dims=6, and endless zooms turn at any level and lose their contrast.",
+        help="Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in endless zooms.",
         advanced=True,
     )
     seed: int | None = param(
@@ -66,7 +69,7 @@ class Multiscale(InLab, Reported, AnyWindow):
         ge=0,
         le=2**32 - 1,
         unset="seed of the graph, else 0",
-        help="Random seed. The same seed gives the same pixels.",
+        help="Seed of the random numbers. The same seed gives the same pixels.",
     )
 
     PAPER: ClassVar[dict[str, Any]] = {"dims": 6, "correct": True}

@@ -69,15 +69,22 @@ class Quilted(LabeledExemplar, Gather):
         1.0,
         ge=0,
         le=1e9,
-        help="Number of free uses of a region of the exemplar, as a multiple of its fair share. Uses beyond two, and"
-        " beyond one more than that number, are penalized.",
+        help="Number of uses of a region of the exemplar before further uses are penalized, as a multiple of its fair"
+        " share. One more use, and two in any case, are free. Reduce it if regions repeat, increase it if patches"
+        " match poorly.",
         advanced=True,
     )
     finer: float = param(
         0.5, ge=0, le=100, help="Weight of finer levels' labels in the overlaps, compared with color.", advanced=True
     )
-    guidance: float = param(1.0, ge=0, le=100, help="Weight of the guide's labels inside a patch, compared with color.")
-    keep: bool = param(False, help="Write the exemplar's label parts, from the same source pixels, after the image.")
+    guidance: float = param(
+        1.0,
+        ge=0,
+        le=100,
+        help="Weight of the guide's labels inside a patch, compared with"
+        " color. Increase it to follow the guide more closely.",
+    )
+    keep: bool = param(False, help="Append the label maps of the result, copied from the same source pixels.")
 
     def read(self, resources: Resources, *also: np.ndarray | None) -> ExemplarPixels:
         """As `LabeledExemplar.read`, if the content table fits into memory as well."""

@@ -153,7 +153,7 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
         with zipfile.ZipFile(source) as archive:
             info = archive.getinfo(file.member)
             if info.file_size > _MOST_MEMBER:
-                raise Error(f"{file}: file too large: expected up to {_MOST_MEMBER >> 30} GB")
+                raise Error(f"{file}: file too large: expected at most {_MOST_MEMBER >> 30} GB")
             if info.file_size > max(_LARGE, _MOST_UNPACKED * info.compress_size):
                 raise Error(
                     f"{file}: unpacks to over {_MOST_UNPACKED} times its size; if you trust the archive, unpack it"

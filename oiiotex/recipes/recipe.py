@@ -190,7 +190,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         if not path.is_file():
             raise Error(f"{path}: no such file")
         if path.stat().st_size > _MOST_BYTES:
-            raise Error(f"{path}: file too large: expected up to {_MOST_BYTES >> 20} MB")
+            raise Error(f"{path}: file too large: expected at most {_MOST_BYTES >> 20} MB")
         return tomllib.loads(path.read_text())
     except (OSError, UnicodeDecodeError) as error:
         raise Error(f"{path}: {error}") from error

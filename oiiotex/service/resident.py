@@ -167,7 +167,7 @@ class _Connection:
 
     def _begin(self, number: int, asked: dict[str, Any]) -> None:
         if len(self._jobs) >= MOST_JOBS:
-            raise Error(f"too many jobs of one client: expected up to {MOST_JOBS}; wait until some have finished")
+            raise Error(f"too many jobs of one client: expected at most {MOST_JOBS}; wait until some have finished")
 
         def look(pixels: Any, whole: bool) -> None:
             self._answer(number, "look", {"whole": whole}, [pixels])

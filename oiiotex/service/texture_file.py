@@ -118,7 +118,7 @@ def read_texture_file(name: str) -> TextureFile:
         name, _, query = name.partition("?")
     for text, most, called in ((name, MOST_NAME, "the file name"), (query, MOST_QUERY, "the query after '?'")):
         if len(text) > most or "\0" in text:
-            raise ImageError(f"{name[:300]}: {called} has {len(text)} characters: expected up to {most}, without NUL")
+            raise ImageError(f"{name[:300]}: {called} has {len(text)} characters: expected at most {most}, without NUL")
     path = Path(name)
     where = str(path)
     document = read_document(path)
@@ -171,7 +171,7 @@ def _size(size: str | None, where: str) -> tuple[int, int]:
     if not tile_side(width, height):
         raise ImageError(
             f"{where}: size={size}: too many tiles for OpenImageIO's cache (at most {_MOST_TILES} of {_TILES[-1]} px):"
-            " expected up to 2^48 px in total, such as 16777216x16777216"
+            " expected at most 2^48 px in total, such as 16777216x16777216"
         )
     return width, height
 

@@ -103,7 +103,7 @@ class _QuiltTexture:
         self._part: Part = op.compute(quiet)["quilt"]
         self.spec = oiio.ImageSpec(self._part.spec)
         if not tile_side(self.spec.width, self.spec.height):
-            raise ImageError(f"{file.plan}: too large: expected up to 2^48 px in total")
+            raise ImageError(f"{file.plan}: too large: expected at most 2^48 px in total")
 
     def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
         """The pixels of a window, black outside the image."""

@@ -37,7 +37,7 @@ class Bench:
     def keep(self, image: Image) -> int:
         """Keep an image, and return its number."""
         if len(self._images) >= MOST_IMAGES:
-            raise ImageError(f"too many images of one client: expected up to {MOST_IMAGES}; drop some")
+            raise ImageError(f"too many images of one client: expected at most {MOST_IMAGES}; drop some")
         number = next(self._numbers)
         self._images[number] = image
         return number

@@ -39,19 +39,32 @@ class WriteModifiers:
 
     all: int | None = param(None, ge=0, help="Write all images of the stack: %d in FILE counts from this number.")
     udim: Size | None = param(None, ge=1, le=10, example="2x2", help="Cut the image into UDIM tiles: <UDIM> in FILE.")
-    type: str | None = param(None, unset="that of -d", example="half", help="Pixel type: uint8, uint10, half ...")
+    type: str | None = param(
+        None, unset="that of -d", example="half", help="Pixel type, such as uint8, uint10 or half."
+    )
     datatype: str | None = param(None, unset="that of -d", example="half", help="Alias of type.", advanced=True)
     bits: int | None = param(None, ge=1, le=64, unset="all", example="10", help="Significant bits.", advanced=True)
     tile: Size | None = param(None, ge=1, le=65536, unset="that of --tile", example="64x64", help="Size of tiles.")
-    scanline: bool | None = param(None, unset="1 after --scanline", help="Write scanlines instead of tiles.")
-    dither: bool | None = param(None, unset="1 after --dither", help="Dither when quantizing to 8 bits.")
-    autocrop: bool | None = param(None, advanced=True, unset="0 after --noautocrop", help="0: as --noautocrop.")
-    autotrim: bool | None = param(None, advanced=True, unset="1 after --autotrim", help="Trim as --autotrim does.")
-    autocc: bool | None = param(None, unset="1 after --autocc", help="Convert to the color space in the file's name.")
+    scanline: bool | None = param(None, unset="1 after --scanline, else 0", help="Write scanlines instead of tiles.")
+    dither: bool | None = param(None, unset="1 after --dither, else 0", help="Dither when quantizing to 8 bits.")
+    autocrop: bool | None = param(
+        None,
+        advanced=True,
+        unset="0 after --noautocrop, else 1",
+        help="Crop or pad to the display window in formats with a single window.",
+    )
+    autotrim: bool | None = param(
+        None, advanced=True, unset="1 after --autotrim, else 0", help="Trim as --autotrim does."
+    )
+    autocc: bool | None = param(
+        None, unset="1 after --autocc, else 0", help="Convert to the color space in the file's name."
+    )
     unpremult: bool = param(False, advanced=True, help="Unpremultiply colors for the conversion.")
     contig: bool = param(False, advanced=True, help="Interleave the channels.")
     separate: bool = param(False, advanced=True, help="Store each channel separately.")
-    fileformatname: str = param("", unset="by name", example="tiff", advanced=True, help="Name of the file format.")
+    fileformatname: str = param(
+        "", unset="that of the extension", example="tiff", advanced=True, help="Name of the file format."
+    )
 
 
 def write_output(chain: Chain, path: str, given: WriteModifiers) -> None:
@@ -73,7 +86,7 @@ def _numbered(path: str, number: int) -> str:
     try:
         return path % number if "%" in path else path
     except (TypeError, ValueError):
-        raise ParameterError(f"'{path}': expected a single %d for the number of the image") from None
+        raise ParameterError(f"'{path}': expected a single %d, for the image number") from None
 
 
 def _write_tiles(chain: Chain, path: str, count: Size, given: WriteModifiers) -> None:

@@ -30,17 +30,26 @@ _PRINTING = ("--info", "--stats", "--hash", "--dumpdata")  # for each image as i
 class ReadModifiers:
     """Modifiers of -i."""
 
-    autocc: bool | None = param(None, unset="1 after --autocc", help="Convert to scene linear, as --autocc does.")
+    autocc: bool | None = param(
+        None, unset="1 after --autocc, else 0", help="Convert to scene linear, as --autocc does."
+    )
     unpremult: bool = param(False, help="Unpremultiply colors for the conversion.")
-    native: bool | None = param(None, unset="1 after --native", help="Let ops work on the file's pixel type.")
+    native: bool | None = param(None, unset="1 after --native, else 0", help="Let ops work on the file's pixel type.")
     type: str | None = param(None, unset="float", example="half", help="Pixel type that ops work on.")
     ch: str | None = param(None, unset="all", example="R,G,B", help="Channels to read, in the syntax of --ch.")
-    info: int | None = param(None, ge=0, le=2, unset="1 after --info", example="2", help="Print --info. 2: in full.")
-    infoformat: str = param("", choices=("", "text", "xml"), unset="text", help="Format of that output.")
+    info: int | None = param(
+        None,
+        ge=0,
+        le=2,
+        unset="1 after --info, else 0",
+        example="2",
+        help="Print information as --info does. 2: with all metadata.",
+    )
+    infoformat: str = param("", choices=("", "text", "xml"), unset="text", help="Format of the output of info.")
     now: bool = param(False, advanced=True, help="Read the whole file now instead of parts of it on demand.")
     get_thumbnail: bool = param(False, advanced=True, help="Read the file's thumbnail instead of its pixels.")
     fail: bool = param(True, advanced=True, help="Error for files without a thumbnail. 0: the image is scaled down.")
-    index: int = param(0, ge=0, le=0, advanced=True, help="Number of the thumbnail: OpenImageIO reads only the first.")
+    index: int = param(0, ge=0, le=0, advanced=True, help="Number of the thumbnail. OpenImageIO reads only the first.")
 
 
 _PLAIN = ReadModifiers()

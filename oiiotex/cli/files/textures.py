@@ -33,7 +33,7 @@ class TextureModifiers:
     wrap: str = param("black", choices=_WRAPS, help="Wrap mode outside the image.")
     swrap: str | None = param(None, choices=(*_WRAPS, None), unset="that of wrap", help="Horizontal wrap mode.")
     twrap: str | None = param(None, choices=(*_WRAPS, None), unset="that of wrap", help="Vertical wrap mode.")
-    type: str | None = param(None, unset="that of -d", example="half", help="Pixel type: uint8, half, float ...")
+    type: str | None = param(None, unset="that of -d", example="half", help="Pixel type, such as uint8, half or float.")
     tile: Size | None = param(None, ge=1, le=65536, unset="that of --tile, 64x64", help="Size of tiles.")
     fileformatname: str = param("", unset="that of the extension", example="tiff", help="Name of the file format.")
     resize: bool = param(False, help="Resize the image to powers of two.")
@@ -68,7 +68,7 @@ class TextureModifiers:
     uvslopes_scale: float = param(0.0, ge=0, help="Scale of slopes, for slopes in uv space.")
     cdf: bool = param(False, help="Store the cumulative distribution of values in the metadata.")
     cdfbits: int = param(8, ge=1, le=16, help="Bits of the cumulative distribution.")
-    cdfsigma: float = param(1 / 6, ge=0, help="Sigma of the cumulative distribution.")
+    cdfsigma: float = param(1 / 6, ge=0, unset="1/6", help="Sigma of the cumulative distribution.")
 
 
 _BOTH = {"highlightcomp": "hicomp", "filtername": "filter", "oiio_options": "oiio", "prman_options": "prman"}

@@ -83,7 +83,7 @@ def begin_while(chain: Chain, value: str) -> None:
     block = chain.loops[-1]
     most = chain.settings.get("--maxloop", MOST_ROUNDS)
     if holds and block.rounds >= most:
-        raise ParameterError(f"{value} is still true after {most} rounds", hint="raise --maxloop")
+        raise ParameterError(f"{value} is still true after {most} iterations", hint="raise --maxloop")
     block.holds = holds
     chain.skipping = block.outer or not holds
     return None
@@ -103,7 +103,7 @@ _RANGE = Parameter("RANGE", (Numbers,), None, "")
 
 
 def begin_for(chain: Chain, variable: str, text: str) -> None:
-    """Run the steps up to --endfor for each value of END, START,END or START,END,STEP (END excluded)."""
+    """Run the steps up to --endfor for each number of a range: END, START,END or START,END,STEP (END excluded)."""
     again = bool(chain.loops) and chain.loops[-1].start == chain.position - 1
     if chain.skipping and not again:
         return _open(chain, "--for", False)
@@ -118,7 +118,7 @@ def begin_for(chain: Chain, variable: str, text: str) -> None:
     else:
         most = chain.settings.get("--maxloop", MOST_ROUNDS)
         if abs(limit - value) > most * abs(step):
-            raise ParameterError(f"'{text}': expected at most {most} rounds", hint="raise --maxloop")
+            raise ParameterError(f"'{text}': expected at most {most} iterations", hint="raise --maxloop")
         _open(chain, "--for", value < limit if step > 0 else value > limit)
     chain.user[variable] = int(value) if float(value).is_integer() else value
     return None
@@ -188,7 +188,7 @@ OPTIONS = (
 )
 
 _SAY = "Log each step, and measure the results"
-_MAXLOOP = f"Set the maximum number of rounds of a loop. Default: {MOST_ROUNDS}"
+_MAXLOOP = f"Set the maximum number of iterations of a loop. Default: {MOST_ROUNDS}"
 _IGNORED = "Accepted and ignored, for oiiotool compatibility"
 STATES = (
     Option("-v", switch("-v"), text=_SAY, state=True, throughout=True, aliases=("--verbose",)),

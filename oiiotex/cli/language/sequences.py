@@ -34,11 +34,11 @@ OPTIONS = settings_of(
         "Set the frames of #, @ and %04d: 1-10, 1-10x2 (every second), 1-10y2 (all others), 1,5,7-9",
     ),
     ("--framepadding DIGITS", "Set the number of digits of # and @, 1 to 9"),
-    ("--views NAMES", "Set the views of %V, and by first letter of %v. Default: left,right"),
+    ("--views NAMES", "Set the views that %V stands for; %v stands for their first letters. Default: left,right"),
     ("--wildcardoff", "Disable wildcards from here on"),
     ("--wildcardon", "Enable wildcards again"),
     ("--skip-bad-frames", "Continue with the next frame after an error"),
-    ("--parallel-frames", "Run several frames at a time, in processes"),
+    ("--parallel-frames", "Run several frames at a time, in separate processes"),
 )
 
 _WILDCARD = r"[#@]+|%[0-9]*d"

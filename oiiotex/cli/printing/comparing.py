@@ -216,9 +216,11 @@ class FlipModifiers:
     medianluminance: float = param(0.18, ge=0, help="Luminance to which the median is exposed.")
     ppd: float = param(0.0, ge=0, help="Pixels per degree of visual angle. 0: those of a desktop monitor.")
     tonemapper: str = param("aces", choices=("aces", "hable", "reinhard"), help="Tone mapping operator.")
-    colormap: str = param("", example="turbo", help="Color map of the result: inferno, viridis, magma, turbo ...")
+    colormap: str = param(
+        "", example="turbo", help="Color map of the result, such as inferno, viridis, magma or turbo."
+    )
     fail: float = param(10.0, ge=0, help="Largest error that passes. 10 or more: no check.")
-    print: bool = param(True, help="Output of the errors.")
+    print: bool = param(True, help="Print the errors.")
 
 
 def flip_difference(chain: Chain, given: FlipModifiers) -> None:
@@ -300,7 +302,7 @@ OPTIONS = (
             (
                 "warnpercent",
                 "PERCENT",
-                "Set the percentage of such pixels without a warning. Default: 0",
+                "Set the percentage of pixels above --warn that --diff accepts. Default: 0",
             ),
             ("hardwarn", "THRESHOLD", "Set the difference above which a single pixel makes --diff warn"),
         )

@@ -72,7 +72,7 @@ class InfoModifiers:
     """Modifiers of --info."""
 
     format: str = param("", choices=("", "text", "xml"), unset="text", help="Format of the output.")
-    verbose: bool = param(False, help="Output of all metadata, as with -v.")
+    verbose: bool = param(False, help="Print all metadata, as with -v.")
 
 
 def print_inputs(chain: Chain, given: InfoModifiers) -> None:
@@ -85,9 +85,9 @@ class PrintInfoModifiers:
     """Modifiers of --printinfo."""
 
     allsubimages: bool | None = param(None, unset="1 after -a, else 0", help="Output for all parts (subimages).")
-    native: bool = param(False, help="Pixel types of the file instead of those that ops work on.")
-    stats: bool | None = param(None, unset="1 after --stats, else 0", help="Output of pixel statistics.")
-    verbose: bool = param(True, help="Output of all metadata.")
+    native: bool = param(False, help="Print the pixel types of the file instead of those that ops work on.")
+    stats: bool | None = param(None, unset="1 after --stats, else 0", help="Print pixel statistics.")
+    verbose: bool = param(True, help="Print all metadata.")
 
 
 def print_top(chain: Chain, given: PrintInfoModifiers) -> None:
@@ -147,7 +147,7 @@ class CountModifiers:
 
 
 def count_colors(chain: Chain, text: str, given: CountModifiers) -> None:
-    """Count the pixels of each color in COLORS, as R,G,B:R,G,B ..."""
+    """Count the pixels of each color in COLORS, such as 1,0,0:0,1,0."""
     from ...host.arithmetic import numbers_for_channels
 
     part = chain.top.first

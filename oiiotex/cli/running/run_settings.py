@@ -6,14 +6,17 @@ from __future__ import annotations
 from ..language.parse import settings_of
 
 OPTIONS = settings_of(
-    ("--device DEVICE", "Select the OpenCL device: number, gpu, cpu or part of its name. Default: $OIIOTEX_DEVICE"),
+    (
+        "--device DEVICE",
+        "Select the OpenCL device: number, gpu, cpu or part of its name. Default: $OIIOTEX_DEVICE, else a GPU or CPU",
+    ),
     ("--devices", "List the OpenCL devices and whether they work; with -v all details"),
     ("--threads N", "Set the number of CPU threads, 0 to 4096. Default: 0, all that the process may use"),
     ("--cache MB", "Set the memory budget, in MB. Default: a quarter of the machine's memory"),
     ("--colorconfig FILE", "Set the OCIO config. Default: $OCIO, else a built-in config"),
     (
         "--interchange SPACE OURS",
-        "Declare SPACE of a config without interchange roles as lin_rec709, ACES2065-1 ...",
+        "Identify SPACE of a config without interchange roles as OURS: lin_rec709, ACES2065-1 ...",
     ),
     ("-q", "Print errors only"),
     ("--noprogress", "Print no progress"),
@@ -25,5 +28,9 @@ OPTIONS = settings_of(
     ("--plugin-path", "Print the folder of the plugin with which OpenImageIO reads .oiiotex files"),
     ("--cache-info", "Print the contents of the cache folder"),
     ("--cache-clear", "Empty the cache folder"),
-    ("--help", "Print help: one screen, or after it all, a group, OP, OP:MODIFIER, :MODIFIER or a word", "-h"),
+    (
+        "--help",
+        "Print one screen of help, or help on the next word: all, a group, OP, OP:MODIFIER, :MODIFIER or any word",
+        "-h",
+    ),
 )

@@ -83,7 +83,7 @@ class AppendModifiers:
 
 
 def append_parts(chain: Chain, given: AppendModifiers) -> None:
-    """Join the top two (n) images as parts of one image."""
+    """Join the top two images, or the top n, as parts of one image."""
     if given.n > len(chain.stack):
         raise ParameterError(f"n={given.n}: the stack has {len(chain.stack)} images")
     images = chain.stack[-given.n :]

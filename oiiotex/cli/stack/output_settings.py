@@ -22,7 +22,7 @@ def pixel_type(text: str) -> tuple[oiio.TypeDesc, int]:
 
 
 def set_type(chain: Chain, text: str) -> None:
-    """Set the pixel type of later outputs: uint8, uint10, half, float ..., or CHANNEL=TYPE,..."""
+    """Set the pixel type of later outputs: uint8, uint10, half, float ..., or a list of CHANNEL=TYPE."""
     if "=" not in text:
         chain.settings["-d"] = pixel_type(text)
         chain.settings.pop("-d channels", None)
@@ -91,7 +91,7 @@ OPTIONS = (
     state("--autotrim", "Trim black borders in formats that have a data window"),
     state("--history", "Write the command line to the metadata of files"),
     state("--no-history", "Write only a hash of the command line (default)", sets=("--history", False)),
-    state("--nosoftwareattrib", "Omit all metadata on this program"),
+    state("--nosoftwareattrib", "Omit all metadata about this program"),
     state("-n", "Write no files: a dry run"),
     state("-u", "Skip outputs that are newer than their inputs"),
     state("--no-clobber", "Never overwrite existing files", "--noclobber"),

@@ -231,7 +231,7 @@ FILTERING = (
        lambda source, roi, size, kernel: oiio.ImageBufAlgo.convolve(
            source, kernel_of(kernel, *parse_size(size)), True, roi),
        halo=_blur_halo,
-       size=(str, argument(help="Width and height WxH of the kernel, also fractional.", example="5x5")),
+       size=(str, argument(help="Width and height WxH of the kernel, in integer or fractional pixels.", example="5x5")),
        kernel=param("gaussian", help="Kernel, such as gaussian, box, triangle, binomial or disk.", example="box")),
     Convolve,
     op("median", "Median-filter the image.", Ranked, _median),

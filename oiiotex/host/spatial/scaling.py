@@ -118,11 +118,11 @@ class Resize(HostOp, Gather):
     highlightcomp: bool = HIGHLIGHTS
     from_: str | None = param(
         None, unset="display window", example="100.5x80+10+20", advanced=True,
-        help="Source region WxH+X+Y that is mapped to the region to, in pixels, also fractional.",
+        help="Source region WxH+X+Y, in integer or fractional pixels. It is mapped to the region set by to.",
     )  # fmt: skip
     to: str | None = param(
         None, unset="new display window", example="640x480+0+0", advanced=True,
-        help="Region WxH+X+Y of the result, in pixels, also fractional.",
+        help="Region WxH+X+Y of the result, in integer or fractional pixels.",
     )  # fmt: skip
     edgeclamp: bool = param(
         False, help="With from and to, ignore pixels outside the image instead of blending with black.", advanced=True
@@ -210,7 +210,7 @@ class Fit(HostOp, Gather):
     pad: bool = param(False, help="Pad the result to the size with black.")
     fillmode: str = param(
         "letterbox", choices=("letterbox", "width", "height"),
-        help="Side that fills the size. letterbox: the one with which the whole image is visible.",
+        help="Side to fit: width, height, or letterbox, which fits both, so that the whole image is visible.",
     )  # fmt: skip
     exact: bool = param(
         False, help="Keep the exact aspect ratio and center at subpixel precision. Needs the whole image in memory."

@@ -203,7 +203,7 @@ def _rotation(radians: float, x: float, y: float) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class STWarp(HostOp, Gather):
-    """Warp an image by a second one that holds normalized source coordinates (an ST map)."""
+    """Warp an image by a second one that contains normalized source coordinates (an ST map)."""
 
     name: ClassVar[str] = "st_warp"
     rescales: ClassVar[bool] = True
@@ -211,8 +211,8 @@ class STWarp(HostOp, Gather):
     source: Image = image(help="Image to warp.")
     st: Image = image(help="ST map: source coordinates from 0 to 1.")
     filter: str = param("", unset="lanczos3", help="Name of the resampling filter.", example="mitchell")
-    chan_s: int = param(0, ge=0, help="Channel of the ST map that holds s.")
-    chan_t: int = param(1, ge=0, help="Channel of the ST map that holds t.")
+    chan_s: int = param(0, ge=0, help="Channel of the ST map that contains s.")
+    chan_t: int = param(1, ge=0, help="Channel of the ST map that contains t.")
     flip_s: bool = param(False, help="Flip s: 0 is at the right.")
     flip_t: bool = param(False, help="Flip t: 0 is at the bottom.")
 
