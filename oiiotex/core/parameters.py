@@ -125,9 +125,7 @@ class Parameter:
             return ""
         if self.unset or self.default in (None, ""):
             return self.unset or "none"
-        if isinstance(self.default, (bool, int, float)):
-            return f"{self.default:.10g}"
-        return str(self.default)
+        return f"{self.default:.10g}" if isinstance(self.default, (bool, int, float)) else str(self.default)
 
     @property
     def sample(self) -> str:
@@ -152,11 +150,8 @@ class Parameter:
     def described(self, help: str) -> str:
         """`help`, followed by valid values and default as sentences."""
         values = self.allowed()
-        if self.kind is None:  # begins with a value, as does pow2
-            lead = f"Values: {values}"
-        else:
-            lead = f"Either {values}" if values.startswith("pow2") else values[:1].upper() + values[1:]
-        text = f"{help} {lead}."
+        begins_with_value = self.kind is None or SizeRule in self.kind
+        text = f"{help} {f'Values: {values}' if begins_with_value else values[:1].upper() + values[1:]}."
         return text if self.required else f"{text} Default: {self.default_text}."
 
     def allowed(self) -> str:

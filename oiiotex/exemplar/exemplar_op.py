@@ -65,7 +65,7 @@ class LabeledExemplar(Op):
     mask: ClassVar[Image | None] = None  # as an `ExemplarOp` takes it
     labels: Image | None = image(None, help=LABELS, advanced=True)
     label: ClassVar[int | None] = None
-    level: int | None = param(None, ge=1, unset=COARSEST, help=LEVEL, advanced=True)
+    level: int | None = param(None, example="2", ge=1, unset=COARSEST, help=LEVEL, advanced=True)
     data: bool = param(False, help=DATA, advanced=True)
     seed: int = param(0, ge=0, le=2**32 - 1, help=SEED)
     stmap: bool | Path = param(False, help=STMAP, example="st.exr", advanced=True)
@@ -120,7 +120,7 @@ class ExemplarOp(LabeledExemplar):
     """An op that copies pixels of one photo, optionally of one label or of a mask."""
 
     mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
-    label: int | None = param(None, ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
+    label: int | None = param(None, example="3", ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
 
     def _allowed(self) -> np.ndarray | None:
         if self.label is None and (self.level is not None or self.labels is not None):

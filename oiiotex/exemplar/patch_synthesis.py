@@ -64,7 +64,9 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         " with two edge colors (16: the complete set). Part names and the attribute oiiotex:edges contain the edge"
         " colors.",
     )
-    patch: int | None = param(None, choices=(*_PATCHES, None), unit="px", unset=str(PATCH), help=_PATCH_HELP)
+    patch: int | None = param(
+        None, example="21", choices=(*_PATCHES, None), unit="px", unset=str(PATCH), help=_PATCH_HELP
+    )
     iterations: int = param(
         30,
         ge=1,

@@ -45,15 +45,16 @@ def atlas(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Create a texture for a 3-D object that continues across the borders of its UV charts.
+    """Create a texture for a mesh, continuous across the borders of its UV charts.
 
-    This is dominant texture on objects, LDR09 figure 7 (Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
-    Manifolds, 2009). A mask from `dominant` keeps other things in the photo off the object. Pixels of the charts are
-    synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture synthesis, SIGGRAPH 2006, section 5),
-    each from its neighbors on the surface, which are rotated and scaled across shared edges.
+    It can cover a mesh with the dominant texture of a photo, as in LDR09 figure 7 (Lu, Dorsey, Rushmeier, Dominant
+    Texture and Diffusion Distance Manifolds, 2009). A mask from `dominant` keeps objects and stains of the photo off
+    the mesh. Pixels of the charts are synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture
+    synthesis, SIGGRAPH 2006, section 5), each from its neighbors on the surface, which are rotated and scaled across
+    shared edges.
 
-    Directions follow the u axis of the charts, smoothed over the surface. The texture has the same scale everywhere,
-    regardless of the scale of each chart. All maps of a material are synthesized together
+    The texture is oriented along the u axis of the charts, smoothed over the surface. The texture has the same scale
+    everywhere, regardless of the scale of each chart. All maps of a material are synthesized together
     (n=3:kinds=color,data,normal), and tangent-space normals rotate with the texture. Gutters of 8 px continue the
     texture beyond the border of each chart. A mesh without UVs is unwrapped by xatlas: render the result on the mesh
     that unwrapped=FILE.obj writes. Requires `pip install oiiotex[atlas]`.
@@ -86,7 +87,8 @@ def atlas(
         Number of maps of one material, resynthesized together: the last n images. Expected: an integer
         from 1 to 16.
     label : int | None, default None
-        Id of a label: only its pixels are used as a source. Expected: an integer >= 1.
+        Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
+        Expected: an integer >= 1.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
@@ -112,24 +114,24 @@ def atlas(
     Other Parameters
     ----------------
     labels : ImageLike | None, default None
-        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
-        first image, or a file name.
+        Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
+        of the first image, or a file name.
     convention : Literal['opengl', 'directx'], default 'opengl'
-        Direction of the green channel of maps of kind normal. opengl: up; directx: down.
+        Green channel of normal maps. opengl: up; directx: down.
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
     match : float | Sequence[float] | None, default None
-        Weight of each map in the comparison of patches, in order. 0: the map is ignored there, but
-        still resynthesized. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
+        Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
+        follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
     level : int | None, default None
-        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
-        Expected: an integer >= 1. Default: the coarsest.
+        Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
+        Default: the coarsest.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
-        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
     Raises
@@ -213,15 +215,15 @@ def checkmaterial(
 ) -> ImageBuf:
     """Check the maps of a material for problems in rendering, and pass them on unchanged.
 
-    All maps: different sizes, NaN and Inf, a color space that does not suit the kind of the map.
+    All maps: different sizes, NaN and Inf, a color space that conflicts with the kind of the map.
     Albedo: values that no real surface has, and baked lighting: low-frequency variation of lightness, or lightness
     that correlates with the normals (directional light) or with the heights (occlusion).
     Normals: vectors that are not of unit length or point down, a tilted mean, and a green channel of the wrong sign
     (OpenGL up, DirectX down). The sign is tested against the heights, or without heights by the curl of the slopes.
     Heights: a constant map, and 8-bit files. Other data: values outside of 0 to 1.
 
-    Each finding is printed as a line; json= writes them to a file with all measures. An error renders incorrectly, a
-    warning may. The run always completes; with fail=errors its exit code is 3 if there is an error.
+    Each finding is printed as a line; json= writes them to a file with all measures. Errors render incorrectly,
+    warnings possibly. The run always completes; with fail=errors its exit code is 3 if there is an error.
 
     Parameters
     ----------
@@ -343,10 +345,10 @@ def composite(
         Expected: an integer from 8 to 256 px. Default: scale of the label level, or shorter side / 8,
         as a power of two; with guide, less if a label is rare.
     guidance : float, default 1.0
-        Weight of the guide's labels inside a patch, compared with color. Expected: a number from 0 to
-        100.
+        Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
+        guide more closely. Expected: a number from 0 to 100.
     keep : bool, default False
-        Write the exemplar's label parts, from the same source pixels, after the image.
+        Append the label maps of the result, copied from the same source pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
@@ -375,32 +377,32 @@ def composite(
     Other Parameters
     ----------------
     labels : ImageLike | None, default None
-        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
-        first image, or a file name.
+        Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
+        of the first image, or a file name.
     tries : int, default 4
         Number of label maps to grow. The one closest to the original is used. Expected: an integer from
         1 to 64.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
-        limit.
+        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
+        with exit code 3.
     candidates : int, default 256
         Maximum number of candidate patches per place. Expected: an integer from 1 to 65536.
     reuse : float, default 1.0
-        Number of free uses of a region of the exemplar, as a multiple of its fair share. Uses beyond
-        two, and beyond one more than that number, are penalized. Expected: a number from 0 to
-        1000000000.
+        Number of uses of a region of the exemplar before further uses are penalized, as a multiple of
+        its fair share. One more use, and two in any case, are free. Reduce it if regions repeat,
+        increase it if patches match poorly. Expected: a number from 0 to 1000000000.
     finer : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
     level : int | None, default None
-        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
-        Expected: an integer >= 1. Default: the coarsest.
+        Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
+        Default: the coarsest.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
-        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
     Raises
@@ -523,7 +525,7 @@ def content(
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
     section 6.1). The patch at `at` is outlined on the photo, and the centers of all patches with the same key are
     marked red (figure 10). The label histograms of the patch at each level are printed (figure 9); json= writes them
-    to a file. With `table`, each key is illustrated by a patch: rows by the first label, columns by the second
+    to a file. With `table`, a table shows a patch for each key: rows are the first label, columns the second
     (figure 11). The result is an 8-bit sRGB image for display, not for measurement.
 
     Parameters
@@ -531,10 +533,10 @@ def content(
     source : ImageLike
         Image with label parts, from `label` with `keep`.
     labels : ImageLike | None, default None
-        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
-        first image, or a file name.
+        Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
+        of the first image, or a file name.
     at : float | Sequence[float] | None, default None
-        Center of the patch: x,y in the data window. Expected: a number or a sequence of numbers px.
+        Center X,Y of the patch, in the data window. Expected: a number or a sequence of numbers in px.
         Default: the center of the image.
     level : int | None, default None
         Level of the label map: N of label.N. Expected: an integer >= 1. Default: the coarsest.
@@ -600,7 +602,7 @@ def cut(
 
     Graph-cut textures (KSE03: Kwatra, Schoedl, Essa, Turk, Bobick, Graphcut Textures, SIGGRAPH 2003): matching patches
     are placed one after another, and each is cut against the existing texture along the cheapest seam of any shape.
-    A visible seam is covered by a further patch. With label=3, or a mask, only that label of the photo is used (LSA16:
+    A visible seam is covered by a further patch. With label=3, only pixels of label 3 are used (LSA16:
     Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis,
     SIGGRAPH 2016, section 5.2). Each pixel of the result is a copy of one pixel of the photo.
 
@@ -616,20 +618,22 @@ def cut(
     tile : Literal['xy', 'x', 'y', 'none'], default 'xy'
         Axes along which the result tiles.
     patch : int | None, default None
-        Side of a patch. Expected: an integer from 5 to 512 px. Default: shorter side of the exemplar /
-        5, from 16 to 96.
+        Side of a patch. Increase it to preserve larger structures. Expected: an integer from 5 to 512
+        px. Default: shorter side of the exemplar / 5, at least 16 and at most 96.
     passes : int, default 1
-        Number of refinement passes. Each places as many patches again over the worst seams. Expected:
-        an integer from 0 to 100.
+        Number of refinement passes. Each pass covers the most visible seams with as many patches again.
+        Expected: an integer from 0 to 100.
     label : int | None, default None
-        Id of a label: only its pixels are used as a source. Expected: an integer >= 1.
+        Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
+        Expected: an integer >= 1.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
     structure : float, default 0.5
-        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
-        would stretch them visibly, the default size is the nearest with complete repeats only. Ignored
-        for photos without regular repeats. Expected: a number from 0 to 1.
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If they do not fit
+        the photo's size, the default size becomes the nearest that contains complete repeats only. 0:
+        repeats are not preserved. No effect on photos without regular repeats. Expected: a number from
+        0 to 1.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
@@ -652,20 +656,20 @@ def cut(
     Other Parameters
     ----------------
     labels : ImageLike | None, default None
-        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
-        first image, or a file name.
+        Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
+        of the first image, or a file name.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
-        limit.
+        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
+        with exit code 3.
     level : int | None, default None
-        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
-        Expected: an integer >= 1. Default: the coarsest.
+        Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
+        Default: the coarsest.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
-        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
     Raises
@@ -759,26 +763,27 @@ def decompose(
 ) -> ImageBuf:
     """Segment a texture into the simpler textures that it consists of.
 
-    Regions compete for pixels by their textons. Regions that are more likely one texture than two are merged, until
-    none are left or the number `labels` is reached; then the remaining subtextures compete once more. The result is a
-    label map with ids from 1, and 0 where alpha is 0. Images above a megapixel are analyzed at an integer fraction of
-    their resolution. group=cliques instead compares the texton histograms of places, each with the best match near
-    the other place, and groups them by clique partitioning (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised
-    Texture Segmentation by Clique Partitioning).
+    Regions compete for pixels by their textons (clusters of local features). Pairs of regions that are probably one
+    texture are merged until no such pair is left; with `labels`, until that number of regions is left. The remaining
+    subtextures then compete once more. The result is a label map with ids from 1, and 0 where alpha is 0. Images above
+    a megapixel are analyzed at an integer fraction of their resolution. group=cliques instead compares the texton
+    histograms of sampled places, searches near each place for the best match, and groups the places by clique
+    partitioning (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised Texture Segmentation by Clique Partitioning).
 
     Parameters
     ----------
     source : ImageLike
         Image to segment.
     labels : int | None, default None
-        Maximum number of subtextures. Expected: an integer from 1 to 50. Default: found.
+        Maximum number of subtextures. Expected: an integer from 1 to 50. Default: chosen by the filter.
     threshold : float | None, default None
-        Threshold above which two regions (by probability) or two places (by similarity) are one
-        texture. Larger values give more subtextures. Expected: a number from 0 to 1. Default: 0.32;
-        with group=cliques, 0.76; with features=haar, 0.95.
+        Threshold for joining, without labels: regions above this probability, or places above this
+        similarity, become one texture. Increase it for more subtextures. Expected: a number from 0 to
+        1. Default: 0.32; with group=cliques, 0.76; with features=haar, 0.95.
     radius : float | None, default None
-        Radius of the disc whose textons describe a place. The neighborhood of a pixel is a quarter of
-        it. Expected: a number from 1 to 512 px. Default: 48; with features=haar, 8.
+        Radius of the disc whose textons describe a place. Increase it for coarse textures. The
+        neighborhood of a pixel has a quarter of this radius. Expected: a number from 1 to 512 px.
+        Default: 48; with features=haar, 8.
     paper : bool, default False
         Settings of the paper (CZF02):
         features=haar:group=cliques:scales=3:search=meanshift:refine=0:assign=neighbors.
@@ -821,18 +826,18 @@ def decompose(
     features : Literal['bank', 'haar'], default 'bank'
         Features of the textons. bank: filter bank; haar: color and Haar wavelets, as in the paper.
     bins : int | None, default None
-        Number of textons; with features=haar, of color and of detail each. Expected: an integer from 2
-        to 64. Default: 64; with features=haar, 8.
+        Number of textons; with features=haar, number of color textons and number of detail textons.
+        Expected: an integer from 2 to 64. Default: 64; with features=haar, 8.
     step : int | None, default None
         Spacing of the places that are compared, with group=cliques. Expected: an integer from 1 to 512
-        px. Default: from the size of the image.
+        px. Default: derived from the size of the image.
     scales : int, default 1
-        Number of radii at which the second place is compared, half an octave apart, with group=cliques.
-        Expected: an integer from 1 to 5.
+        Number of radii, half an octave apart, at which the second of two places is compared, with
+        group=cliques. Expected: an integer from 1 to 5.
     search : Literal['grid', 'meanshift'], default 'grid'
         Search method for the best match, with group=cliques. meanshift: as in the paper, slow.
     refine : bool, default True
-        Refinement of the cliques by moves of single places, which the paper does not have.
+        Refinement of the cliques by moves of single places. The paper has none.
     assign : Literal['competition', 'neighbors'], default 'competition'
         Assignment of pixels to subtextures. competition: by textons; neighbors: by places, as in the
         paper.
@@ -964,14 +969,14 @@ def dominant(
 ) -> ImageBuf:
     """Find the dominant texture of a photo: a mask without objects, cracks, stains and shadows.
 
-    Overlapping patches are points in a space of colors. Heat diffuses from the densest point: it reaches the large
-    group of similar patches, and hardly reaches others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion
-    Distance Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of the
-    patches, the photo is rejected with a warning and an empty mask; with `strict`, with an error. With `keep` the
-    photo is the first part and the mask follows it as part 'dominant', which can guide a synthesis.
+    Overlapping patches are points in a space of colors. Heat diffuses from the densest point through the large group of
+    similar patches, but hardly to others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
+    Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of the patches,
+    the mask is empty and a warning is printed; with `strict`, the run stops with an error. With `keep` the photo is the
+    first part and the mask follows it as part 'dominant', which can guide a synthesis.
 
     Attributes record the patch side in px (oiiotex:patch), the size of the kernel (oiiotex:epsilon), the dimension of
-    the manifold (oiiotex:dimension), the diffusion steps (oiiotex:tau) and the proportion of dominant patches
+    the manifold (oiiotex:dimension), the diffusion steps (oiiotex:tau) and the fraction of dominant patches
     (oiiotex:share).
 
     Parameters
@@ -982,8 +987,8 @@ def dominant(
         Region to analyze. Pixels outside of it are ignored. A string is the name of a part of the first
         image, or a file name.
     patch : int | None, default None
-        Side of a patch. Even values are made odd. Expected: an integer from 3 to 63 px. Default: from
-        the Fourier transform.
+        Side of a patch, rounded to an odd number. Increase it if the texture has large elements.
+        Expected: an integer from 3 to 63 px. Default: estimated from the photo's Fourier transform.
     step : int | None, default None
         Spacing of patches. Expected: an integer from 1 to 256 px. Default: the smallest that gives at
         most 12000 patches.
@@ -993,7 +998,7 @@ def dominant(
     paper : bool, default False
         Settings of the paper (LDR09): rule=paper:mode=diffusion:step=1, without an estimate of noise.
     strict : bool, default False
-        Reject a photo without a dominant texture with an error.
+        Error instead of a warning for a photo without a dominant texture.
     keep : bool, default False
         Keep the photo as the first part, before the mask.
     json : FileName | None, default None
@@ -1017,7 +1022,8 @@ def dominant(
         A dict of parts by name if more than one part is requested.
         - photo: Photo, as the first part. [pixels; with keep]
         - dominant: Mask: 1 in the dominant texture, in the image's windows. [0 or 1, 32-bit floats]
-        - types: Type of the patch around each pixel: 1 to 4 for 0 to III. [32-bit ids; with types]
+        - types: Type of the patch around each pixel (LDR09 section 4): 1 to 4 for types 0, I, II and
+          III. [32-bit ids; with types]
         - score: Density, and the decimal logarithm of heat. [32-bit float values; with score]
         - facts: Kernel curve, thresholds, iterations and proportions. [JSON; with json]
         - chart: Plots of the kernel curve, and of density against heat. [8-bit sRGB picture; with
@@ -1026,9 +1032,11 @@ def dominant(
     Other Parameters
     ----------------
     rule : Literal['repaired', 'paper'], default 'repaired'
-        Thresholds and mask. repaired: the paper's with corrections; paper: as published.
+        Rules for thresholds and mask. repaired: those of the paper, corrected; paper: those of the
+        paper, as published.
     types : bool, default False
-        Append part 'types': 1 to 4 for a patch of type 0 to III around each pixel, else 0.
+        Append part 'types', the type of the patch around each pixel (LDR09 section 4): 1 to 4 stand for
+        types 0, I, II and III, and 0 for no patch.
     score : bool, default False
         Append part 'score': density, and the decimal logarithm of heat.
 
@@ -1216,12 +1224,12 @@ def estimateheight(
 
     The surface is assumed to be matte, of uniform color apart from structures larger than sigma, and lit from one side
     (Pentland 1990) or by an overcast sky, where recesses are dark (Langer and Zucker 1994). Heights are the integrable
-    surface closest to the estimated slopes (Frankot and Chellappa 1988, by FFT). Paint is mistaken for relief: if a
-    scan has heights, prefer those.
+    surface closest to the estimated slopes (Frankot and Chellappa 1988, by FFT). Paint is mistaken for relief. If a
+    scan has a height map, use that instead.
 
     A photo cannot tell from which of two opposite sides the light comes. Light from above is assumed, or from the left
     if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side.
-    Heights are stored as 0 to 1; the attribute oiiotex:heightpx records the height in pixels that 1 stands for.
+    Heights are stored as 0 to 1; the attribute oiiotex:heightpx contains the height, in pixels, of the value 1.
 
     Parameters
     ----------
@@ -1260,7 +1268,8 @@ def estimateheight(
     -------
     ImageBuf | dict[str, ImageBuf]
         A dict of parts by name if more than one part is requested.
-        - height: Height map: one channel, 0 to 1, larger is nearer. [32-bit float values]
+        - height: Height map: one channel, 0 to 1, higher values are closer to the viewer. [32-bit float
+          values]
         - normal: Normal map of these heights, encoded as 0 to 1. [32-bit float values; with normal]
 
     Other Parameters
@@ -1334,11 +1343,11 @@ def estimateroughness(
 ) -> ImageBuf:
     """Estimate the roughness of a material from the local contrast of one photo.
 
-    A bumpy surface glitters where it is smooth: highlights lie next to dark reflections. The contrast of the finest
+    Where a bumpy surface is smooth, it glitters: highlights lie next to dark reflections. The contrast of the finest
     detail is measured in linear light over a Gaussian of sigma. Roughness is `middle` where this contrast equals that
-    of the whole photo, and differs by at most `amount`. The estimate is weak (its page has figures): fine paint
-    appears smooth, and a photo under an overcast sky contains almost no information. If a scan has roughness, prefer
-    that. Memory does not grow with the photo.
+    of the whole photo, and differs by at most `amount`. The estimate is weak (its page has figures): fine paint appears
+    smooth, and a photo under an overcast sky contains almost no information. If a scan has a roughness map, use that
+    instead. Memory does not grow with the photo.
 
     Parameters
     ----------
@@ -1401,9 +1410,9 @@ def flatten(
 ) -> ImageBuf:
     """Remove low-frequency variation (gradients of light, stains) from an image.
 
-    Local level and local contrast in Lab, as medians over a disc, are matched to those of the whole image. Elements
-    smaller than the disc are kept; larger stains are removed with their rims. The result is the image times a smooth
-    gain, from 1/2 to 2, plus a smooth offset in Lab. Memory does not grow with the image.
+    Local level and local contrast in Lab, as medians over a disc, are matched to those of the whole image. Structures
+    smaller than the disc are kept; larger stains are removed, including their rims. The result is the image times a
+    smooth gain, from 1/2 to 2, plus a smooth offset in Lab. Memory does not grow with the image.
 
     Parameters
     ----------
@@ -1413,19 +1422,21 @@ def flatten(
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
     radius : float | None, default None
-        Radius of the disc. Smaller structures are kept. Expected: a number from 1 to 1000000 px.
-        Default: 0.2 x longer side.
+        Radius of the disc. Smaller structures are kept. Reduce it if stains remain, increase it if the
+        texture looks flat. Expected: a number from 1 to 1000000 px. Default: 0.2 x longer side.
     amount : float, default 1.0
-        Proportion of the low-frequency variation to remove. Expected: a number from 0 to 1.
+        Fraction of the low-frequency variation to remove. Expected: a number from 0 to 1.
     contrast : float, default 1.0
-        Proportion of the variation in local contrast to remove. Expected: a number from 0 to 1.
+        Fraction of the variation in local contrast to remove. Reduce it if dark joints become gray.
+        Expected: a number from 0 to 1.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the image tiles. The result then tiles along the same axes.
     keep : Literal['level', 'none'], default 'level'
         Overall color of the result. level: the median of the local levels; none: middle gray (L 50, a
         0, b 0), which makes photos comparable.
     drift : bool | FileName, default False
-        Write the correction: 1 as part 'drift' of the result, a file name as a separate image.
+        Correction that removes gradients and stains. 1: append it as part 'drift'; a file name: write
+        it to that file.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
@@ -1511,10 +1522,10 @@ def graph(
 ) -> ImageBuf:
     """Create an exemplar graph from one or more photos, or draw an existing graph.
 
-    Several photos, coarsest first, become a chain in which each is finer than the one before by `scale`. A single
+    Several photos, coarsest first, become a chain: each has pixels `scale` times smaller than the one before. A single
     photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of it, from the
-    whole photo at reduced resolution to a crop at full resolution. json=FILE writes the graph for `synth` and `zoom`,
-    which you can edit; file names in it are relative to it (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
+    whole photo at reduced resolution to a crop at full resolution. json=FILE writes the graph for `synth` and `zoom`.
+    You can edit it; file names are relative to the graph (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
     Texture Synthesis, 2008, section 3.1, figures 8 and 9). The picture arranges exemplars by octave and labels edges
     with r.
 
@@ -1523,18 +1534,18 @@ def graph(
     *photos : ImageLike
         Photos, coarsest first. None are taken if graph is given.
     graph : FileName | None, default None
-        Graph to draw (JSON or YAML). No graph is created.
+        Existing graph to draw (JSON or YAML), instead of creating one.
     json : FileName | None, default None
         File for the graph.
     scale : float | Sequence[float] | None, default None
         Ratio between the pixel sizes of each photo and the next, or one ratio for all. Expected: a
         number or a sequence of numbers >= 1. Default: 8, less for small photos; with scales, 2.
     loop : int | None, default None
-        Octaves r of an edge from the last exemplar to itself. 0: no edge. Expected: an integer from 0
-        to 7. Default: 1 for one photo, else 0.
+        Octaves r of an edge from the last exemplar to itself, which makes a zoom endless. 0: no edge.
+        Expected: an integer from 0 to 7. Default: 1 for one photo, else 0.
     scales : int, default 1
-        Number of exemplars to cut out of one photo, which differ by scale. Written with json. Expected:
-        an integer from 1 to 16.
+        Number of exemplars at different scales to cut out of one photo. json writes them next to the
+        graph. Expected: an integer from 1 to 16.
     side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
         Maximum side of an exemplar. Expected: one of 16, 32, 64, 128, 256, 512, 1024.
     colorspace : str | None, default None
@@ -1630,8 +1641,8 @@ def lab(
     """Convert to and from CIE Lab (D65).
 
     L is 0 for black and 100 for diffuse white; a and b are 0 for gray. HDR values exceed 100, and negative values are
-    kept. L, a and b are stored as 32-bit floats in channels R, G and B, as OpenColorIO does, because most programs
-    take a channel named 'a' for alpha. Gray becomes three channels. Color is unpremultiplied first, and premultiplied
+    kept. L, a and b are stored as 32-bit floats in channels R, G and B, as OpenColorIO does, because most programs take
+    a channel named 'a' for alpha. Gray images become three channels. Color is unpremultiplied first, and premultiplied
     again by the inverse; alpha and other channels are kept. The result is tagged as data, so that no program takes it
     for RGB. An attribute records the original color space for the inverse.
 
@@ -1726,13 +1737,13 @@ def label(
     source : ImageLike
         Image to segment.
     persistence : float, default 0.95
-        Length of the random walk: smaller values give fewer labels. Level n uses the nth power.
-        Expected: a number from 0.01 to 0.999.
+        Persistence of the random walk over superpixels (LSA16 section 4.4). Smaller values give fewer
+        labels. Level n uses the nth power. Expected: a number from 0.01 to 0.999.
     coarsest : bool, default True
         Add a coarsest level of subtextures, as `decompose` finds them. The paper has none.
     labels : int | None, default None
         Maximum number of subtextures in the coarsest level. Expected: an integer from 1 to 50. Default:
-        found.
+        chosen by the filter.
     paper : bool, default False
         Settings of the paper (LSA16):
         features=moments:persistence=0.95:share=1:coarsest=0:neighbors=256:runs=10:minsize=25, the same
@@ -1772,29 +1783,28 @@ def label(
     Other Parameters
     ----------------
     features : Literal['textons', 'moments', 'gabor', 'quadtree'], default 'textons'
-        Features by which superpixels are compared. moments: as in the paper.
+        Features by which superpixels are compared. The paper: moments.
     cluster : Literal['nmf', 'kmeans', 'spectral'], default 'nmf'
         Clustering method. kmeans and spectral require scikit-learn and take the number of labels from
         nmf.
     share : float, default 0.5
-        Proportion of superpixels at the next scale that must each contain two or more labels. The
-        paper: 1. Expected: a number from 0.01 to 1.
+        Fraction of the superpixels at the next scale that must contain several labels. The paper: 1.
+        Expected: a number from 0.01 to 1.
     neighbors : int, default 256
         Maximum number of neighbors of a superpixel in the graph. Expected: an integer from 8 to 4096.
     tries : int, default 0
-        Number of random starts that are combined with the first (boosting). Expected: an integer from 0
-        to 100.
+        Number of further, random starts that are combined with the first (boosting). Expected: an
+        integer from 0 to 100.
     runs : int, default 1
-        Number of SLIC runs, of which the best is used. The paper: 10. Expected: an integer from 1 to
-        1000.
+        Number of SLIC runs. The best one is used. The paper: 10. Expected: an integer from 1 to 1000.
     minsize : int | None, default None
         Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25. Expected:
         an integer >= 1 px. Default: sigma^2 / 4.
     seed : int, default 0
-        Seed of random starts. No effect with tries=0 and runs=1. Expected: an integer from 0 to
+        Seed of the random starts. No effect with tries=0 and runs=1. Expected: an integer from 0 to
         4294967295.
     soft : bool, default False
-        Append parts membership.N (G) and fit.N (F / max F) for each level N.
+        Append the parts membership.N and fit.N for each level N (G and F / max F in LSA16).
     single : bool, default False
         Output as one unnamed part with the channels of the image and of Cryptomatte, as Blender and
         Nuke expect. Requires cryptomatte.
@@ -1886,8 +1896,8 @@ def labelview(
 
     Takes the result of `label` or `superpixel`, preferably with `keep`. The sheet shows the photo, then each label part
     (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo and with
-    borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The result is
-    an 8-bit sRGB image for display, subsampled from the labels: do not measure it.
+    borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The result is an
+    8-bit sRGB image, subsampled from the labels, for display, not for measurement.
 
     Parameters
     ----------
@@ -1957,7 +1967,7 @@ def paint(
 ) -> ImageBuf:
     """Turn a painting of labels into a texture, at one or two scales.
 
-    Where the painting has label 3, the result has texture of label 3 of the photo, by guided quilting (`quilt`). An
+    Areas painted with label 3 are filled with the photo's texture of label 3, by guided quilting (`quilt`). An
     optional second painting, `fine`, overlays labels of the next finer level; where it is empty (black, id 0 or alpha
     0), the first painting applies (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
     Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE from `palette` maps colors to
@@ -1992,10 +2002,10 @@ def paint(
         Expected: an integer from 8 to 256 px. Default: scale of the label level, or shorter side / 8,
         as a power of two; with guide, less if a label is rare.
     guidance : float, default 1.0
-        Weight of the guide's labels inside a patch, compared with color. Expected: a number from 0 to
-        100.
+        Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
+        guide more closely. Expected: a number from 0 to 100.
     keep : bool, default False
-        Write the exemplar's label parts, from the same source pixels, after the image.
+        Append the label maps of the result, copied from the same source pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
@@ -2023,8 +2033,8 @@ def paint(
     Other Parameters
     ----------------
     labels : ImageLike | None, default None
-        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
-        first image, or a file name.
+        Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
+        of the first image, or a file name.
     soft : float, default 0.2
         Largest distance, in Oklab, at which a color counts as the nearest color of the table. Black and
         white are 1 apart. Blends of soft brushes lie within 0.2 of the colors of `palette`. 0: exact
@@ -2032,21 +2042,21 @@ def paint(
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
-        limit.
+        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
+        with exit code 3.
     candidates : int, default 256
         Maximum number of candidate patches per place. Expected: an integer from 1 to 65536.
     reuse : float, default 1.0
-        Number of free uses of a region of the exemplar, as a multiple of its fair share. Uses beyond
-        two, and beyond one more than that number, are penalized. Expected: a number from 0 to
-        1000000000.
+        Number of uses of a region of the exemplar before further uses are penalized, as a multiple of
+        its fair share. One more use, and two in any case, are free. Reduce it if regions repeat,
+        increase it if patches match poorly. Expected: a number from 0 to 1000000000.
     finer : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
-        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
     Raises
@@ -2165,7 +2175,8 @@ def palette(
     children : int, default 8
         Maximum number of children of each label, the largest first. Expected: an integer from 0 to 64.
     chips : bool | FileName, default False
-        Paint colors with ids and names. 1: append them as part 'chips'; a file name: write that file.
+        Paint colors with ids and names. 1: append them as part 'chips'; a file name: write them to that
+        file.
     paints : FileName | None, default None
         File for the paint colors (.gpl or .aco), to load into a painting program.
     json : FileName | None, default None
@@ -2198,15 +2209,15 @@ def palette(
     Other Parameters
     ----------------
     labels : ImageLike | None, default None
-        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
-        first image, or a file name.
+        Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
+        of the first image, or a file name.
     level : int | None, default None
-        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
-        Expected: an integer >= 1. Default: the coarsest.
+        Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
+        Default: the coarsest.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
-        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
     Raises
@@ -2332,7 +2343,7 @@ def patchmatch(
         id). A string is the name of a part of the first image, or a file name.
     inpaint : ImageLike | None, default None
         Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero
-        label id). They are filled from patches outside of the marked area; all other pixels are kept
+        label id). They are filled from patches outside the marked area; all other pixels are kept
         unchanged. A string is the name of a part of the first image, or a file name.
     maps : Sequence[ImageLike], default ()
         Further maps, resynthesized from the same source pixels. A string is the name of a part of the
@@ -2344,16 +2355,17 @@ def patchmatch(
         Axes along which the result tiles. Default: xy; with inpaint, none.
     variants : int, default 1
         Number of interchangeable tiles. Up to 7, any tile fits next to any other. From 8, they are Wang
-        tiles with two edge colors (16: the complete set), stored in the part names and the attribute
-        oiiotex:edges. Expected: an integer from 1 to 64.
+        tiles with two edge colors (16: the complete set). Part names and the attribute oiiotex:edges
+        contain the edge colors. Expected: an integer from 1 to 64.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
-        Side of a patch. Detail up to this scale is copied whole. Expected: one of 5, 7, 9, 11, 13, 15,
-        17, 19, 21. Default: 13.
+        Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
+        or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
     n : int, default 1
         Number of maps of one material, resynthesized together: the last n images. Expected: an integer
         from 1 to 16.
     label : int | None, default None
-        Id of a label: only its pixels are used as a source. Expected: an integer >= 1.
+        Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
+        Expected: an integer >= 1.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
@@ -2380,23 +2392,25 @@ def patchmatch(
     Other Parameters
     ----------------
     labels : ImageLike | None, default None
-        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
-        first image, or a file name.
+        Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
+        of the first image, or a file name.
     weight : ImageLike | None, default None
-        Image of relative weights, in its first channel: a pixel of weight 2 is used twice as often as
-        one of weight 1, and one of weight 0 never. A string is the name of a part of the first image,
-        or a file name.
+        Image of relative weights, in its first channel: pixels of weight 2 are used twice as often as
+        pixels of weight 1, and pixels of weight 0 are never used. A string is the name of a part of the
+        first image, or a file name.
     contrast : float, default 1.0
         Initial strength of histogram matching to the photo. It fades out over the coarsest level.
         Expected: a number from 0 to 1.
     relevel : bool, default False
-        Offset of each copied piece of a height map by a constant, to close the steps at its seams.
-        Requires kinds=...,height.
+        Constant added to each copied piece of a height map, so that pieces meet without steps. Set it
+        if displaced heights show cliffs. Requires kinds=...,height.
     iterations : int, default 30
-        Iterations on the coarsest level; each finer level has one. Expected: an integer from 1 to 1000.
+        Number of iterations on the coarsest level. Each finer level has one. Increase it if a warning
+        says that texture is lost. Expected: an integer from 1 to 1000.
     uniformity : float, default 0.01
-        Weight of the uniform-use term (MJH17 eq. 6). Above 0.1, coherence suffers. Expected: a number
-        from 0 to 1.
+        Weight of the term that makes all parts of the photo appear equally often (MJH17 eq. 6).
+        Increase it to use more of the photo. Above 0.1, coherence suffers. Expected: a number from 0 to
+        1.
     reuse : float, default 1.0
         Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
         is closer to the photo and repeats more. Expected: a number from 0 to 1.
@@ -2405,22 +2419,22 @@ def patchmatch(
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
-        limit.
+        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
+        with exit code 3.
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
     match : float | Sequence[float] | None, default None
-        Weight of each map in the comparison of patches, in order. 0: the map is ignored there, but
-        still resynthesized. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
+        Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
+        follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
     level : int | None, default None
-        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
-        Expected: an integer >= 1. Default: the coarsest.
+        Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
+        Default: the coarsest.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
-        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
     Raises
@@ -2600,12 +2614,12 @@ def quilt(
     Image quilting (Efros & Freeman, SIGGRAPH 2001) places square patches on a regular grid. Each patch is the best
     match for its neighbors, and is cut along the path of least difference.
 
-    With label maps (of `label`), a guide controls the layout: patches are selected by their content, the two most
+    With label maps, a guide controls the layout: patches are selected by their content, the two most
     frequent labels in them (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map
     Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.1).
 
-    Every pixel of the result is a copy of one pixel of the photo. Only a plan of offsets and cuts is held, so memory
-    does not grow with the number of pixels.
+    Every pixel of the result is a copy of one pixel of the photo. Only a plan of offsets and cuts is kept in memory, so
+    memory does not grow with the number of pixels.
 
     Parameters
     ----------
@@ -2615,10 +2629,11 @@ def quilt(
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
     guide : ImageLike | None, default None
-        Image of any size that controls the layout: label ids, or ids or colors mapped by table. A
-        string is the name of a part of the first image, or a file name.
+        Image of any size that controls the layout. Its pixels are label ids, or ids or colors that
+        table maps to labels. A string is the name of a part of the first image, or a file name.
     label : int | None, default None
-        Id of a label: only its pixels are used as a source. Expected: an integer >= 1.
+        Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
+        Expected: an integer >= 1.
     size : tuple[int, int] | None, default None
         Size of the result. Expected: (width, height) from 1 to 4194304 px. Default: size of the guide,
         else of the exemplar.
@@ -2629,17 +2644,18 @@ def quilt(
         Expected: an integer from 8 to 256 px. Default: scale of the label level, or shorter side / 8,
         as a power of two; with guide, less if a label is rare.
     guidance : float, default 1.0
-        Weight of the guide's labels inside a patch, compared with color. Expected: a number from 0 to
-        100.
+        Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
+        guide more closely. Expected: a number from 0 to 100.
     keep : bool, default False
-        Write the exemplar's label parts, from the same source pixels, after the image.
+        Append the label maps of the result, copied from the same source pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
     structure : float, default 0.5
-        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
-        would stretch them visibly, the default size is the nearest with complete repeats only. Ignored
-        for photos without regular repeats. Expected: a number from 0 to 1.
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If they do not fit
+        the photo's size, the default size becomes the nearest that contains complete repeats only. 0:
+        repeats are not preserved. No effect on photos without regular repeats. Expected: a number from
+        0 to 1.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
@@ -2664,11 +2680,11 @@ def quilt(
     Other Parameters
     ----------------
     labels : ImageLike | None, default None
-        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
-        first image, or a file name.
+        Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
+        of the first image, or a file name.
     table : FileName | None, default None
-        JSON file that maps ids or 8-bit colors of the guide to labels or keys: {"255,0,0": 3,
-        "0,0,255": [1, 2]}.
+        JSON file that maps ids or 8-bit colors of the guide to labels or pairs of labels: {"255,0,0":
+        3, "0,0,255": [1, 2]}.
     soft : float, default 0.2
         Largest distance, in Oklab, at which a color counts as the nearest color of the table. Black and
         white are 1 apart. Blends of soft brushes lie within 0.2 of the colors of `palette`. 0: exact
@@ -2677,30 +2693,31 @@ def quilt(
         Overlap of neighboring patches, at most patch / 3. Expected: an integer from 4 to 85 px.
         Default: patch / 4.
     plan : FileName | None, default None
-        File (.npz) for the plan: offsets and cuts.
+        File (.npz) to write the plan (offsets and cuts) to; with render=1, to read it from.
     render : bool, default False
-        Rendering from the file of plan, instead of writing it, with any map of the photo's size.
+        Render the plan of an earlier run instead of computing one. The exemplar may be another map of
+        the same size.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
-        limit.
+        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
+        with exit code 3.
     candidates : int, default 256
         Maximum number of candidate patches per place. Expected: an integer from 1 to 65536.
     reuse : float, default 1.0
-        Number of free uses of a region of the exemplar, as a multiple of its fair share. Uses beyond
-        two, and beyond one more than that number, are penalized. Expected: a number from 0 to
-        1000000000.
+        Number of uses of a region of the exemplar before further uses are penalized, as a multiple of
+        its fair share. One more use, and two in any case, are free. Reduce it if regions repeat,
+        increase it if patches match poorly. Expected: a number from 0 to 1000000000.
     finer : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
     level : int | None, default None
-        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
-        Expected: an integer >= 1. Default: the coarsest.
+        Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
+        Default: the coarsest.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
-        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
     Raises
@@ -2800,7 +2817,7 @@ def rectify(
 ) -> ImageBuf:
     """Correct the perspective of a flat surface that was photographed obliquely.
 
-    Four corners of a rectangle in the world become the corners of the result. The aspect ratio is derived from the
+    The four corners of a real rectangle become the corners of the result. The aspect ratio is derived from the
     perspective (Zhang and He 2007: square pixels, uncropped photo) or from `physical`.
 
     Without `corners`, the lattice of a surface that repeats regularly in two directions (tiles, bricks, a weave) is
@@ -2816,7 +2833,7 @@ def rectify(
         Photo to rectify.
     corners : float | Sequence[float] | None, default None
         Corners as x,y of top left, top right, bottom right, bottom left, relative to the display
-        window. Expected: a number or a sequence of numbers px. Default: detected from the photo's
+        window. Expected: a number or a sequence of numbers in px. Default: detected from the photo's
         lattice.
     size : tuple[int, int] | None, default None
         Size of the result. Expected: (width, height) from 1 to 65536. Default: lengths of the longer
@@ -2847,7 +2864,7 @@ def rectify(
     filter : Literal['lanczos3', 'mitchell', 'triangle'], default 'lanczos3'
         Resampling filter.
     stmap : bool | FileName, default False
-        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
     json : FileName | None, default None
         JSON file for corners, size, cells, meters and the matrix.
@@ -2920,7 +2937,7 @@ def sigmas(
     Ritschel, Weyrich, Texture Stationarization, Eurographics 2017, section 4.4).
 
     The modifier amount of `stationarize` uses the same scale, which is stored in the user's cache. The table of sigmas
-    is printed, and written with `json`. The result is an 8-bit sRGB image for display, not for measurements.
+    is printed, and written with `json`. The result is an 8-bit sRGB image for display, not for measurement.
 
     Parameters
     ----------
@@ -3095,8 +3112,8 @@ def stationarize(
     scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017).
 
     Every pixel of the result is a copy of one pixel of the photo, with all its channels. Where low-frequency variation
-    was removed, a gain and an offset in Lab are applied to the copy. With `relevel`, a constant is added to each copied
-    piece of a height map.
+    was removed, a gain and an offset in Lab are applied to the copy. With `relevel`, a constant is also added to each
+    copied piece of a height map.
 
     Parameters
     ----------
@@ -3107,29 +3124,32 @@ def stationarize(
         id). A string is the name of a part of the first image, or a file name.
     inpaint : ImageLike | None, default None
         Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero
-        label id). They are filled from patches outside of the marked area; all other pixels are kept
+        label id). They are filled from patches outside the marked area; all other pixels are kept
         unchanged. A string is the name of a part of the first image, or a file name.
     sigmamap : ImageLike | None, default None
-        Image of sigma for each pixel of the result, in pixels, in the first channel of a float image. A
-        string is the name of a part of the first image, or a file name.
+        Float image of the result's size whose first channel is sigma, in pixels, at each pixel. Use it
+        to keep structure in some areas and even out others. A string is the name of a part of the first
+        image, or a file name.
     maps : Sequence[ImageLike], default ()
         Further maps, resynthesized from the same source pixels. A string is the name of a part of the
         first image, or a file name.
     flatten : float | None, default None
-        Share of the photo's gradients and stains that is removed before synthesis. 0: every pixel is a
+        Fraction of the photo's gradients and stains to remove before synthesis. 0: every pixel is a
         verbatim copy. Expected: a number from 0 to 1. Default: 1; with inpaint or for data, 0.
     sigma : float | None, default None
         Scale, in pixels, above which the result is statistically uniform. Smaller structures are kept.
         Reduce it if features still repeat visibly. Expected: a number from 0.5 to 1000000 px. Default:
         longer side / 8; with inpaint, longer side / 32; at least patch / 4.
     structure : float, default 0.5
-        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
-        would stretch them visibly, the default size is the nearest with complete repeats only. Ignored
-        for photos without regular repeats. Expected: a number from 0 to 1.
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If they do not fit
+        the photo's size, the default size becomes the nearest that contains complete repeats only. 0:
+        repeats are not preserved. No effect on photos without regular repeats. Expected: a number from
+        0 to 1.
     preset : Literal['even', 'clean', 'keep'] | None, default None
-        Set of values for modifiers that are not given. keep preserves large structures (sigma = longer
-        side / 4, patch=21). even also evens out structures beyond sigma (longer side / 32, patch=11).
-        clean also removes objects (as even, with contrast=0 and the mask of `dominant`).
+        Values for modifiers that you do not set. keep: large structures are preserved (sigma = longer
+        side / 4, patch=21). even: large structures are also evened out (sigma = longer side / 32,
+        patch=11). clean: objects are also removed (as even, with contrast=0 and a mask from
+        `dominant`).
     size : Literal['pow2'] | tuple[int, int] | None, default None
         Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
         'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
@@ -3137,16 +3157,17 @@ def stationarize(
         Axes along which the result tiles. Default: xy; with inpaint, none.
     variants : int, default 1
         Number of interchangeable tiles. Up to 7, any tile fits next to any other. From 8, they are Wang
-        tiles with two edge colors (16: the complete set), stored in the part names and the attribute
-        oiiotex:edges. Expected: an integer from 1 to 64.
+        tiles with two edge colors (16: the complete set). Part names and the attribute oiiotex:edges
+        contain the edge colors. Expected: an integer from 1 to 64.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
-        Side of a patch. Detail up to this scale is copied whole. Expected: one of 5, 7, 9, 11, 13, 15,
-        17, 19, 21. Default: 13.
+        Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
+        or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
     n : int, default 1
         Number of maps of one material, resynthesized together: the last n images. Expected: an integer
         from 1 to 16.
     label : int | None, default None
-        Id of a label: only its pixels are used as a source. Expected: an integer >= 1.
+        Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
+        Expected: an integer >= 1.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
@@ -3175,21 +3196,23 @@ def stationarize(
     Other Parameters
     ----------------
     labels : ImageLike | None, default None
-        Label maps of the exemplar, if they are not parts of it. A string is the name of a part of the
-        first image, or a file name.
+        Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
+        of the first image, or a file name.
     weight : ImageLike | None, default None
-        Image of relative weights, in its first channel: a pixel of weight 2 is used twice as often as
-        one of weight 1, and one of weight 0 never. A string is the name of a part of the first image,
-        or a file name.
+        Image of relative weights, in its first channel: pixels of weight 2 are used twice as often as
+        pixels of weight 1, and pixels of weight 0 are never used. A string is the name of a part of the
+        first image, or a file name.
     drift : bool | FileName, default False
-        Write the correction: 1 as part 'drift' of the result, a file name as a separate image.
+        Correction that removes gradients and stains. 1: append it as part 'drift'; a file name: write
+        it to that file.
     amount : float | None, default None
-        Perceived stationarity, used instead of sigma: 0 the least, 1 the most. Equal steps look equal;
-        `sigmas` shows them for a photo. Expected: a number from 0 to 1.
+        Visible uniformity of the result, from 0 (least) to 1 (most), used instead of sigma. Equal steps
+        make equally visible differences; `sigmas` shows them for a photo. Expected: a number from 0 to
+        1.
     contrast : float | None, default None
-        Strength with which the overall histogram is matched to that of target. At 0, the colors of rare
-        objects, such as windows in a wall, may vanish. Expected: a number from 0 to 1. Default: 0.7;
-        with inpaint, 0.
+        Strength of the match between the result's overall histogram and that of target. Increase it if
+        rare colors are missing. At 0, the colors of rare objects, such as windows in a wall, may
+        vanish. Expected: a number from 0 to 1. Default: 0.7; with inpaint, 0.
     target : Literal['flat', 'exemplar'], default 'flat'
         Histogram that contrast matches. flat: that of the stationarized photo. exemplar: that of the
         photo itself, fading out over the coarsest level as in the paper.
@@ -3200,18 +3223,20 @@ def stationarize(
         Highest order of moments, for measure=moments. 2: mean and variance. 3: also skewness. 4: also
         kurtosis. Expected: an integer from 2 to 4. Default: 2.
     paper : bool, default False
-        Paper's settings (MJH17): flatten=0:target=exemplar:contrast=1:structure=0, sigma = longer side
-        / 32, patch=11, a pyramid that starts at a quarter of the tile, 3 iterations on each finer
+        Settings of the paper (MJH17): flatten=0:target=exemplar:contrast=1:structure=0, sigma = longer
+        side / 32, patch=11, a pyramid that starts at a quarter of the tile, 3 iterations on each finer
         level, no reuse penalties and no overshoot. Constants that the paper does not state (alpha,
-        uniformity) keep our values.
+        uniformity) keep the values of oiiotex.
     relevel : bool, default False
-        Offset of each copied piece of a height map by a constant, to close the steps at its seams.
-        Requires kinds=...,height.
+        Constant added to each copied piece of a height map, so that pieces meet without steps. Set it
+        if displaced heights show cliffs. Requires kinds=...,height.
     iterations : int, default 30
-        Iterations on the coarsest level; each finer level has one. Expected: an integer from 1 to 1000.
+        Number of iterations on the coarsest level. Each finer level has one. Increase it if a warning
+        says that texture is lost. Expected: an integer from 1 to 1000.
     uniformity : float, default 0.01
-        Weight of the uniform-use term (MJH17 eq. 6). Above 0.1, coherence suffers. Expected: a number
-        from 0 to 1.
+        Weight of the term that makes all parts of the photo appear equally often (MJH17 eq. 6).
+        Increase it to use more of the photo. Above 0.1, coherence suffers. Expected: a number from 0 to
+        1.
     reuse : float, default 1.0
         Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
         is closer to the photo and repeats more. Expected: a number from 0 to 1.
@@ -3220,22 +3245,22 @@ def stationarize(
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
-        limit.
+        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
+        with exit code 3.
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
     match : float | Sequence[float] | None, default None
-        Weight of each map in the comparison of patches, in order. 0: the map is ignored there, but
-        still resynthesized. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
+        Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
+        follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
     level : int | None, default None
-        Level of the label map: N of part label.N, of the exemplar or of labels. 1 is the finest.
-        Expected: an integer >= 1. Default: the coarsest.
+        Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
+        Default: the coarsest.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
-        Source coordinates: 1 appends them as part 'st' to the result, a file name writes them to that
+        Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
     Raises
@@ -3409,9 +3434,9 @@ def superpixel(
 ) -> ImageBuf:
     """Segment an image into superpixels: small connected regions of similar color.
 
-    Fine superpixels are computed by SLIC in Lab. A Gaussian stack guides their merging into coarser ones, whose borders
-    are a subset of the fine borders (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
-    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 3).
+    Fine superpixels are computed by SLIC in Lab. A Gaussian stack guides their merging into coarser ones, so coarse
+    borders are a subset of the fine borders (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier,
+    Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 3).
 
     The result is a label map. Ids start at 1, in the order of their first pixels; transparent pixels have id 0. The
     result does not depend on the memory budget.
@@ -3421,16 +3446,16 @@ def superpixel(
     source : ImageLike
         Image to segment.
     sigma : float | None, default None
-        Scale, rounded to the nearest level. Expected: a number from 1 to 1000000 px. Default: the
-        finest level.
+        Scale of the superpixels, rounded to the nearest level. Increase it for larger superpixels.
+        Expected: a number from 1 to 1000000 px. Default: the finest level.
     count : int | None, default None
         Number of superpixels, used instead of sigma. Expected: an integer >= 1.
     finest : float | None, default None
         Scale of the finest level. Expected: a number from 2 to 100000 px. Default: shorter side / 50,
         at least 4.
     compactness : float, default 20.0
-        Compactness m of SLIC: the Lab distance equal to one sigma in space. Expected: a number from 0.1
-        to 100.
+        Compactness m of SLIC: the Lab distance that weighs as much as one sigma in space. Increase it
+        for rounder superpixels. Expected: a number from 0.1 to 100.
     keep : bool, default False
         Keep the image as the first part, followed by the label map.
     data : bool, default False
@@ -3454,14 +3479,14 @@ def superpixel(
     Other Parameters
     ----------------
     iterations : int, default 1000
-        Maximum iterations of SLIC, which stops when no center moves. Expected: an integer from 1 to
-        100000.
+        Maximum number of SLIC iterations. They end earlier if no center moves. Expected: an integer
+        from 1 to 100000.
     runs : int, default 1
-        Runs of SLIC, of which the best by eq. 3 is used. The paper uses 10. Expected: an integer from 1
-        to 1000.
+        Number of SLIC runs. The best one by LSA16 eq. 3 is used. The paper: 10. Expected: an integer
+        from 1 to 1000.
     minsize : int | None, default None
-        Minimum area of a superpixel. Smaller pieces are merged into a neighbor. The paper uses 25.
-        Expected: an integer >= 1 px. Default: finest^2 / 4.
+        Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25. Expected:
+        an integer >= 1 px. Default: finest^2 / 4.
     seed : int, default 0
         Seed of the runs after the first, which start from other centers. Expected: an integer from 0 to
         4294967295.
@@ -3549,9 +3574,9 @@ def synth(
     """Synthesize an unbounded texture from one exemplar, or from a graph of exemplars at different scales.
 
     Without `graph`, a texture of any size is synthesized from the top image (Lefebvre & Hoppe, Parallel controllable
-    texture synthesis, 2005). A graph relates the scales of a few small exemplars. Any window at any level of detail can
-    be computed alone, with the same pixels as in the whole (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
-    Texture Synthesis, 2008).
+    texture synthesis, 2005). With `graph`, several small exemplars at different scales are combined. Any window at any
+    level of detail can be computed alone, and has the same pixels as in the whole texture (HRRG08: Han, Risser,
+    Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008).
 
     Exemplars are cropped to centered squares with a power-of-two side. One that does not tile is mirrored at its
     borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a graph differ.
@@ -3564,25 +3589,28 @@ def synth(
         Size of the result. Expected: (width, height) from 1 to 1073741824 px. Default: size of window,
         otherwise of the exemplar.
     window : str | None, default None
-        Window of the plane to compute, as WxH+X+Y.
+        Window of the unbounded plane to compute, as WxH+X+Y.
     level : int | None, default None
-        Level of detail: octaves below level 0, where one pixel covers the whole root exemplar.
-        Expected: an integer from 0 to 60. Default: finest level of the exemplars.
+        Level of detail. At level 0, one pixel covers the whole root exemplar; each further level
+        doubles the resolution. Expected: an integer from 0 to 60. Default: finest level of the
+        exemplars.
     toroidal : bool, default False
         Tiling result. Requires size, with sides that are multiples of 2^level pixels.
     graph : FileName | None, default None
         Exemplar graph, JSON or YAML.
     side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
-        Maximum side of an exemplar's square. Expected: one of 16, 32, 64, 128, 256, 512, 1024.
+        Maximum side of the square that is cropped from an exemplar. Expected: one of 16, 32, 64, 128,
+        256, 512, 1024.
     seed : int | None, default None
-        Random seed. The same seed gives the same pixels. Expected: an integer from 0 to 4294967295.
-        Default: seed of the graph, else 0.
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295. Default: seed of the graph, else 0.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     structure : float, default 0.5
-        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
-        would stretch them visibly, the default size is the nearest with complete repeats only. Ignored
-        for photos without regular repeats. Expected: a number from 0 to 1.
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If they do not fit
+        the photo's size, the default size becomes the nearest that contains complete repeats only. 0:
+        repeats are not preserved. No effect on photos without regular repeats. Expected: a number from
+        0 to 1.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
@@ -3611,22 +3639,25 @@ def synth(
     resume : bool, default False
         Checkpoint after each finished piece, in OUT.parts, from which an interrupted run resumes.
     stmap : bool | FileName, default False
-        Source coordinates: 1 appends them as parts to the result, a file name writes them to that file.
+        Source coordinates of every pixel. 1: append them as parts; a file name: write them to that
+        file.
     lock : bool | int, default False
-        Last level without jitter: up to it the root is reproduced, and finer levels add detail. 1: the
-        level of the root's resolution. Expected: True or False or an integer from 0 to 60.
+        Last level without random variation. Up to that level, the root is reproduced; finer levels add
+        detail. 1: the level of the root's resolution. Expected: True, False, or an integer from 0 to
+        60.
     correct : bool, default True
         Color correction between exemplars that differ (HRRG08 section 5).
     dims : int, default 16
-        Dimensions of projected neighborhoods. 6: as in the paper. 16: fewer repeats. Expected: an
-        integer from 1 to 16.
+        Number of dimensions to which neighborhoods are projected. 6: as in the paper. 16: fewer
+        repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Paper's settings (HRRG08): dims=6, and endless zooms turn at any level and lose their contrast.
+        Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in
+        endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
-        limit.
+        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
+        with exit code 3.
 
     Raises
     ------
@@ -3715,7 +3746,7 @@ def variants(
 
     Use it to choose a seed, or to see the effect of a modifier: `vary=sigma:over=8,16,32` makes three rows of
     `stationarize`. All other modifiers have their defaults. Captions show the modifiers of each result. The result is
-    an 8-bit sRGB image for display, not for measurements.
+    an 8-bit sRGB image for display, not for measurement.
 
     Parameters
     ----------
@@ -3724,13 +3755,13 @@ def variants(
     filter : Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'], default 'stationarize'
         Name of the synthesis filter.
     seeds : int, default 4
-        Number of seeds, which is the number of columns. Expected: an integer from 1 to 16.
+        Number of seeds, one for each column. Expected: an integer from 1 to 16.
     seed : int, default 0
         First seed. Expected: an integer from 0 to 4294967279.
     vary : str | None, default None
-        Modifier that varies from row to row. Requires over.
+        Name of a modifier that varies from row to row. Requires over.
     over : Sequence[str] | None, default None
-        Values of that modifier.
+        Values of the modifier that vary names, one for each row.
     thumb : int, default 256
         Maximum longer side of a result in the sheet. Expected: an integer from 32 to 2048 px.
     data : bool, default False
@@ -3772,9 +3803,9 @@ def warp(
 ) -> ImageBuf:
     """Rearrange the pixels of an image by a map of source coordinates, without interpolation.
 
-    Use it to apply a synthesis to further maps of a photo: the photo's normals and the `stmap` of a tile give the
-    normals of that tile. The result has the size of the map. Pixels are copied unchanged, so normals remain valid. The
-    image must have the display window of the photo from which the map was made.
+    Use it to apply a synthesis to further maps of a photo: for example, the photo's normal map and the `stmap` of its
+    tile give the normal map of the tile. The result has the size of the map. Pixels are copied unchanged, so normals
+    remain valid. The image must have the display window of the photo from which the map was made.
 
     Parameters
     ----------
@@ -3859,8 +3890,8 @@ def zoom(
         Level of detail of the first frame, as in `synth`. Expected: a number from 0 to 60. Default:
         resolution of the root.
     at : float | Sequence[float] | None, default None
-        Point X,Y to zoom into, in pixels of the root. Expected: a number or a sequence of numbers px.
-        Default: center of the root.
+        Point X,Y to zoom into, in pixels of the root. Expected: a number or a sequence of numbers in
+        px. Default: center of the root.
     size : tuple[int, int] | None, default None
         Size of the frame. Expected: (width, height) from 1 to 65536 px. Default: size of the root.
     movie : FileName | None, default None
@@ -3872,10 +3903,11 @@ def zoom(
     graph : FileName | None, default None
         Exemplar graph, JSON or YAML.
     side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
-        Maximum side of an exemplar's square. Expected: one of 16, 32, 64, 128, 256, 512, 1024.
+        Maximum side of the square that is cropped from an exemplar. Expected: one of 16, 32, 64, 128,
+        256, 512, 1024.
     seed : int | None, default None
-        Random seed. The same seed gives the same pixels. Expected: an integer from 0 to 4294967295.
-        Default: seed of the graph, else 0.
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295. Default: seed of the graph, else 0.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
@@ -3898,20 +3930,22 @@ def zoom(
     Other Parameters
     ----------------
     lock : bool | int, default False
-        Last level without jitter: up to it the root is reproduced, and finer levels add detail. 1: the
-        level of the root's resolution. Expected: True or False or an integer from 0 to 60.
+        Last level without random variation. Up to that level, the root is reproduced; finer levels add
+        detail. 1: the level of the root's resolution. Expected: True, False, or an integer from 0 to
+        60.
     correct : bool, default True
         Color correction between exemplars that differ (HRRG08 section 5).
     dims : int, default 16
-        Dimensions of projected neighborhoods. 6: as in the paper. 16: fewer repeats. Expected: an
-        integer from 1 to 16.
+        Number of dimensions to which neighborhoods are projected. 6: as in the paper. 16: fewer
+        repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Paper's settings (HRRG08): dims=6, and endless zooms turn at any level and lose their contrast.
+        Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in
+        endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, as NAME>NUMBER or NAME<NUMBER. Exit with status 3 if a measure exceeds its
-        limit.
+        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
+        with exit code 3.
 
     Raises
     ------

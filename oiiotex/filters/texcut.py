@@ -44,6 +44,7 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
     tile: str = param("xy", choices=("xy", "x", "y", "none"), help="Axes along which the result tiles.")
     patch: int | None = param(
         None,
+        example="21",
         ge=5,
         le=512,
         unit="px",

@@ -51,23 +51,25 @@ class Decompose(OnePart, InLab, ScanThenMap):
     )
 
     source: Image = image(help="Image to segment.")
-    labels: int | None = param(None, ge=1, le=50, unset="chosen by the filter", help="Maximum number of subtextures.")
+    labels: int | None = param(
+        None, example="5", ge=1, le=50, unset="chosen by the filter", help="Maximum number of subtextures."
+    )
     group: str | None = param(
         None, choices=("merging", "cliques"), unset="merging; with features=haar, cliques", advanced=True,
         help="Grouping method. merging: of regions; cliques: of places that are compared in pairs.",
     )  # fmt: skip
     threshold: float | None = param(
-        None, ge=0, le=1, unset="0.32; with group=cliques, 0.76; with features=haar, 0.95",
+        None, example="0.5", ge=0, le=1, unset="0.32; with group=cliques, 0.76; with features=haar, 0.95",
         help="Threshold for joining, without labels: regions above this probability, or places above this similarity,"
         " become one texture. Increase it for more subtextures.",
     )  # fmt: skip
     radius: float | None = param(
-        None, ge=1, le=512, unit="px", unset="48; with features=haar, 8",
+        None, example="32", ge=1, le=512, unit="px", unset="48; with features=haar, 8",
         help="Radius of the disc whose textons describe a place. Increase it for coarse textures. The neighborhood of"
         " a pixel has a quarter of this radius.",
     )  # fmt: skip
     shift: float | None = param(
-        None, ge=0, le=512, unit="px", unset="24; with features=haar, the radius", advanced=True,
+        None, example="16", ge=0, le=512, unit="px", unset="24; with features=haar, the radius", advanced=True,
         help="Search radius for the best match of a place, with group=cliques. 0: no search.",
     )  # fmt: skip
     features: str = param(
@@ -75,11 +77,11 @@ class Decompose(OnePart, InLab, ScanThenMap):
         help="Features of the textons. bank: filter bank; haar: color and Haar wavelets, as in the paper.",
     )  # fmt: skip
     bins: int | None = param(
-        None, ge=2, le=64, unset="64; with features=haar, 8", advanced=True,
+        None, example="32", ge=2, le=64, unset="64; with features=haar, 8", advanced=True,
         help="Number of textons; with features=haar, number of color textons and number of detail textons.",
     )  # fmt: skip
     step: int | None = param(
-        None, ge=1, le=512, unit="px", unset="derived from the size of the image", advanced=True,
+        None, example="2", ge=1, le=512, unit="px", unset="derived from the size of the image", advanced=True,
         help="Spacing of the places that are compared, with group=cliques.",
     )  # fmt: skip
     scales: int = param(

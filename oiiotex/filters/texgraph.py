@@ -69,7 +69,7 @@ class ExemplarGraph(Whole):
         help="Ratio between the pixel sizes of each photo and the next, or one ratio for all.",
     )  # fmt: skip
     loop: int | None = param(
-        None, ge=0, le=7, unset="1 for one photo, else 0",
+        None, example="2", ge=0, le=7, unset="1 for one photo, else 0",
         help="Octaves r of an edge from the last exemplar to itself, which makes a zoom endless. 0: no edge.",
     )  # fmt: skip
     scales: int = param(

@@ -77,7 +77,12 @@ class Label(OnePart, InLab, ScanThenMap):
         True, help="Add a coarsest level of subtextures, as `decompose` finds them. The paper has none."
     )
     labels: int | None = param(
-        None, ge=1, le=50, unset="chosen by the filter", help="Maximum number of subtextures in the coarsest level."
+        None,
+        example="5",
+        ge=1,
+        le=50,
+        unset="chosen by the filter",
+        help="Maximum number of subtextures in the coarsest level.",
     )
     neighbors: int = param(
         256, ge=8, le=4096, advanced=True, help="Maximum number of neighbors of a superpixel in the graph."

@@ -58,7 +58,11 @@ class Paint(Reported, Quilted):
     painting: Image = image(help="Painting of any size: label ids, or colors that table maps to labels.")
     fine: Image | None = image(None, help="Painting of labels of the next finer level, overlaid on the first.")
     level: int | None = param(
-        None, ge=1, unset="the table's level, else the coarsest", help="Level of the painted labels: N of label.N."
+        None,
+        example="2",
+        ge=1,
+        unset="the table's level, else the coarsest",
+        help="Level of the painted labels: N of label.N.",
     )
     table: Path | None = param(
         None, example="palette.json", help="JSON table from `palette`, which maps colors to labels."

@@ -48,7 +48,7 @@ class Quilting(Reported, Quilted, Structured):
     )
 
     mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
-    label: int | None = param(None, ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
+    label: int | None = param(None, example="3", ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
     guide: Image | None = image(
         None,
         help="Image of any size that controls the layout. Its pixels are label ids, or ids or colors that table"
@@ -64,6 +64,7 @@ class Quilting(Reported, Quilted, Structured):
     soft: float = param(0.2, ge=0, le=1, help=SOFT, advanced=True)
     overlap: int | None = param(
         None,
+        example="12",
         ge=4,
         le=MOST_PATCH // 3,
         unit="px",

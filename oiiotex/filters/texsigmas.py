@@ -63,7 +63,7 @@ class Sigmas(InLab, Whole):
         None, ge=5, le=65536, unit="px", unset="size of the photo", help="Size of the tile for which sigma is chosen."
     )
     measure: str = param("histogram", choices=MEASURES, help=MEASURE, advanced=True)
-    order: int | None = param(None, ge=2, le=4, unset="2", help=ORDER, advanced=True)
+    order: int | None = param(None, example="3", ge=2, le=4, unset="2", help=ORDER, advanced=True)
     seed: int = param(0, ge=0, le=2**32 - 1, help=SEED)
     columns: int = param(3, ge=1, le=32, help="Number of tiles in a row.")
     json: Path | None = param(None, example="sigmas.json", help="JSON file for the table.")

@@ -43,10 +43,10 @@ class Stationarity(InLab, ScanThenMap):
 
     source: Image = image(help="Image to measure.")
     sigma: float | None = param(
-        None, ge=1, le=1e6, unit="px", unset="longer side / 32", help="Scale of the local statistics."
+        None, example="32", ge=1, le=1e6, unit="px", unset="longer side / 32", help="Scale of the local statistics."
     )
     measure: str = param("histogram", choices=MEASURES, help=MEASURE)
-    order: int | None = param(None, ge=2, le=4, unset="2", help=ORDER, advanced=True)
+    order: int | None = param(None, example="3", ge=2, le=4, unset="2", help=ORDER, advanced=True)
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The deviation map."""

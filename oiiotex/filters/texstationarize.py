@@ -55,6 +55,7 @@ True
     sigmamap: Image | None = image(None, help=SIGMAMAP)
     flatten: float | None = param(
         None,
+        example="0.5",
         ge=0,
         le=1,
         unset="1; with inpaint or for data, 0",
@@ -64,6 +65,7 @@ True
     drift: bool | Path = param(False, help=DRIFT_HELP, advanced=True)
     sigma: float | None = param(
         None,
+        example="32",
         ge=0.5,
         le=1e6,
         unit="px",
@@ -73,6 +75,7 @@ True
     )
     amount: float | None = param(
         None,
+        example="0.5",
         ge=0,
         le=1,
         advanced=True,
@@ -81,6 +84,7 @@ True
     )
     contrast: float | None = param(
         None,
+        example="0.3",
         ge=0,
         le=1,
         unset=f"{CONTRAST}; with inpaint, 0",
@@ -97,7 +101,7 @@ True
     )
 
     measure: str = param("histogram", choices=MEASURES, help=MEASURE, advanced=True)
-    order: int | None = param(None, ge=2, le=4, unset="2", help=ORDER, advanced=True)
+    order: int | None = param(None, example="3", ge=2, le=4, unset="2", help=ORDER, advanced=True)
     structure: float = param(0.5, ge=0, le=1, help=STRUCTURE)
     preset: str | None = param(None, choices=(*PRESETS, None), help=PRESET_HELP)
     paper: bool = param(

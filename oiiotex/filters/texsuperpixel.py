@@ -45,15 +45,17 @@ class Superpixel(InLab, ScanThenMap):
     source: Image = image(help="Image to segment.")
     sigma: float | None = param(
         None,
+        example="32",
         ge=1,
         le=1e6,
         unit="px",
         unset="the finest level",
         help="Scale of the superpixels, rounded to the nearest level. Increase it for larger superpixels.",
     )
-    count: int | None = param(None, ge=1, help="Number of superpixels, used instead of sigma.")
+    count: int | None = param(None, example="400", ge=1, help="Number of superpixels, used instead of sigma.")
     finest: float | None = param(
         None,
+        example="16",
         ge=2,
         le=1e5,
         unit="px",
@@ -79,6 +81,7 @@ class Superpixel(InLab, ScanThenMap):
     )
     minsize: int | None = param(
         None,
+        example="50",
         ge=1,
         unit="px",
         unset="finest^2 / 4",

@@ -73,6 +73,7 @@ class Synth(Multiscale, Structured):
     )
     level: int | None = param(
         None,
+        example="2",
         ge=0,
         le=MOST_LEVEL,
         unset="finest level of the exemplars",

@@ -49,7 +49,9 @@ class Zoom(Multiscale):
         REPORT,
     )
 
-    frame: int | None = param(None, frame=True, unset="that of --frames, otherwise first", help="Number of the frame.")
+    frame: int | None = param(
+        None, example="25", frame=True, unset="that of --frames, otherwise first", help="Number of the frame."
+    )
     first: int = param(1, help="Number of the frame at which the zoom begins.")
     speed: float = param(
         0.05,
@@ -59,6 +61,7 @@ class Zoom(Multiscale):
     )
     level: float | None = param(
         None,
+        example="2",
         ge=0,
         le=MOST_LEVEL,
         unset="resolution of the root",

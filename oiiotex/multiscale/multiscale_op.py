@@ -66,6 +66,7 @@ class Multiscale(InLab, Reported, AnyWindow):
     )
     seed: int | None = param(
         None,
+        example="7",
         ge=0,
         le=2**32 - 1,
         unset="seed of the graph, else 0",

@@ -58,6 +58,7 @@ class Quilted(LabeledExemplar, Gather):
     tile: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the result tiles.")
     patch: int | None = param(
         None,
+        example="32",
         ge=LEAST_PATCH,
         le=MOST_PATCH,
         unit="px",
