@@ -107,9 +107,7 @@ class Parameter:
             text = f"{either('0, 1, or', 'True, False, or')} {others}"
         else:
             text = " or ".join(_KINDS[k] for k in self.kind)
-        if self.ge is not None and self.ge == self.le:
-            text = f"{self.ge:.10g}"
-        elif self.ge is not None and self.le is not None:
+        if self.ge is not None and self.le is not None:
             text += f" from {self.ge:.10g} to {self.le:.10g}"
         elif self.ge is not None:
             text += f" >= {self.ge:.10g}"

@@ -41,7 +41,7 @@ _INDEX = "docs/how-to/index.md"
 def topic(name: str = "") -> str:
     """The text of --help with a word after it: '', 'all', a group, an op, OP:MODIFIER or :MODIFIER.
 
-    Raises a ParameterError for an unknown word, which names the nearest one or where the word occurs.
+    Another word is searched for. Raises a ParameterError, which names the nearest known word, if it occurs nowhere.
     """
     if not name:
         groups = " ".join(("Groups for --help:", *words()))
@@ -53,7 +53,7 @@ def topic(name: str = "") -> str:
     try:
         find(name.partition(":")[0])
     except ParameterError:
-        raise _unknown(name) from None
+        return _search(name)
     return page(name.rstrip("="))
 
 
@@ -70,15 +70,15 @@ def _with_modifier(name: str) -> str:
             if one.name == name:
                 flags.setdefault(described(one, find(flag)), []).append(flag)
     if not flags:
-        raise _unknown(f":{name}")
+        return _search(f":{name}")
     fill = textwrap.TextWrapper(110, break_on_hyphens=False)
     indented = textwrap.TextWrapper(110, initial_indent="    ", subsequent_indent="    ")
     entries = (f"{fill.fill(', '.join(found))}:\n{indented.fill(text)}" for text, found in flags.items())
     return "\n\n".join((f":{name}=", *entries))
 
 
-def _unknown(name: str) -> ParameterError:
-    """The error for a word that --help does not know, with the nearest known one, else the places that mention it."""
+def _search(name: str) -> str:
+    """Where a word occurs that names nothing. Raises a ParameterError if it is nearly a known one, or occurs nowhere."""
     import difflib  # slow to import
 
     bare = name.lstrip("-:").partition(":")[0].lower()
@@ -96,8 +96,10 @@ def _unknown(name: str) -> ParameterError:
         hits = [flag for flag, (text, _) in summaries.items() if bare and word.search(f"{flag} {text}")][:_MOST_HITS]
         rows = [row for row in _how_to().splitlines() if bare and word.search(row)]
         pages = [f"docs/how-to/{file}" for row in rows for file in re.findall(r"\(([\w-]+\.md)\)", row)][:_MOST_HITS]
-        hint = f"see {', '.join((*pages, *hits))}" if pages or hits else "oiiotex --help all lists everything"
-    return ParameterError(f"--help {name}: expected a group, an op, OP:MODIFIER or :MODIFIER", hint=hint)
+        if pages or hits:
+            return "\n".join((f"'{name}' occurs in:", *(f"  {place}" for place in (*pages, *hits))))
+        hint = "oiiotex --help all lists everything"
+    raise ParameterError(f"--help {name}: expected a group, an op, OP:MODIFIER or :MODIFIER", hint=hint)
 
 
 def _how_to() -> str:
