@@ -73,7 +73,10 @@ REFUSED = {
     "a photo smaller than a patch": ("photo.png --crop 8x8 --texpatchmatch -o t.exr", "smaller than a patch of 13x13"),
     "memory of labeling": ("--cache 2 photo.png --texlabel -o t.exr", "labeling needs"),
     "memory of whole images": ("--cache 1 photo.png --resize 900x900 --fft -o t.exr", "the budget is 1 MB"),
-    "source coordinates that the output replaces": ("photo.png --texsynth:stmap=q.exr -o q.exr", "just been written"),
+    "source coordinates that the output replaces": (
+        "photo.png --texsynth:stmap=q.exr -o q.exr",
+        "would overwrite a file written by an earlier op",
+    ),
     "a table over an input": ("photo.png --texlabel:json=photo.png -o l.exr", "would overwrite"),
     "a color space": ("photo.png --iscolorspace nosuch --texstationarize -o t.exr", "nosuch"),
     "an op that lacks an operand": ("photo.png --texstationarize -o t.exr --over", "image"),

@@ -78,7 +78,7 @@ def _with_modifier(name: str) -> str:
 
 
 def _search(name: str) -> str:
-    """Where a word occurs that names nothing. Raises a ParameterError if it is nearly a known one, or occurs nowhere."""
+    """Where a word occurs that names nothing. Raises a ParameterError if it is near a known one, or occurs nowhere."""
     import difflib  # slow to import
 
     bare = name.lstrip("-:").partition(":")[0].lower()
