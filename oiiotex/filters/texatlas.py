@@ -52,8 +52,9 @@ class Atlas(MaterialOp, Whole):
 
     mesh: Path | None = param(
         None,
+        unset="none; a mesh is required",
         example="chair.obj",
-        help="Mesh to texture (required): OBJ, PLY, glTF, GLB, STL or OFF. UVs must lie within 0 to 1 without overlaps;"
+        help="Mesh to texture: OBJ, PLY, glTF, GLB, STL or OFF. UVs must lie within 0 to 1 without overlaps;"
         " a mesh without UVs is unwrapped.",
     )
     size: Size | None = param(
