@@ -10,6 +10,7 @@ from oiiotex.color.lab_reduced import LabPixels
 from oiiotex.dominant import diffusion, patch_manifold
 from oiiotex.dominant.refinement import pixel_colors, refined_mask
 from oiiotex.session import Session
+from oiiotex.session.progress import Progress
 from tests.reference import diffusion as reference
 
 
@@ -64,7 +65,9 @@ def test_densities_and_heat_are_eq_4_and_eq_3():
     np.testing.assert_allclose(
         patch_manifold.densities(found, chosen, size, False, Session().resources), kernel[:, chosen].sum(1), rtol=1e-3
     )
-    near = patch_manifold.neighbor_weights(patch_manifold.neighbor_squares(found, Session().resources), size, False)
+    near = patch_manifold.neighbor_weights(
+        patch_manifold.neighbor_squares(found, Session().resources, Progress()), size, False
+    )
     k = patch_manifold.neighbor_count(found.count)
     order = np.argsort(-kernel, axis=1)[:, :k]
     sparse = np.zeros_like(kernel)
@@ -172,3 +175,16 @@ def test_valleys_are_those_of_scipy(seed):
         expected, facts = find_peaks(-counts, prominence=max(prominence * counts.max(), 1e-9))
         np.testing.assert_array_equal(valleys, expected)
         np.testing.assert_array_equal(depths, facts["prominences"])
+
+
+def test_a_long_search_for_neighbors_says_how_long_and_advances(monkeypatch, caplog):
+    random = np.random.default_rng(0)
+    values = random.random((5000, 3)).astype(np.float32)
+    texels = patch_manifold.Texels(values, np.arange(5000), np.arange(5000), 1, 1)
+    told = []
+    quick = patch_manifold.neighbor_squares(texels, Session().resources, Progress(lambda *at: told.append(at)))
+    assert not caplog.records and told == [(60 + n, 120) for n in range(1, 21)]
+    monkeypatch.setattr(patch_manifold, "_LONG", 0.0)
+    slow = patch_manifold.neighbor_squares(texels, Session().resources, Progress())
+    assert "comparing 5000 patches takes about" in caplog.text
+    assert (quick != slow).nnz == 0

@@ -113,7 +113,7 @@ def dominant_texture(
             euclidean = mode == "euclidean"
             density = densities(texels, chosen, kernel.size, euclidean, resources)
         with resources.stats.time("neighbors"):
-            squares = neighbor_squares(texels, resources)
+            squares = neighbor_squares(texels, resources, progress)
         progress.advance(4, 6)
         with resources.stats.time("heat"):
             weights = neighbor_weights(squares, kernel.size, euclidean)

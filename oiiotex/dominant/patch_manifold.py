@@ -8,7 +8,9 @@ that results do not depend on the number of threads or the memory budget.
 
 from __future__ import annotations
 
+import logging
 import math
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -18,7 +20,10 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.sparse import csr_array
 
 from ..color.lab_reduced import LabPixels
+from ..session.progress import Progress
 from ..session.resources import Resources
+
+log = logging.getLogger("oiiotex")
 
 ENERGY = 0.999  # proportion of variance kept by the principal components: LDR09 section 6.1
 LANDMARKS = 0.7  # N' = N^0.7: LDR09 section 6.2
@@ -27,6 +32,8 @@ _BLOCK = 1024  # texels per block of distances
 _ROWS = 256  # texels per search for neighbors, so that intermediate results fit the cache
 _EVERY = 16  # stride of the sample of a row's distances from which the k smallest are estimated
 _COVARIANCE = 4096  # texels from which the components are learned
+_TIMED = 16  # searches after which the time of all is estimated
+_LONG = 20.0  # s; from here on there is a warning
 _PIECES = 8  # in which an image is blurred
 _CURVE = 96  # kernel sizes to try
 _STRONG = 0.7  # of the strongest response: a longer period above this is preferred
@@ -203,8 +210,10 @@ def neighbor_count(count: int) -> int:
     return min(count, max(8, int(math.log(max(count, 2)) ** 2)))
 
 
-def neighbor_squares(texels: Texels, resources: Resources) -> csr_array:
+def neighbor_squares(texels: Texels, resources: Resources, progress: Progress) -> csr_array:
     """Squared distances to the k nearest, including itself (LDR09 section 6.3), rows of k entries each.
+
+    `progress` advances by its fourth sixth. If it will take long, a warning says how long.
 
     Exact, unlike the paper's. Distances are matrix products of blocks, with the squared norms as two additional
     dimensions. A sample of each row, every `_EVERY`th entry, gives an upper bound of the k smallest. Only entries below
@@ -233,7 +242,13 @@ def neighbor_squares(texels: Texels, resources: Resources) -> csr_array:
             neighbors[n] = near[np.argpartition(row[near], k - 1)[:k]]
         return neighbors, np.maximum(np.take_along_axis(squares, neighbors, 1), 0)
 
-    pieces = list(resources.spread(nearest, range(0, count, _ROWS)))
+    firsts, pieces, begin = range(0, count, _ROWS), [], time.monotonic()
+    for piece in resources.spread(nearest, firsts):
+        pieces.append(piece)
+        progress.advance(3 * len(firsts) + len(pieces), 6 * len(firsts))
+        seconds = (time.monotonic() - begin) / len(pieces) * (len(firsts) - len(pieces))
+        if len(pieces) == _TIMED and seconds > _LONG:
+            log.warning("comparing %d patches takes about %.0f s; a larger step= compares fewer", count, seconds)
     columns, values = (np.concatenate(p).ravel() for p in zip(*pieces, strict=True))
     return csr_array((values, columns, np.arange(0, count * k + 1, k, dtype=np.int32)), shape=(count, count))
 

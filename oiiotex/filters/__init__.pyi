@@ -70,8 +70,8 @@ def atlas(
         Further maps, resynthesized from the same source pixels. A string is the name of a part of the
         first image, or a file name.
     mesh : FileName | None, default None
-        Mesh to texture (required): OBJ, PLY, glTF, GLB, STL or OFF. UVs must lie within 0 to 1 without
-        overlaps; a mesh without UVs is unwrapped.
+        Mesh to texture: OBJ, PLY, glTF, GLB, STL or OFF. UVs must lie within 0 to 1 without overlaps; a
+        mesh without UVs is unwrapped. Default: none; a mesh is required.
     size : tuple[int, int] | None, default None
         Size of the result; with udim, of a tile. Expected: (width, height) from 16 to 16384 px.
         Default: the exemplar's size.
