@@ -268,7 +268,7 @@ def test_a_photo_with_other_labels_begins_another_painting_and_keeps_the_steps(b
     at_step(page, 2, 2)
     assert "cannot show step 1 (it is kept): " in page.inner_text("#status.wrong")
     page.keyboard.press("Control+z")
-    wait(page, "document.querySelector('#status').textContent.includes('step 1 is kept')")
+    wait(page, "document.querySelector('#status').textContent.includes('cannot show step 1')")
     page.close()
     server.end()
     assert files.items() <= {path.name: path.read_bytes() for path in (small / "photo.paint").iterdir()}.items()
