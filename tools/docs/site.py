@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hooks of MkDocs.
 
-Folders in the navigation stand for their pages. Links that leave docs/ become names: a site alone cannot open them.
+Folders in the navigation stand for their pages, by the headings of their index. Links that leave docs/ become names: a site alone cannot open them.
 """
 
 from __future__ import annotations
@@ -26,8 +26,19 @@ def _filled(entry: Any, docs: Path) -> Any:
         return {title: _filled(value, docs) for title, value in entry.items()}
     if not entry.endswith("/"):
         return entry
+    groups = _groups(docs / entry / "index.md", entry)
+    if groups:
+        return groups
     pages = sorted((docs / entry).glob("*.md"), key=lambda page: (page.name != "index.md", page.read_text().lower()))
     return [str(page.relative_to(docs)) for page in pages]
+
+
+def _groups(index: Path, folder: str) -> list[Any]:
+    """The pages of a folder whose index lists them under headings: [index, {heading: pages}, ...]."""
+    sections = index.read_text().split("\n## ")[1:] if index.exists() else []
+    linked = [(one.partition("\n")[0], re.findall(r"\]\(([\w-]+\.md)\)", one)) for one in sections]
+    groups = [{heading: [folder + page for page in dict.fromkeys(pages)]} for heading, pages in linked if pages]
+    return [folder + index.name, *groups] if groups else []
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
