@@ -92,6 +92,8 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     save(wall[..., :1], folder / "height.exr", "half", "data")
     y, x = np.mgrid[:SIDE, :SIDE]
     save((np.hypot(x - 60, y - 40) < 12)[..., None] * 1.0, folder / "mask.png")
+    painting = np.where(x[..., None] < 40, np.float32([51, 128, 230]), np.float32([255, 230, 204])) / 255
+    save(painting, folder / "painting.png")  # in the colors that --texpalette gives to labels 1 and 2
     (folder / "statue.obj").write_text(pictures.cube_obj(0.5))
     for frame in range(1001, 1003):
         save(stones * (0.8 + frame % 2 / 10), folder / f"plate.{frame}.exr", "half", "lin_rec709_scene")

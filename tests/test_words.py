@@ -34,6 +34,7 @@ WRONG = {"--resize:fliter=box", "--OP", "--tex", "--texNAME", "--op:key=value", 
 OTHERS = {  # of other programs
     "--step", "--path", "--run-dependencies", "--force-reinstall", "--upgrade", "--leak-check", "--user",
     "--no-build-isolation", "--extra-index-url", "--protocol", "--no-dashboard", "--no-deps",
+    "--array", "--parsable", "--dependency", "--wrap",
 }  # fmt: skip
 OURS = {
     ".json", ".yaml", ".npz", ".gif", ".mp4", ".gpl", ".aco", ".icc", ".md", ".py", ".cl", ".ocio", ".pyi", ".toml",

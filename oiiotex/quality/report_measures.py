@@ -14,7 +14,7 @@ REPORT_MEASURES = {
     "seam_y_photo": "The same for the photo.",
     "quieter_x": "Percentage of interior lines with a smaller jump than the wrap along x. 50 is invisible.",
     "quieter_y": "The same along y.",
-    "fidelity": "Similarity to the photo, 0 to 1: root of the product of the five below. Good from 0.8.",
+    "fidelity": "Similarity to the photo, 0 to 1: square root of a product of the six below. Good from 0.8.",
     "band_96": "Energy after a Gaussian of the photo's longer side / 96, relative to the photo's.",
     "band_48": "The same for longer side / 48.",
     "band_24": "The same for longer side / 24. Below 1: structure is lost. Above 1: there are blotches.",

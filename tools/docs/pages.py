@@ -50,11 +50,16 @@ def page_text(op: type[Op], path: Path) -> str:
 
 def _table(modifiers: Sequence[Parameter], say: Callable[[str], str]) -> list[str]:
     """A table of modifiers with values, defaults and examples."""
-    rows = []
+    rows, notes = [], ""
     for p in modifiers:
-        cells = (f"`{p.name}`", say(p.help), p.allowed(), p.default_text, f"`{p.name}={p.sample}`" if p.sample else "")
+        values = p.allowed()
+        if values.startswith("1 (the next image"):
+            values, notes = "image", f"*image*: {values}."
+        text = say(p.help).replace("docs/reference/report.md", "[reports](../report.md)")
+        cells = (f"`{p.name}`", text, values, p.default_text, f"`{p.name}={p.sample}`" if p.sample else "")
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return ["| modifier | | values | default | example |", "|---|---|---|---|---|", *rows, ""] if rows else []
+    heading = ["| modifier | description | values | default | example |", "|---|---|---|---|---|"]
+    return [*heading, *rows, "", *([notes, ""] if notes else [])] if rows else []
 
 
 def _call(op: type[Op]) -> str:
