@@ -213,7 +213,7 @@ def neighbor_count(count: int) -> int:
 def neighbor_squares(texels: Texels, resources: Resources, progress: Progress) -> csr_array:
     """Squared distances to the k nearest, including itself (LDR09 section 6.3), rows of k entries each.
 
-    `progress` advances by its fourth sixth. If it will take long, a warning says how long.
+    `progress` advances from 300 to 400 of 600. If it will take long, a warning says how long.
 
     Exact, unlike the paper's. Distances are matrix products of blocks, with the squared norms as two additional
     dimensions. A sample of each row, every `_EVERY`th entry, gives an upper bound of the k smallest. Only entries below
@@ -245,7 +245,9 @@ def neighbor_squares(texels: Texels, resources: Resources, progress: Progress) -
     firsts, pieces, begin = range(0, count, _ROWS), [], time.monotonic()
     for piece in resources.spread(nearest, firsts):
         pieces.append(piece)
-        progress.advance(3 * len(firsts) + len(pieces), 6 * len(firsts))
+        done, before = (300 + 100 * n // len(firsts) for n in (len(pieces), len(pieces) - 1))
+        if before < done < 400:
+            progress.advance(done, 600)
         seconds = (time.monotonic() - begin) / len(pieces) * (len(firsts) - len(pieces))
         if len(pieces) == _TIMED and seconds > _LONG:
             log.warning("comparing %d patches takes about %.0f s; a larger step= compares fewer", count, seconds)

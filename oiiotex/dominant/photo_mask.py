@@ -124,7 +124,7 @@ def photo_mask(
     need = memory_needed(shape[0] * shape[1], texels, side or MOST_PATCH, threads) + width * height // 8
     resources.require(need, f"{flag} of {width}x{height} px", "increase step")
     pixels = lab_pixels(photo, lens_of(photo, resources, space), resources, factor, allowed())
-    progress.advance(1, 6)
+    progress.advance(100, 600)
 
     def colored() -> np.ndarray | None:
         """Colors that refine the mask, computed in parallel with texels: importing k-means takes 1/15 s."""
@@ -143,7 +143,7 @@ def photo_mask(
         log.warning("%s: %s has no dominant texture: %s", flag, photo.source, texture.rejected)
     else:
         log.info("%s: %.0f %% of patches of %d px are dominant", flag, 100 * texture.share, texture.texels.patch)
-    progress.advance(6, 6)
+    progress.advance(600, 600)
     return PhotoMask(photo.first, pixels, texture, mask)
 
 
