@@ -23,7 +23,7 @@ from ..session.resources import Resources
 log = logging.getLogger("oiiotex")
 
 RELEVEL = (
-    "Constant added to each copied piece of a height map, so that pieces meet without steps. Set it if displaced"
+    "Raise or lower each copied piece of a height map so that pieces meet without steps. Set it if displaced"
     " heights show cliffs. Requires kinds=...,height."
 )
 _LARGE = 0.1  # a step, as a share of the map's range

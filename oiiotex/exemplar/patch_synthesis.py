@@ -60,9 +60,9 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         1,
         ge=1,
         le=64,
-        help="Number of interchangeable tiles. Up to 7, any tile fits next to any other. From 8, they are Wang tiles"
-        " with two edge colors (16: the complete set). Part names and the attribute oiiotex:edges contain the edge"
-        " colors.",
+        help="Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles with"
+        " two edge colors, which fit where the colors agree; 16 is the complete set. Part names and the"
+        " attribute oiiotex:edges contain the edge colors.",
     )
     patch: int | None = param(
         None, example="21", choices=(*_PATCHES, None), unit="px", unset=str(PATCH), help=_PATCH_HELP
@@ -80,8 +80,8 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         ge=0,
         le=1,
         advanced=True,
-        help="Weight of the term that makes all parts of the photo appear equally often (MJH17 eq. 6). Increase it to"
-        " use more of the photo. Above 0.1, coherence suffers.",
+        help="Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to use"
+        " more of the photo. Above 0.1, structures break up.",
     )
     reuse: float = param(
         1.0,
@@ -94,7 +94,8 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
     resume: bool = param(
         False,
         advanced=True,
-        help="Checkpoint after each pyramid level, in OUT.parts, from which an interrupted run resumes.",
+        help="Save a checkpoint after each pyramid level next to the output, in the folder OUTPUT.parts. Run the"
+        " same command again to resume.",
     )
 
     def recipe(self, width: int, height: int) -> Recipe:

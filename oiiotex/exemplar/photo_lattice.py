@@ -22,9 +22,9 @@ from ..session.resources import Resources
 log = logging.getLogger("oiiotex")
 
 STRUCTURE = (
-    "Strength with which regular repeats (tiles, courses, weaves) are preserved. If they do not fit the photo's size,"
-    " the default size becomes the nearest that contains complete repeats only. 0: repeats are not preserved. No"
-    " effect on photos without regular repeats."
+    "Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size does not hold"
+    " complete repeats, the result gets the nearest size that does, unless size is set. 0: repeats are not preserved."
+    " No effect on photos without regular repeats."
 )
 
 

@@ -342,13 +342,13 @@ def composite(
         Axes along which the result tiles.
     patch : int | None, default None
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
-        Expected: an integer from 8 to 256 px. Default: scale of the label level, or shorter side / 8,
-        as a power of two; with guide, less if a label is rare.
+        Expected: an integer from 8 to 256 px. Default: the labels' scale or, without labels, shorter
+        side / 8, as a power of two; less if a label is rare.
     guidance : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
     keep : bool, default False
-        Append the label maps of the result, copied from the same source pixels.
+        Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
@@ -385,13 +385,13 @@ def composite(
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
-        with exit code 3.
+        Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is
+        still written, but the exit code is 3.
     candidates : int, default 256
         Maximum number of candidate patches per place. Expected: an integer from 1 to 65536.
     reuse : float, default 1.0
-        Number of uses of a region of the exemplar before further uses are penalized, as a multiple of
-        its fair share. One more use, and two in any case, are free. Reduce it if regions repeat,
+        Number of times that a region of the exemplar may be copied before further copies are penalized,
+        relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
     finer : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
@@ -621,8 +621,8 @@ def cut(
         Side of a patch. Increase it to preserve larger structures. Expected: an integer from 5 to 512
         px. Default: shorter side of the exemplar / 5, at least 16 and at most 96.
     passes : int, default 1
-        Number of refinement passes. Each pass covers the most visible seams with as many patches again.
-        Expected: an integer from 0 to 100.
+        Number of refinement passes. Each pass adds as many patches as the first fill, over the most
+        visible seams. Increase it if seams are visible. Expected: an integer from 0 to 100.
     label : int | None, default None
         Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
         Expected: an integer >= 1.
@@ -630,10 +630,10 @@ def cut(
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
     structure : float, default 0.5
-        Strength with which regular repeats (tiles, courses, weaves) are preserved. If they do not fit
-        the photo's size, the default size becomes the nearest that contains complete repeats only. 0:
-        repeats are not preserved. No effect on photos without regular repeats. Expected: a number from
-        0 to 1.
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
+        does not hold complete repeats, the result gets the nearest size that does, unless size is set.
+        0: repeats are not preserved. No effect on photos without regular repeats. Expected: a number
+        from 0 to 1.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
@@ -661,8 +661,8 @@ def cut(
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
-        with exit code 3.
+        Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is
+        still written, but the exit code is 3.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
         Default: the coarsest.
@@ -777,13 +777,12 @@ def decompose(
     labels : int | None, default None
         Maximum number of subtextures. Expected: an integer from 1 to 50. Default: chosen by the filter.
     threshold : float | None, default None
-        Threshold for joining, without labels: regions above this probability, or places above this
-        similarity, become one texture. Increase it for more subtextures. Expected: a number from 0 to
-        1. Default: 0.32; with group=cliques, 0.76; with features=haar, 0.95.
+        Probability, or with group=cliques similarity, above which regions become one texture. Increase
+        it for more subtextures. Not used if `labels` is set. Expected: a number from 0 to 1. Default:
+        0.32; with group=cliques, 0.76; with features=haar, 0.95.
     radius : float | None, default None
-        Radius of the disc whose textons describe a place. Increase it for coarse textures. The
-        neighborhood of a pixel has a quarter of this radius. Expected: a number from 1 to 512 px.
-        Default: 48; with features=haar, 8.
+        Radius of the area that is compared as one sample of texture. Increase it for coarse textures.
+        Expected: a number from 1 to 512 px. Default: 48; with features=haar, 8.
     paper : bool, default False
         Settings of the paper (CZF02):
         features=haar:group=cliques:scales=3:search=meanshift:refine=0:assign=neighbors.
@@ -818,26 +817,27 @@ def decompose(
     Other Parameters
     ----------------
     group : Literal['merging', 'cliques'] | None, default None
-        Grouping method. merging: of regions; cliques: of places that are compared in pairs. Default:
-        merging; with features=haar, cliques.
+        Grouping method. merging: of regions, recommended. cliques: of places that are compared in pairs
+        (CZF02). Default: merging; with features=haar, cliques.
     shift : float | None, default None
         Search radius for the best match of a place, with group=cliques. 0: no search. Expected: a
         number from 0 to 512 px. Default: 24; with features=haar, the radius.
     features : Literal['bank', 'haar'], default 'bank'
-        Features of the textons. bank: filter bank; haar: color and Haar wavelets, as in the paper.
+        Features of the textons. bank: filter bank, recommended. haar: color and Haar wavelets, as in
+        the paper. haar changes the defaults of other modifiers.
     bins : int | None, default None
-        Number of textons; with features=haar, number of color textons and number of detail textons.
-        Expected: an integer from 2 to 64. Default: 64; with features=haar, 8.
+        Number of textons; with features=haar, of each kind (color and detail). Increase it to separate
+        similar textures. Expected: an integer from 2 to 64. Default: 64; with features=haar, 8.
     step : int | None, default None
         Spacing of the places that are compared, with group=cliques. Expected: an integer from 1 to 512
         px. Default: derived from the size of the image.
     scales : int, default 1
-        Number of radii, half an octave apart, at which the second of two places is compared, with
+        Number of sizes, half an octave apart, at which each place is compared with others, with
         group=cliques. Expected: an integer from 1 to 5.
     search : Literal['grid', 'meanshift'], default 'grid'
         Search method for the best match, with group=cliques. meanshift: as in the paper, slow.
     refine : bool, default True
-        Refinement of the cliques by moves of single places. The paper has none.
+        Refinement of the cliques, which moves single places between them. The paper has none.
     assign : Literal['competition', 'neighbors'], default 'competition'
         Assignment of pixels to subtextures. competition: by textons; neighbors: by places, as in the
         paper.
@@ -993,8 +993,8 @@ def dominant(
         Spacing of patches. Expected: an integer from 1 to 256 px. Default: the smallest that gives at
         most 12000 patches.
     mode : Literal['diffusion', 'euclidean', 'spectral'], default 'diffusion'
-        Similarity of patches. diffusion: diffusion distance; euclidean: color distance (LDR09 eq. 7);
-        spectral: the larger half of a normalized cut.
+        Method that finds similar patches. diffusion: heat diffusion, recommended. euclidean (colors,
+        LDR09 eq. 7) and spectral (the larger half of a normalized cut) are for comparison.
     paper : bool, default False
         Settings of the paper (LDR09): rule=paper:mode=diffusion:step=1, without an estimate of noise.
     strict : bool, default False
@@ -1002,9 +1002,11 @@ def dominant(
     keep : bool, default False
         Keep the photo as the first part, before the mask.
     json : FileName | None, default None
-        File for the kernel curve, thresholds, iterations and proportions.
+        JSON file with diagnostics: the curve by which the kernel size was chosen, thresholds and
+        iterations.
     chart : FileName | None, default None
-        File for plots of the kernel curve, and of density against heat.
+        Image file with diagnostic plots: the curve by which the kernel size was chosen, and density
+        against heat.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     colorspace : str | None, default None
@@ -1035,10 +1037,11 @@ def dominant(
         Rules for thresholds and mask. repaired: those of the paper, corrected; paper: those of the
         paper, as published.
     types : bool, default False
-        Append part 'types', the type of the patch around each pixel (LDR09 section 4): 1 to 4 stand for
-        types 0, I, II and III, and 0 for no patch.
+        Append part 'types', the type of the patch around each pixel (LDR09 section 4): 1 dominant, 2
+        small group, 3 bridge between groups, 4 scattered, 0 no patch.
     score : bool, default False
-        Append part 'score': density, and the decimal logarithm of heat.
+        Append part 'score' with two channels: density, and the decimal logarithm of heat. Both are high
+        in the dominant texture.
 
     Raises
     ------
@@ -1541,8 +1544,8 @@ def graph(
         Ratio between the pixel sizes of each photo and the next, or one ratio for all. Expected: a
         number or a sequence of numbers >= 1. Default: 8, less for small photos; with scales, 2.
     loop : int | None, default None
-        Octaves r of an edge from the last exemplar to itself, which makes a zoom endless. 0: no edge.
-        Expected: an integer from 0 to 7. Default: 1 for one photo, else 0.
+        Octaves after which the last exemplar continues in itself, which makes a zoom endless. 0: the
+        zoom ends. Expected: an integer from 0 to 7. Default: 1 for one photo, else 0.
     scales : int, default 1
         Number of exemplars at different scales to cut out of one photo. json writes them next to the
         graph. Expected: an integer from 1 to 16.
@@ -1737,8 +1740,8 @@ def label(
     source : ImageLike
         Image to segment.
     persistence : float, default 0.95
-        Persistence of the random walk over superpixels (LSA16 section 4.4). Smaller values give fewer
-        labels. Level n uses the nth power. Expected: a number from 0.01 to 0.999.
+        Persistence of the random walk over superpixels (LSA16 section 4.4). Reduce it for fewer labels.
+        Level n uses its nth power. Expected: a number from 0.01 to 0.999.
     coarsest : bool, default True
         Add a coarsest level of subtextures, as `decompose` finds them. The paper has none.
     labels : int | None, default None
@@ -1783,18 +1786,22 @@ def label(
     Other Parameters
     ----------------
     features : Literal['textons', 'moments', 'gabor', 'quadtree'], default 'textons'
-        Features by which superpixels are compared. The paper: moments.
+        Features by which superpixels are compared. Keep textons (frequent local patterns), except for
+        comparison. The paper: moments.
     cluster : Literal['nmf', 'kmeans', 'spectral'], default 'nmf'
-        Clustering method. kmeans and spectral require scikit-learn and take the number of labels from
-        nmf.
+        Clustering method. nmf (nonnegative matrix factorization) also finds the number of labels.
+        kmeans and spectral are for comparison: they require scikit-learn and use the number that nmf
+        finds.
     share : float, default 0.5
-        Fraction of the superpixels at the next scale that must contain several labels. The paper: 1.
-        Expected: a number from 0.01 to 1.
+        Fraction of a coarser level's superpixels that must contain several labels for that level to be
+        added. Reduce it for more levels. The paper: 1. Expected: a number from 0.01 to 1.
     neighbors : int, default 256
-        Maximum number of neighbors of a superpixel in the graph. Expected: an integer from 8 to 4096.
+        Maximum number of similar superpixels to which each one is linked. Reduce it to save time and
+        memory. Expected: an integer from 8 to 4096.
     tries : int, default 0
-        Number of further, random starts that are combined with the first (boosting). Expected: an
-        integer from 0 to 100.
+        Number of additional random starts, whose results are combined with the first (boosting).
+        Increase it for more stable labels; time grows in proportion. Expected: an integer from 0 to
+        100.
     runs : int, default 1
         Number of SLIC runs. The best one is used. The paper: 10. Expected: an integer from 1 to 1000.
     minsize : int | None, default None
@@ -1804,7 +1811,8 @@ def label(
         Seed of the random starts. No effect with tries=0 and runs=1. Expected: an integer from 0 to
         4294967295.
     soft : bool, default False
-        Append the parts membership.N and fit.N for each level N (G and F / max F in LSA16).
+        Append soft label maps for each level N: membership.N is how much a pixel belongs to each label,
+        fit.N how typical it is of the label (G and F / max F in LSA16).
     single : bool, default False
         Output as one unnamed part with the channels of the image and of Cryptomatte, as Blender and
         Nuke expect. Requires cryptomatte.
@@ -1992,20 +2000,20 @@ def paint(
         Size of the result. Expected: (width, height) from 8 to 4194304 px. Default: the painting's
         size.
     plan : FileName | None, default None
-        File (.npz) for the painted labels and their patches, to be used by before.
+        File (.npz) to write for a later edit: the next run reads it with `before`.
     before : FileName | None, default None
         Plan of an earlier run. Patches whose labels did not change are kept.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the result tiles.
     patch : int | None, default None
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
-        Expected: an integer from 8 to 256 px. Default: scale of the label level, or shorter side / 8,
-        as a power of two; with guide, less if a label is rare.
+        Expected: an integer from 8 to 256 px. Default: the labels' scale or, without labels, shorter
+        side / 8, as a power of two; less if a label is rare.
     guidance : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
     keep : bool, default False
-        Append the label maps of the result, copied from the same source pixels.
+        Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
@@ -2042,13 +2050,13 @@ def paint(
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
-        with exit code 3.
+        Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is
+        still written, but the exit code is 3.
     candidates : int, default 256
         Maximum number of candidate patches per place. Expected: an integer from 1 to 65536.
     reuse : float, default 1.0
-        Number of uses of a region of the exemplar before further uses are penalized, as a multiple of
-        its fair share. One more use, and two in any case, are free. Reduce it if regions repeat,
+        Number of times that a region of the exemplar may be copied before further copies are penalized,
+        relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
     finer : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
@@ -2354,9 +2362,9 @@ def patchmatch(
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
         Axes along which the result tiles. Default: xy; with inpaint, none.
     variants : int, default 1
-        Number of interchangeable tiles. Up to 7, any tile fits next to any other. From 8, they are Wang
-        tiles with two edge colors (16: the complete set). Part names and the attribute oiiotex:edges
-        contain the edge colors. Expected: an integer from 1 to 64.
+        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles
+        with two edge colors, which fit where the colors agree; 16 is the complete set. Part names and
+        the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to 64.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
@@ -2399,28 +2407,28 @@ def patchmatch(
         pixels of weight 1, and pixels of weight 0 are never used. A string is the name of a part of the
         first image, or a file name.
     contrast : float, default 1.0
-        Initial strength of histogram matching to the photo. It fades out over the coarsest level.
-        Expected: a number from 0 to 1.
+        Strength of histogram matching to the photo at the start. It falls to 0 during the iterations of
+        the coarsest level. Expected: a number from 0 to 1.
     relevel : bool, default False
-        Constant added to each copied piece of a height map, so that pieces meet without steps. Set it
-        if displaced heights show cliffs. Requires kinds=...,height.
+        Raise or lower each copied piece of a height map so that pieces meet without steps. Set it if
+        displaced heights show cliffs. Requires kinds=...,height.
     iterations : int, default 30
         Number of iterations on the coarsest level. Each finer level has one. Increase it if a warning
         says that texture is lost. Expected: an integer from 1 to 1000.
     uniformity : float, default 0.01
-        Weight of the term that makes all parts of the photo appear equally often (MJH17 eq. 6).
-        Increase it to use more of the photo. Above 0.1, coherence suffers. Expected: a number from 0 to
-        1.
+        Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to
+        use more of the photo. Above 0.1, structures break up. Expected: a number from 0 to 1.
     reuse : float, default 1.0
         Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
         is closer to the photo and repeats more. Expected: a number from 0 to 1.
     resume : bool, default False
-        Checkpoint after each pyramid level, in OUT.parts, from which an interrupted run resumes.
+        Save a checkpoint after each pyramid level next to the output, in the folder OUTPUT.parts. Run
+        the same command again to resume.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
-        with exit code 3.
+        Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is
+        still written, but the exit code is 3.
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
@@ -2641,21 +2649,21 @@ def quilt(
         Axes along which the result tiles.
     patch : int | None, default None
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
-        Expected: an integer from 8 to 256 px. Default: scale of the label level, or shorter side / 8,
-        as a power of two; with guide, less if a label is rare.
+        Expected: an integer from 8 to 256 px. Default: the labels' scale or, without labels, shorter
+        side / 8, as a power of two; less if a label is rare.
     guidance : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
     keep : bool, default False
-        Append the label maps of the result, copied from the same source pixels.
+        Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
     structure : float, default 0.5
-        Strength with which regular repeats (tiles, courses, weaves) are preserved. If they do not fit
-        the photo's size, the default size becomes the nearest that contains complete repeats only. 0:
-        repeats are not preserved. No effect on photos without regular repeats. Expected: a number from
-        0 to 1.
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
+        does not hold complete repeats, the result gets the nearest size that does, unless size is set.
+        0: repeats are not preserved. No effect on photos without regular repeats. Expected: a number
+        from 0 to 1.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
@@ -2700,13 +2708,13 @@ def quilt(
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
-        with exit code 3.
+        Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is
+        still written, but the exit code is 3.
     candidates : int, default 256
         Maximum number of candidate patches per place. Expected: an integer from 1 to 65536.
     reuse : float, default 1.0
-        Number of uses of a region of the exemplar before further uses are penalized, as a multiple of
-        its fair share. One more use, and two in any case, are free. Reduce it if regions repeat,
+        Number of times that a region of the exemplar may be copied before further copies are penalized,
+        relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
     finer : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
@@ -2839,8 +2847,9 @@ def rectify(
         Size of the result. Expected: (width, height) from 1 to 65536. Default: lengths of the longer
         sides in the photo.
     physical : float | Sequence[float] | None, default None
-        Width and height of the area between the corners, or of a cell of the lattice without corners.
-        Expected: a number or a sequence of numbers from 1e-09 to 1000000000 m.
+        Width and height, in meters, of the area between `corners`; without `corners`, of one cell of
+        the lattice, such as a brick or a tile. Expected: a number or a sequence of numbers from 1e-09
+        to 1000000000 m.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
@@ -2946,8 +2955,8 @@ def sigmas(
     n : int, default 9
         Number of sigmas. Expected: an integer from 3 to 32.
     size : tuple[int, int] | None, default None
-        Size of the tile for which sigma is chosen. Expected: (width, height) from 5 to 65536 px.
-        Default: size of the photo.
+        Size of the final tile, for which the sigmas are computed. The sheet itself shows small tiles.
+        Expected: (width, height) from 5 to 65536 px. Default: size of the photo.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
@@ -3141,10 +3150,10 @@ def stationarize(
         Reduce it if features still repeat visibly. Expected: a number from 0.5 to 1000000 px. Default:
         longer side / 8; with inpaint, longer side / 32; at least patch / 4.
     structure : float, default 0.5
-        Strength with which regular repeats (tiles, courses, weaves) are preserved. If they do not fit
-        the photo's size, the default size becomes the nearest that contains complete repeats only. 0:
-        repeats are not preserved. No effect on photos without regular repeats. Expected: a number from
-        0 to 1.
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
+        does not hold complete repeats, the result gets the nearest size that does, unless size is set.
+        0: repeats are not preserved. No effect on photos without regular repeats. Expected: a number
+        from 0 to 1.
     preset : Literal['even', 'clean', 'keep'] | None, default None
         Values for modifiers that you do not set. keep: large structures are preserved (sigma = longer
         side / 4, patch=21). even: large structures are also evened out (sigma = longer side / 32,
@@ -3156,9 +3165,9 @@ def stationarize(
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
         Axes along which the result tiles. Default: xy; with inpaint, none.
     variants : int, default 1
-        Number of interchangeable tiles. Up to 7, any tile fits next to any other. From 8, they are Wang
-        tiles with two edge colors (16: the complete set). Part names and the attribute oiiotex:edges
-        contain the edge colors. Expected: an integer from 1 to 64.
+        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles
+        with two edge colors, which fit where the colors agree; 16 is the complete set. Part names and
+        the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to 64.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
@@ -3210,12 +3219,12 @@ def stationarize(
         make equally visible differences; `sigmas` shows them for a photo. Expected: a number from 0 to
         1.
     contrast : float | None, default None
-        Strength of the match between the result's overall histogram and that of target. Increase it if
-        rare colors are missing. At 0, the colors of rare objects, such as windows in a wall, may
-        vanish. Expected: a number from 0 to 1. Default: 0.7; with inpaint, 0.
+        Strength with which the overall colors of the result are matched to the histogram of `target`.
+        Increase it if rare colors are missing. At 0, the colors of rare objects, such as windows in a
+        wall, may vanish. Expected: a number from 0 to 1. Default: 0.7; with inpaint, 0.
     target : Literal['flat', 'exemplar'], default 'flat'
-        Histogram that contrast matches. flat: that of the stationarized photo. exemplar: that of the
-        photo itself, fading out over the coarsest level as in the paper.
+        Histogram that `contrast` matches. flat: that of the photo after evening out. exemplar: that of
+        the photo as it is, matched only on the coarsest level, as in the paper.
     measure : Literal['histogram', 'moments', 'steerable'], default 'histogram'
         Statistics that define stationarity. histogram: local histograms. moments: local moments.
         steerable: responses of steerable filters.
@@ -3223,30 +3232,28 @@ def stationarize(
         Highest order of moments, for measure=moments. 2: mean and variance. 3: also skewness. 4: also
         kurtosis. Expected: an integer from 2 to 4. Default: 2.
     paper : bool, default False
-        Settings of the paper (MJH17): flatten=0:target=exemplar:contrast=1:structure=0, sigma = longer
-        side / 32, patch=11, a pyramid that starts at a quarter of the tile, 3 iterations on each finer
-        level, no reuse penalties and no overshoot. Constants that the paper does not state (alpha,
-        uniformity) keep the values of oiiotex.
+        Settings of the paper (MJH17), for comparison: flatten=0:target=exemplar:contrast=1:structure=0,
+        sigma = longer side / 32, patch=11, no reuse penalties, and the paper's pyramid and iterations.
     relevel : bool, default False
-        Constant added to each copied piece of a height map, so that pieces meet without steps. Set it
-        if displaced heights show cliffs. Requires kinds=...,height.
+        Raise or lower each copied piece of a height map so that pieces meet without steps. Set it if
+        displaced heights show cliffs. Requires kinds=...,height.
     iterations : int, default 30
         Number of iterations on the coarsest level. Each finer level has one. Increase it if a warning
         says that texture is lost. Expected: an integer from 1 to 1000.
     uniformity : float, default 0.01
-        Weight of the term that makes all parts of the photo appear equally often (MJH17 eq. 6).
-        Increase it to use more of the photo. Above 0.1, coherence suffers. Expected: a number from 0 to
-        1.
+        Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to
+        use more of the photo. Above 0.1, structures break up. Expected: a number from 0 to 1.
     reuse : float, default 1.0
         Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
         is closer to the photo and repeats more. Expected: a number from 0 to 1.
     resume : bool, default False
-        Checkpoint after each pyramid level, in OUT.parts, from which an interrupted run resumes.
+        Save a checkpoint after each pyramid level next to the output, in the folder OUTPUT.parts. Run
+        the same command again to resume.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
-        with exit code 3.
+        Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is
+        still written, but the exit code is 3.
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
@@ -3451,8 +3458,8 @@ def superpixel(
     count : int | None, default None
         Number of superpixels, used instead of sigma. Expected: an integer >= 1.
     finest : float | None, default None
-        Scale of the finest level. Expected: a number from 2 to 100000 px. Default: shorter side / 50,
-        at least 4.
+        Scale of the smallest superpixels, from which coarser ones are merged. Reduce it if thin details
+        are lost. Expected: a number from 2 to 100000 px. Default: shorter side / 50, at least 4.
     compactness : float, default 20.0
         Compactness m of SLIC: the Lab distance that weighs as much as one sigma in space. Increase it
         for rounder superpixels. Expected: a number from 0.1 to 100.
@@ -3591,13 +3598,14 @@ def synth(
     window : str | None, default None
         Window of the unbounded plane to compute, as WxH+X+Y.
     level : int | None, default None
-        Level of detail. At level 0, one pixel covers the whole root exemplar; each further level
-        doubles the resolution. Expected: an integer from 0 to 60. Default: finest level of the
+        Resolution. At level N, the root exemplar (without `graph`, the photo) is 2^N pixels wide.
+        Reduce it for a preview. Expected: an integer from 0 to 60. Default: finest level of the
         exemplars.
     toroidal : bool, default False
         Tiling result. Requires size, with sides that are multiples of 2^level pixels.
     graph : FileName | None, default None
-        Exemplar graph, JSON or YAML.
+        Exemplar graph (JSON or YAML), as --texgraph writes it: photos at several scales, and which one
+        refines which.
     side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
         Maximum side of the square that is cropped from an exemplar. Expected: one of 16, 32, 64, 128,
         256, 512, 1024.
@@ -3607,10 +3615,10 @@ def synth(
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     structure : float, default 0.5
-        Strength with which regular repeats (tiles, courses, weaves) are preserved. If they do not fit
-        the photo's size, the default size becomes the nearest that contains complete repeats only. 0:
-        repeats are not preserved. No effect on photos without regular repeats. Expected: a number from
-        0 to 1.
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
+        does not hold complete repeats, the result gets the nearest size that does, unless size is set.
+        0: repeats are not preserved. No effect on photos without regular repeats. Expected: a number
+        from 0 to 1.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
@@ -3637,27 +3645,29 @@ def synth(
     tiles : str | None, default None
         Chunk I of N of the rows of the result, as I/N, for a render farm.
     resume : bool, default False
-        Checkpoint after each finished piece, in OUT.parts, from which an interrupted run resumes.
+        Save a checkpoint after each finished piece next to the output, in the folder OUTPUT.parts. Run
+        the same command again to resume.
     stmap : bool | FileName, default False
         Source coordinates of every pixel. 1: append them as parts; a file name: write them to that
         file.
     lock : bool | int, default False
-        Last level without random variation. Up to that level, the root is reproduced; finer levels add
-        detail. 1: the level of the root's resolution. Expected: True, False, or an integer from 0 to
-        60.
+        Layout of the root exemplar that is kept, so that only finer detail is random. 0: nothing is
+        kept. 1: up to the root's resolution. 2 to 60: up to that level. Expected: True, False, or an
+        integer from 0 to 60.
     correct : bool, default True
-        Color correction between exemplars that differ (HRRG08 section 5).
+        Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
+        for verbatim colors.
     dims : int, default 16
-        Number of dimensions to which neighborhoods are projected. 6: as in the paper. 16: fewer
-        repeats. Expected: an integer from 1 to 16.
+        Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
+        fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
         Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in
         endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
-        with exit code 3.
+        Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is
+        still written, but the exit code is 3.
 
     Raises
     ------
@@ -3901,7 +3911,8 @@ def zoom(
     rate : float, default 24.0
         Frames per second of the movie. Expected: a number from 0.1 to 240.
     graph : FileName | None, default None
-        Exemplar graph, JSON or YAML.
+        Exemplar graph (JSON or YAML), as --texgraph writes it: photos at several scales, and which one
+        refines which.
     side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
         Maximum side of the square that is cropped from an exemplar. Expected: one of 16, 32, 64, 128,
         256, 512, 1024.
@@ -3930,22 +3941,23 @@ def zoom(
     Other Parameters
     ----------------
     lock : bool | int, default False
-        Last level without random variation. Up to that level, the root is reproduced; finer levels add
-        detail. 1: the level of the root's resolution. Expected: True, False, or an integer from 0 to
-        60.
+        Layout of the root exemplar that is kept, so that only finer detail is random. 0: nothing is
+        kept. 1: up to the root's resolution. 2 to 60: up to that level. Expected: True, False, or an
+        integer from 0 to 60.
     correct : bool, default True
-        Color correction between exemplars that differ (HRRG08 section 5).
+        Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
+        for verbatim colors.
     dims : int, default 16
-        Number of dimensions to which neighborhoods are projected. 6: as in the paper. 16: fewer
-        repeats. Expected: an integer from 1 to 16.
+        Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
+        fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
         Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in
         endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
-        Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes
-        with exit code 3.
+        Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is
+        still written, but the exit code is 3.
 
     Raises
     ------

@@ -55,7 +55,8 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         1,
         ge=0,
         le=100,
-        help="Number of refinement passes. Each pass covers the most visible seams with as many patches again.",
+        help="Number of refinement passes. Each pass adds as many patches as the first fill, over the most visible"
+        " seams. Increase it if seams are visible.",
     )
 
     def compute(self, session: Session) -> dict[str, Any]:

@@ -56,17 +56,17 @@ class Decompose(OnePart, InLab, ScanThenMap):
     )
     group: str | None = param(
         None, choices=("merging", "cliques"), unset="merging; with features=haar, cliques", advanced=True,
-        help="Grouping method. merging: of regions; cliques: of places that are compared in pairs.",
+        help="Grouping method. merging: of regions, recommended. cliques: of places that are compared in pairs"
+             " (CZF02).",
     )  # fmt: skip
     threshold: float | None = param(
         None, example="0.5", ge=0, le=1, unset="0.32; with group=cliques, 0.76; with features=haar, 0.95",
-        help="Threshold for joining, without labels: regions above this probability, or places above this similarity,"
-        " become one texture. Increase it for more subtextures.",
+        help="Probability, or with group=cliques similarity, above which regions become one texture. Increase it"
+             " for more subtextures. Not used if `labels` is set.",
     )  # fmt: skip
     radius: float | None = param(
         None, example="32", ge=1, le=512, unit="px", unset="48; with features=haar, 8",
-        help="Radius of the disc whose textons describe a place. Increase it for coarse textures. The neighborhood of"
-        " a pixel has a quarter of this radius.",
+        help="Radius of the area that is compared as one sample of texture. Increase it for coarse textures.",
     )  # fmt: skip
     shift: float | None = param(
         None, example="16", ge=0, le=512, unit="px", unset="24; with features=haar, the radius", advanced=True,
@@ -74,11 +74,13 @@ class Decompose(OnePart, InLab, ScanThenMap):
     )  # fmt: skip
     features: str = param(
         "bank", choices=("bank", "haar"), advanced=True,
-        help="Features of the textons. bank: filter bank; haar: color and Haar wavelets, as in the paper.",
+        help="Features of the textons. bank: filter bank, recommended. haar: color and Haar wavelets, as in the"
+             " paper. haar changes the defaults of other modifiers.",
     )  # fmt: skip
     bins: int | None = param(
         None, example="32", ge=2, le=64, unset="64; with features=haar, 8", advanced=True,
-        help="Number of textons; with features=haar, number of color textons and number of detail textons.",
+        help="Number of textons; with features=haar, of each kind (color and detail). Increase it to separate"
+             " similar textures.",
     )  # fmt: skip
     step: int | None = param(
         None, example="2", ge=1, le=512, unit="px", unset="derived from the size of the image", advanced=True,
@@ -86,15 +88,17 @@ class Decompose(OnePart, InLab, ScanThenMap):
     )  # fmt: skip
     scales: int = param(
         1, ge=1, le=5, advanced=True,
-        help="Number of radii, half an octave apart, at which the second of two places is compared, with"
-        " group=cliques.",
+        help="Number of sizes, half an octave apart, at which each place is compared with others, with"
+             " group=cliques.",
     )  # fmt: skip
     search: str = param(
         "grid", choices=("grid", "meanshift"), advanced=True,
         help="Search method for the best match, with group=cliques. meanshift: as in the paper, slow.",
     )  # fmt: skip
     refine: bool = param(
-        True, advanced=True, help="Refinement of the cliques by moves of single places. The paper has none."
+        True,
+        advanced=True,
+        help="Refinement of the cliques, which moves single places between them. The paper has none.",
     )
     assign: str = param(
         "competition", choices=("competition", "neighbors"), advanced=True,

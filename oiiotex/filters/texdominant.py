@@ -70,8 +70,8 @@ class Dominant(InLab, ScanThenMap):
     mode: str = param(
         "diffusion",
         choices=("diffusion", "euclidean", "spectral"),
-        help="Similarity of patches. diffusion: diffusion distance; euclidean: color distance (LDR09 eq. 7); spectral:"
-        " the larger half of a normalized cut.",
+        help="Method that finds similar patches. diffusion: heat diffusion, recommended. euclidean (colors, LDR09"
+        " eq. 7) and spectral (the larger half of a normalized cut) are for comparison.",
     )
     paper: bool = param(
         False, help="Settings of the paper (LDR09): rule=paper:mode=diffusion:step=1, without an estimate of noise."
@@ -81,17 +81,25 @@ class Dominant(InLab, ScanThenMap):
     types: bool = param(
         False,
         advanced=True,
-        help="Append part 'types', the type of the patch around each pixel (LDR09 section 4): 1"
-        " to 4 stand for types 0, I, II and III, and 0 for no patch.",
+        help="Append part 'types', the type of the patch around each pixel (LDR09 section 4): 1 dominant, 2 small"
+        " group, 3 bridge between groups, 4 scattered, 0 no patch.",
     )
-    score: bool = param(False, advanced=True, help="Append part 'score': density, and the decimal logarithm of heat.")
+    score: bool = param(
+        False,
+        advanced=True,
+        help="Append part 'score' with two channels: density, and the decimal"
+        " logarithm of heat. Both are high in the dominant texture.",
+    )
     json: Path | None = param(
-        None, example="facts.json", help="File for the kernel curve, thresholds, iterations and proportions."
+        None,
+        example="facts.json",
+        help="JSON file with diagnostics: the curve by which the kernel size was chosen, thresholds and iterations.",
     )
     chart: Path | None = param(
         None,
         example="chart.png",
-        help="File for plots of the kernel curve, and of density against heat.",
+        help="Image file with diagnostic plots: the curve by which the kernel size was chosen, and density against"
+        " heat.",
     )
 
     PAPER: ClassVar[dict[str, Any]] = {"rule": "paper", "mode": "diffusion", "step": 1}

@@ -70,7 +70,8 @@ class ExemplarGraph(Whole):
     )  # fmt: skip
     loop: int | None = param(
         None, example="2", ge=0, le=7, unset="1 for one photo, else 0",
-        help="Octaves r of an edge from the last exemplar to itself, which makes a zoom endless. 0: no edge.",
+        help="Octaves after which the last exemplar continues in itself, which makes a zoom endless. 0: the zoom"
+             " ends.",
     )  # fmt: skip
     scales: int = param(
         1,

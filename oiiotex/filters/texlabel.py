@@ -56,22 +56,25 @@ class Label(OnePart, InLab, ScanThenMap):
     source: Image = image(help="Image to segment.")
     features: str = param(
         "textons", choices=("textons", "moments", "gabor", "quadtree"), advanced=True,
-        help="Features by which superpixels are compared. The paper: moments.",
+        help="Features by which superpixels are compared. Keep textons (frequent local patterns), except for"
+             " comparison. The paper: moments.",
     )  # fmt: skip
     cluster: str = param(
         "nmf", choices=("nmf", "kmeans", "spectral"), advanced=True,
-        help="Clustering method. kmeans and spectral require scikit-learn and take the number of labels from nmf.",
+        help="Clustering method. nmf (nonnegative matrix factorization) also finds the number of labels. kmeans and"
+             " spectral are for comparison: they require scikit-learn and use the number that nmf finds.",
     )  # fmt: skip
     persistence: float = param(
         0.95,
         ge=0.01,
         le=0.999,
-        help="Persistence of the random walk over superpixels (LSA16 section 4.4). Smaller values give fewer labels."
-        " Level n uses the nth power.",
+        help="Persistence of the random walk over superpixels (LSA16 section 4.4). Reduce it for fewer labels."
+        " Level n uses its nth power.",
     )
     share: float = param(
         0.5, ge=0.01, le=1, advanced=True,
-        help="Fraction of the superpixels at the next scale that must contain several labels. The paper: 1.",
+        help="Fraction of a coarser level's superpixels that must contain several labels for that level to be"
+             " added. Reduce it for more levels. The paper: 1.",
     )  # fmt: skip
     coarsest: bool = param(
         True, help="Add a coarsest level of subtextures, as `decompose` finds them. The paper has none."
@@ -85,14 +88,19 @@ class Label(OnePart, InLab, ScanThenMap):
         help="Maximum number of subtextures in the coarsest level.",
     )
     neighbors: int = param(
-        256, ge=8, le=4096, advanced=True, help="Maximum number of neighbors of a superpixel in the graph."
+        256,
+        ge=8,
+        le=4096,
+        advanced=True,
+        help="Maximum number of similar superpixels to which each one is linked. Reduce it to save time and memory.",
     )
     tries: int = param(
         0,
         ge=0,
         le=100,
         advanced=True,
-        help="Number of further, random starts that are combined with the first (boosting).",
+        help="Number of additional random starts, whose results are combined with the first (boosting). Increase it"
+        " for more stable labels; time grows in proportion.",
     )
     runs: int = param(1, ge=1, le=1000, advanced=True, help="Number of SLIC runs. The best one is used. The paper: 10.")
     minsize: int | None = param(
@@ -111,7 +119,8 @@ class Label(OnePart, InLab, ScanThenMap):
     soft: bool = param(
         False,
         advanced=True,
-        help="Append the parts membership.N and fit.N for each level N (G and F / max F in LSA16).",
+        help="Append soft label maps for each level N: membership.N is how much a pixel belongs to each label,"
+        " fit.N how typical it is of the label (G and F / max F in LSA16).",
     )
     cryptomatte: bool | Path = param(
         False,

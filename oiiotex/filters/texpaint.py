@@ -72,7 +72,7 @@ class Paint(Reported, Quilted):
         None, ge=8, le=1 << 22, unit="px", unset="the painting's size", help="Size of the result."
     )
     plan: Path | None = param(
-        None, example="plan.npz", help="File (.npz) for the painted labels and their patches, to be used by before."
+        None, example="plan.npz", help="File (.npz) to write for a later edit: the next run reads it with `before`."
     )
     before: Path | None = param(
         None, example="plan.npz", help="Plan of an earlier run. Patches whose labels did not change are kept."

@@ -27,7 +27,8 @@ class PatchMatch(PatchSynthesis):
         ge=0,
         le=1,
         advanced=True,
-        help="Initial strength of histogram matching to the photo. It fades out over the coarsest level.",
+        help="Strength of histogram matching to the photo at the start. It falls to 0 during the iterations of the"
+        " coarsest level.",
     )
 
     def recipe(self, width: int, height: int) -> Recipe:

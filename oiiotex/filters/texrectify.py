@@ -89,7 +89,8 @@ class Rectify(Gather):
         ge=1e-9,
         le=1e9,
         example="1.2,0.8",
-        help="Width and height of the area between the corners, or of a cell of the lattice without corners.",
+        help="Width and height, in meters, of the area between `corners`; without `corners`, of one cell of the"
+        " lattice, such as a brick or a tile.",
     )
     filter: str = param("lanczos3", choices=tuple(FILTERS), help="Resampling filter.", advanced=True)
     stmap: bool | Path = param(False, help=STMAP, example="st.exr", advanced=True)

@@ -60,7 +60,12 @@ class Sigmas(InLab, Whole):
     exemplar: Image = image(help="Photo.")
     n: int = param(9, ge=3, le=32, help="Number of sigmas.")
     size: Size | None = param(
-        None, ge=5, le=65536, unit="px", unset="size of the photo", help="Size of the tile for which sigma is chosen."
+        None,
+        ge=5,
+        le=65536,
+        unit="px",
+        unset="size of the photo",
+        help="Size of the final tile, for which the sigmas are computed. The sheet itself shows small tiles.",
     )
     measure: str = param("histogram", choices=MEASURES, help=MEASURE, advanced=True)
     order: int | None = param(None, example="3", ge=2, le=4, unset="2", help=ORDER, advanced=True)

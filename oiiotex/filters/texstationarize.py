@@ -89,15 +89,16 @@ True
         le=1,
         unset=f"{CONTRAST}; with inpaint, 0",
         advanced=True,
-        help="Strength of the match between the result's overall histogram and that of target. Increase it if rare"
-        " colors are missing. At 0, the colors of rare objects, such as windows in a wall, may vanish.",
+        help="Strength with which the overall colors of the result are matched to the histogram of `target`."
+        " Increase it if rare colors are missing. At 0, the colors of rare objects, such as windows in a wall,"
+        " may vanish.",
     )
     target: str = param(
         "flat",
         choices=("flat", "exemplar"),
         advanced=True,
-        help="Histogram that contrast matches. flat: that of the stationarized photo. exemplar: that of the photo"
-        " itself, fading out over the coarsest level as in the paper.",
+        help="Histogram that `contrast` matches. flat: that of the photo after evening out. exemplar: that of the"
+        " photo as it is, matched only on the coarsest level, as in the paper.",
     )
 
     measure: str = param("histogram", choices=MEASURES, help=MEASURE, advanced=True)
@@ -107,10 +108,8 @@ True
     paper: bool = param(
         False,
         advanced=True,
-        help="Settings of the paper (MJH17): flatten=0:target=exemplar:contrast=1:structure=0, sigma = longer side /"
-        " 32, patch=11, a pyramid that starts at a quarter of the tile, 3 iterations on each finer level, no reuse"
-        " penalties and no overshoot. Constants that the paper does not state (alpha, uniformity) keep the values of"
-        " oiiotex.",
+        help="Settings of the paper (MJH17), for comparison: flatten=0:target=exemplar:contrast=1:structure=0,"
+        " sigma = longer side / 32, patch=11, no reuse penalties, and the paper's pyramid and iterations.",
     )
     PAPER: ClassVar[dict[str, Any]] = {
         "flatten": 0.0, "target": "exemplar", "contrast": 1.0, "structure": 0.0, "preset": None,

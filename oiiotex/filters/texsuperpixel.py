@@ -60,7 +60,8 @@ class Superpixel(InLab, ScanThenMap):
         le=1e5,
         unit="px",
         unset=f"shorter side / 50, at least {LEAST_SIGMA:g}",
-        help="Scale of the finest level.",
+        help="Scale of the smallest superpixels, from which coarser ones are merged. Reduce it if thin details are"
+        " lost.",
     )
     compactness: float = param(
         COMPACTNESS,

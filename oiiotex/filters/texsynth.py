@@ -77,14 +77,15 @@ class Synth(Multiscale, Structured):
         ge=0,
         le=MOST_LEVEL,
         unset="finest level of the exemplars",
-        help="Level of detail. At level 0, one pixel covers the whole root exemplar; each further level doubles the"
-        " resolution.",
+        help="Resolution. At level N, the root exemplar (without `graph`, the photo) is 2^N pixels wide. Reduce it"
+        " for a preview.",
     )
     toroidal: bool = param(False, help="Tiling result. Requires size, with sides that are multiples of 2^level pixels.")
     resume: bool = param(
         False,
         advanced=True,
-        help="Checkpoint after each finished piece, in OUT.parts, from which an interrupted run resumes.",
+        help="Save a checkpoint after each finished piece next to the output, in the folder OUTPUT.parts. Run the"
+        " same command again to resume.",
     )
     stmap: bool | Path = param(
         False,

@@ -34,23 +34,32 @@ class Multiscale(InLab, Reported, AnyWindow):
     """An unbounded texture from one exemplar or a graph of them."""
 
     exemplar: Image | None = image(help="Exemplar. Omit it with graph.")
-    graph: Path | None = param(None, help="Exemplar graph, JSON or YAML.", example="graph.json")
+    graph: Path | None = param(
+        None,
+        help="Exemplar graph (JSON or YAML), as --texgraph writes it: photos at"
+        " several scales, and which one refines which.",
+        example="graph.json",
+    )
     lock: bool | int = param(
         False,
         ge=0,
         le=MOST_LEVEL,
-        help="Last level without random variation. Up to that level, the root is reproduced; finer levels add detail."
-        " 1: the level of the root's resolution.",
+        help="Layout of the root exemplar that is kept, so that only finer detail is random. 0: nothing is kept. 1:"
+        " up to the root's resolution. 2 to 60: up to that level.",
         advanced=True,
     )
     correct: bool = param(
-        True, help="Color correction between exemplars that differ (HRRG08 section 5).", advanced=True
+        True,
+        help="Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to"
+        " 0 for verbatim colors.",
+        advanced=True,
     )
     dims: int = param(
         16,
         ge=1,
         le=16,
-        help="Number of dimensions to which neighborhoods are projected. 6: as in the paper. 16: fewer repeats.",
+        help="Number of principal components by which neighborhoods are compared. 6: as in the paper. 16: fewer"
+        " repeats.",
         advanced=True,
     )
     side: int = param(

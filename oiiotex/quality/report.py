@@ -38,7 +38,8 @@ SCHEMA = "oiiotex.report/1"
 REPORT = Output("report", Kind.TABLE, "Measures of the result, for programs.", asked_by="report", judged_by="fail")
 REPORT_HELP = "JSON file for the measures of the result (see docs/reference/report.md)."
 FAIL_HELP = (
-    "Limits of measures, such as fidelity<0.8,seam>1.5. If any of these is true, the run completes with exit code 3."
+    "Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is still written, but"
+    " the exit code is 3."
 )
 _OF_COPIES = ("texture", "copied", "shown", "repeat")
 _OF_LABELS = ("label_repeat", "label_shown", "label")

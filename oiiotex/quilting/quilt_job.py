@@ -62,7 +62,7 @@ class Quilted(LabeledExemplar, Gather):
         ge=LEAST_PATCH,
         le=MOST_PATCH,
         unit="px",
-        unset="scale of the label level, or shorter side / 8, as a power of two; with guide, less if a label is rare",
+        unset="the labels' scale or, without labels, shorter side / 8, as a power of two; less if a label is rare",
         help="Side of a patch. Increase it to preserve larger structures, decrease it for more variation.",
     )
     candidates: int = param(256, ge=1, le=65536, help="Maximum number of candidate patches per place.", advanced=True)
@@ -70,9 +70,9 @@ class Quilted(LabeledExemplar, Gather):
         1.0,
         ge=0,
         le=1e9,
-        help="Number of uses of a region of the exemplar before further uses are penalized, as a multiple of its fair"
-        " share. One more use, and two in any case, are free. Reduce it if regions repeat, increase it if patches"
-        " match poorly.",
+        help="Number of times that a region of the exemplar may be copied before further copies are penalized,"
+        " relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,"
+        " increase it if patches match poorly.",
         advanced=True,
     )
     finer: float = param(
@@ -85,7 +85,9 @@ class Quilted(LabeledExemplar, Gather):
         help="Weight of the guide's labels inside a patch, compared with"
         " color. Increase it to follow the guide more closely.",
     )
-    keep: bool = param(False, help="Append the label maps of the result, copied from the same source pixels.")
+    keep: bool = param(
+        False, help="Append the label maps of the result as parts label.N, rearranged exactly as its pixels."
+    )
 
     def read(self, resources: Resources, *also: np.ndarray | None) -> ExemplarPixels:
         """As `LabeledExemplar.read`, if the content table fits into memory as well."""
