@@ -3604,8 +3604,8 @@ def synth(
     toroidal : bool, default False
         Tiling result. Requires size, with sides that are multiples of 2^level pixels.
     graph : FileName | None, default None
-        Exemplar graph (JSON or YAML), as --texgraph writes it: photos at several scales, and which one
-        refines which.
+        Exemplar graph (JSON or YAML), as the graph filter writes it: photos at several scales, and
+        which one refines which.
     side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
         Maximum side of the square that is cropped from an exemplar. Expected: one of 16, 32, 64, 128,
         256, 512, 1024.
@@ -3911,8 +3911,8 @@ def zoom(
     rate : float, default 24.0
         Frames per second of the movie. Expected: a number from 0.1 to 240.
     graph : FileName | None, default None
-        Exemplar graph (JSON or YAML), as --texgraph writes it: photos at several scales, and which one
-        refines which.
+        Exemplar graph (JSON or YAML), as the graph filter writes it: photos at several scales, and
+        which one refines which.
     side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
         Maximum side of the square that is cropped from an exemplar. Expected: one of 16, 32, 64, 128,
         256, 512, 1024.

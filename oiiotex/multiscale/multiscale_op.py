@@ -36,7 +36,7 @@ class Multiscale(InLab, Reported, AnyWindow):
     exemplar: Image | None = image(help="Exemplar. Omit it with graph.")
     graph: Path | None = param(
         None,
-        help="Exemplar graph (JSON or YAML), as --texgraph writes it: photos at"
+        help="Exemplar graph (JSON or YAML), as the graph filter writes it: photos at"
         " several scales, and which one refines which.",
         example="graph.json",
     )
