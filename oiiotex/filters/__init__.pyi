@@ -319,10 +319,12 @@ def composite(
 ) -> ImageBuf:
     """Create a texture of any size that varies as the photo does.
 
-    Grows a new label map with the proportions and neighborhoods of the map from `label`, and fills it with texture
-    from the photo (as `quilt` with the grown map as its guide). LSA16 (Lockerman, Sauvage, Allegre, Dischler, Dorsey,
-    Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016) names this automatic synthesis of
-    non-stationary textures as future work in section 7. Each pixel of the result is a copy of one pixel of the photo.
+    Use it for a larger area with the same mix of textures as the photo, such as moss on stone. A new label map is
+    grown with the proportions and neighborhoods of the map from `label`, and filled with texture from the photo (as
+    by `quilt` with the grown map as its guide). Each pixel of the result is a copy of one pixel of the photo.
+
+    Section 7 of LSA16 suggests this (Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
+    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016).
 
     Parameters
     ----------
@@ -521,12 +523,13 @@ def content(
 ) -> ImageBuf:
     """Show where an image has the same content as a given patch, or draw a table of all contents.
 
-    The content of a square patch is its key: its two most frequent labels at a level (LSA16: Lockerman, Sauvage,
-    Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
-    section 6.1). The patch at `at` is outlined on the photo, and the centers of all patches with the same key are
-    marked red (figure 10). The label histograms of the patch at each level are printed (figure 9); json= writes them
-    to a file. With `table`, a table shows a patch for each key: rows are the first label, columns the second
-    (figure 11). The result is an 8-bit sRGB image for display, not for measurement.
+    The two most frequent labels in a square patch are its key, by which `quilt` selects patches (LSA16: Lockerman,
+    Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
+    2016, section 6.1). Use this to see why a guide selects certain patches. The patch at `at` is outlined on the
+    photo, and the centers of all patches with the same key are marked red (figure 10). The label histograms of the
+    patch at each level are printed (figure 9); json= writes them to a file. With `table`, a table shows a patch for
+    each key: rows are the first label, columns the second (figure 11). The result is an 8-bit sRGB image for
+    display, not for measurement.
 
     Parameters
     ----------
@@ -763,12 +766,15 @@ def decompose(
 ) -> ImageBuf:
     """Segment a texture into the simpler textures that it consists of.
 
-    Regions compete for pixels by their textons (clusters of local features). Pairs of regions that are probably one
-    texture are merged until no such pair is left; with `labels`, until that number of regions is left. The remaining
-    subtextures then compete once more. The result is a label map with ids from 1, and 0 where alpha is 0. Images above
-    a megapixel are analyzed at an integer fraction of their resolution. group=cliques instead compares the texton
-    histograms of sampled places, searches near each place for the best match, and groups the places by clique
-    partitioning (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised Texture Segmentation by Clique Partitioning).
+    Use it for mixed photos, such as grass and gravel: it gives few large regions, where `label` gives labels at
+    several scales. Regions compete for pixels by their textons (clusters of local features). Pairs of regions that
+    are probably one texture are merged until no such pair is left; with `labels`, until that number of regions is
+    left. The remaining subtextures then compete once more. The result is a label map with ids from 1, and 0 where
+    alpha is 0. Images above a megapixel are analyzed at an integer fraction of their resolution.
+
+    For comparison, group=cliques compares the texton histograms of sampled places, searches near each place for the
+    best match, and groups the places by clique partitioning (CZF02: Caenen, Zalesny, Ferrari, Van Gool,
+    Unsupervised Texture Segmentation by Clique Partitioning).
 
     Parameters
     ----------
@@ -969,11 +975,11 @@ def dominant(
 ) -> ImageBuf:
     """Find the dominant texture of a photo: a mask without objects, cracks, stains and shadows.
 
-    Overlapping patches are points in a space of colors. Heat diffuses from the densest point through the large group of
-    similar patches, but hardly to others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
-    Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of the patches,
-    the mask is empty and a warning is printed; with `strict`, the run stops with an error. With `keep` the photo is the
-    first part and the mask follows it as part 'dominant', which can guide a synthesis.
+    Patches are grouped by similarity, starting from the most typical one: heat diffuses from it through the large
+    group of similar patches, but hardly to others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion
+    Distance Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of
+    the patches, the mask is empty and a warning is printed; with `strict`, the run stops with an error. With `keep`
+    the photo is the first part and the mask follows it as part 'dominant', which can guide a synthesis.
 
     Attributes record the patch side in px (oiiotex:patch), the size of the kernel (oiiotex:epsilon), the dimension of
     the manifold (oiiotex:dimension), the diffusion steps (oiiotex:tau) and the fraction of dominant patches
@@ -1346,11 +1352,11 @@ def estimateroughness(
 ) -> ImageBuf:
     """Estimate the roughness of a material from the local contrast of one photo.
 
-    Where a bumpy surface is smooth, it glitters: highlights lie next to dark reflections. The contrast of the finest
-    detail is measured in linear light over a Gaussian of sigma. Roughness is `middle` where this contrast equals that
-    of the whole photo, and differs by at most `amount`. The estimate is weak (its page has figures): fine paint appears
-    smooth, and a photo under an overcast sky contains almost no information. If a scan has a roughness map, use that
-    instead. Memory does not grow with the photo.
+    Where a bumpy surface is smooth, it glitters: highlights lie next to dark reflections. The contrast of the
+    finest detail is measured in linear light over a Gaussian of sigma. Places with more contrast than the whole
+    photo become smoother than `middle`, places with less become rougher, by at most `amount`. The estimate is weak
+    (its page has figures): fine paint appears smooth, and a photo under an overcast sky contains almost no
+    information. If a scan has a roughness map, use that instead. Memory does not grow with the photo.
 
     Parameters
     ----------
@@ -1525,12 +1531,14 @@ def graph(
 ) -> ImageBuf:
     """Create an exemplar graph from one or more photos, or draw an existing graph.
 
-    Several photos, coarsest first, become a chain: each has pixels `scale` times smaller than the one before. A single
-    photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of it, from the
-    whole photo at reduced resolution to a crop at full resolution. json=FILE writes the graph for `synth` and `zoom`.
-    You can edit it; file names are relative to the graph (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
-    Texture Synthesis, 2008, section 3.1, figures 8 and 9). The picture arranges exemplars by octave and labels edges
-    with r.
+    An exemplar graph says which photo supplies finer detail for which (an edge), and how many octaves finer it is
+    (r). Several photos, coarsest first, become a chain: each has pixels `scale` times smaller than the one before.
+    A single photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of
+    it, from the whole photo at reduced resolution to a crop at full resolution.
+
+    json=FILE writes the graph for `synth` and `zoom`. You can edit it; file names are relative to the graph. The
+    picture arranges exemplars by octave and labels edges with r (HRRG08: Han, Risser, Ramamoorthi, Grinspun,
+    Multiscale Texture Synthesis, 2008, section 3.1, figures 8 and 9).
 
     Parameters
     ----------
@@ -2339,8 +2347,9 @@ def patchmatch(
 ) -> ImageBuf:
     """Resynthesize a photo by PatchMatch alone, for comparison: the baseline of MJH17 (section 5.2).
 
-    This is `stationarize` without flattening and without the stationarity projection. `tile=xy` is the paper's toroidal
-    PatchMatch, `tile=none` its plain PatchMatch.
+    This is `stationarize` without flattening and without evening out local statistics: use it to see what these
+    add. `tile=xy` is the paper's toroidal PatchMatch, `tile=none` its plain PatchMatch (MJH17: Moritz, James,
+    Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017).
 
     Parameters
     ----------
@@ -3021,8 +3030,9 @@ def stationarity(
     difference is the earth mover's distance between Lab histograms or between histograms of steerable filter responses,
     or the squared difference of local moments.
 
-    The mean is the stationarity cost of MJH17 (eq. 1). It is logged with -v and stored in the attribute
-    oiiotex:stationarity of the result.
+    The mean of the map is the stationarity cost of MJH17, eq. 1 (Moritz, James, Haines, Ritschel, Weyrich, Texture
+    Stationarization, Eurographics 2017). It is logged with -v and stored in the attribute oiiotex:stationarity of
+    the result.
 
     Parameters
     ----------
@@ -3441,8 +3451,8 @@ def superpixel(
 ) -> ImageBuf:
     """Segment an image into superpixels: small connected regions of similar color.
 
-    Fine superpixels are computed by SLIC in Lab. A Gaussian stack guides their merging into coarser ones, so coarse
-    borders are a subset of the fine borders (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier,
+    Fine superpixels are computed by SLIC in Lab. They are merged into coarser ones by their blurred colors, so
+    every coarse border is also a fine border (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier,
     Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 3).
 
     The result is a label map. Ids start at 1, in the order of their first pixels; transparent pixels have id 0. The
@@ -3883,7 +3893,7 @@ def zoom(
     Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, figure 3). At integer octaves, a frame is a
     window of `synth` at that level; in between, the two nearest levels are resampled and blended.
 
-    Without `graph`, the zoom into the top image is endless: a graph of one exemplar with an edge of r=1 to itself.
+    Without `graph`, the zoom into the photo is endless: at its finest resolution, the photo continues in itself.
 
     Parameters
     ----------

@@ -32,10 +32,12 @@ _PIXEL_BYTES = 24
 class Composite(Reported, Quilted):
     """Create a texture of any size that varies as the photo does.
 
-    Grows a new label map with the proportions and neighborhoods of the map from `label`, and fills it with texture
-    from the photo (as `quilt` with the grown map as its guide). LSA16 (Lockerman, Sauvage, Allegre, Dischler, Dorsey,
-    Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016) names this automatic synthesis of
-    non-stationary textures as future work in section 7. Each pixel of the result is a copy of one pixel of the photo.
+    Use it for a larger area with the same mix of textures as the photo, such as moss on stone. A new label map is
+    grown with the proportions and neighborhoods of the map from `label`, and filled with texture from the photo (as
+    by `quilt` with the grown map as its guide). Each pixel of the result is a copy of one pixel of the photo.
+
+    Section 7 of LSA16 suggests this (Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
+    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016).
     """
 
     example: ClassVar[str] = """\

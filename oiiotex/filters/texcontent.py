@@ -43,12 +43,13 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
 class Content(ScanThenMap):
     """Show where an image has the same content as a given patch, or draw a table of all contents.
 
-    The content of a square patch is its key: its two most frequent labels at a level (LSA16: Lockerman, Sauvage,
-    Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
-    section 6.1). The patch at `at` is outlined on the photo, and the centers of all patches with the same key are
-    marked red (figure 10). The label histograms of the patch at each level are printed (figure 9); json= writes them
-    to a file. With `table`, a table shows a patch for each key: rows are the first label, columns the second
-    (figure 11). The result is an 8-bit sRGB image for display, not for measurement.
+    The two most frequent labels in a square patch are its key, by which `quilt` selects patches (LSA16: Lockerman,
+    Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
+    2016, section 6.1). Use this to see why a guide selects certain patches. The patch at `at` is outlined on the
+    photo, and the centers of all patches with the same key are marked red (figure 10). The label histograms of the
+    patch at each level are printed (figure 9); json= writes them to a file. With `table`, a table shows a patch for
+    each key: rows are the first label, columns the second (figure 11). The result is an 8-bit sRGB image for
+    display, not for measurement.
     """
 
     example: ClassVar[str] = """\

@@ -29,12 +29,15 @@ _HAAR_SAMPLES = 1000  # CZF02 section III C: "similar to the typical texture seg
 class Decompose(OnePart, InLab, ScanThenMap):
     """Segment a texture into the simpler textures that it consists of.
 
-    Regions compete for pixels by their textons (clusters of local features). Pairs of regions that are probably one
-    texture are merged until no such pair is left; with `labels`, until that number of regions is left. The remaining
-    subtextures then compete once more. The result is a label map with ids from 1, and 0 where alpha is 0. Images above
-    a megapixel are analyzed at an integer fraction of their resolution. group=cliques instead compares the texton
-    histograms of sampled places, searches near each place for the best match, and groups the places by clique
-    partitioning (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised Texture Segmentation by Clique Partitioning).
+    Use it for mixed photos, such as grass and gravel: it gives few large regions, where `label` gives labels at
+    several scales. Regions compete for pixels by their textons (clusters of local features). Pairs of regions that
+    are probably one texture are merged until no such pair is left; with `labels`, until that number of regions is
+    left. The remaining subtextures then compete once more. The result is a label map with ids from 1, and 0 where
+    alpha is 0. Images above a megapixel are analyzed at an integer fraction of their resolution.
+
+    For comparison, group=cliques compares the texton histograms of sampled places, searches near each place for the
+    best match, and groups the places by clique partitioning (CZF02: Caenen, Zalesny, Ferrari, Van Gool,
+    Unsupervised Texture Segmentation by Clique Partitioning).
     """
 
     example: ClassVar[str] = """\

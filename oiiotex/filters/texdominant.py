@@ -21,11 +21,11 @@ from ..session import Session
 class Dominant(InLab, ScanThenMap):
     """Find the dominant texture of a photo: a mask without objects, cracks, stains and shadows.
 
-    Overlapping patches are points in a space of colors. Heat diffuses from the densest point through the large group of
-    similar patches, but hardly to others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
-    Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of the patches,
-    the mask is empty and a warning is printed; with `strict`, the run stops with an error. With `keep` the photo is the
-    first part and the mask follows it as part 'dominant', which can guide a synthesis.
+    Patches are grouped by similarity, starting from the most typical one: heat diffuses from it through the large
+    group of similar patches, but hardly to others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion
+    Distance Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of
+    the patches, the mask is empty and a warning is printed; with `strict`, the run stops with an error. With `keep`
+    the photo is the first part and the mask follows it as part 'dominant', which can guide a synthesis.
 
     Attributes record the patch side in px (oiiotex:patch), the size of the kernel (oiiotex:epsilon), the dimension of
     the manifold (oiiotex:dimension), the diffusion steps (oiiotex:tau) and the fraction of dominant patches

@@ -22,11 +22,11 @@ from ..stationarity.grid_statistics import SplineSurface
 class EstimateRoughness(ScanThenMap):
     """Estimate the roughness of a material from the local contrast of one photo.
 
-    Where a bumpy surface is smooth, it glitters: highlights lie next to dark reflections. The contrast of the finest
-    detail is measured in linear light over a Gaussian of sigma. Roughness is `middle` where this contrast equals that
-    of the whole photo, and differs by at most `amount`. The estimate is weak (its page has figures): fine paint appears
-    smooth, and a photo under an overcast sky contains almost no information. If a scan has a roughness map, use that
-    instead. Memory does not grow with the photo.
+    Where a bumpy surface is smooth, it glitters: highlights lie next to dark reflections. The contrast of the
+    finest detail is measured in linear light over a Gaussian of sigma. Places with more contrast than the whole
+    photo become smoother than `middle`, places with less become rougher, by at most `amount`. The estimate is weak
+    (its page has figures): fine paint appears smooth, and a photo under an overcast sky contains almost no
+    information. If a scan has a roughness map, use that instead. Memory does not grow with the photo.
     """
 
     example: ClassVar[str] = '>>> roughness = filters.estimateroughness("photo.png", middle=0.5)'

@@ -36,12 +36,14 @@ _KEPT = (".exr", ".tif", ".tiff", ".png")  # lossless formats
 class ExemplarGraph(Whole):
     """Create an exemplar graph from one or more photos, or draw an existing graph.
 
-    Several photos, coarsest first, become a chain: each has pixels `scale` times smaller than the one before. A single
-    photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of it, from the
-    whole photo at reduced resolution to a crop at full resolution. json=FILE writes the graph for `synth` and `zoom`.
-    You can edit it; file names are relative to the graph (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale
-    Texture Synthesis, 2008, section 3.1, figures 8 and 9). The picture arranges exemplars by octave and labels edges
-    with r.
+    An exemplar graph says which photo supplies finer detail for which (an edge), and how many octaves finer it is
+    (r). Several photos, coarsest first, become a chain: each has pixels `scale` times smaller than the one before.
+    A single photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of
+    it, from the whole photo at reduced resolution to a crop at full resolution.
+
+    json=FILE writes the graph for `synth` and `zoom`. You can edit it; file names are relative to the graph. The
+    picture arranges exemplars by octave and labels edges with r (HRRG08: Han, Risser, Ramamoorthi, Grinspun,
+    Multiscale Texture Synthesis, 2008, section 3.1, figures 8 and 9).
     """
 
     example: ClassVar[str] = """\

@@ -15,8 +15,9 @@ from ..patchmatch.recipe import Recipe
 class PatchMatch(PatchSynthesis):
     """Resynthesize a photo by PatchMatch alone, for comparison: the baseline of MJH17 (section 5.2).
 
-    This is `stationarize` without flattening and without the stationarity projection. `tile=xy` is the paper's toroidal
-    PatchMatch, `tile=none` its plain PatchMatch.
+    This is `stationarize` without flattening and without evening out local statistics: use it to see what these
+    add. `tile=xy` is the paper's toroidal PatchMatch, `tile=none` its plain PatchMatch (MJH17: Moritz, James,
+    Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017).
     """
 
     example: ClassVar[str] = '>>> tile = filters.patchmatch("photo.png", seed=7)'

@@ -28,8 +28,9 @@ class Stationarity(InLab, ScanThenMap):
     difference is the earth mover's distance between Lab histograms or between histograms of steerable filter responses,
     or the squared difference of local moments.
 
-    The mean is the stationarity cost of MJH17 (eq. 1). It is logged with -v and stored in the attribute
-    oiiotex:stationarity of the result.
+    The mean of the map is the stationarity cost of MJH17, eq. 1 (Moritz, James, Haines, Ritschel, Weyrich, Texture
+    Stationarization, Eurographics 2017). It is logged with -v and stored in the attribute oiiotex:stationarity of
+    the result.
     """
 
     example: ClassVar[str] = """\

@@ -23,8 +23,8 @@ from ..superpixels.superpixels import COMPACTNESS, ITERATIONS, LEAST_SIGMA, Supe
 class Superpixel(InLab, ScanThenMap):
     """Segment an image into superpixels: small connected regions of similar color.
 
-    Fine superpixels are computed by SLIC in Lab. A Gaussian stack guides their merging into coarser ones, so coarse
-    borders are a subset of the fine borders (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier,
+    Fine superpixels are computed by SLIC in Lab. They are merged into coarser ones by their blurred colors, so
+    every coarse border is also a fine border (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier,
     Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 3).
 
     The result is a label map. Ids start at 1, in the order of their first pixels; transparent pixels have id 0. The

@@ -34,7 +34,7 @@ class Zoom(Multiscale):
     Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, figure 3). At integer octaves, a frame is a
     window of `synth` at that level; in between, the two nearest levels are resampled and blended.
 
-    Without `graph`, the zoom into the top image is endless: a graph of one exemplar with an edge of r=1 to itself.
+    Without `graph`, the zoom into the photo is endless: at its finest resolution, the photo continues in itself.
     """
 
     example: ClassVar[str] = '>>> frames = [filters.zoom("photo.png", frame=n, size=(640, 360)) for n in (1, 2)]'
