@@ -137,13 +137,14 @@ class Catalog:
     def _transaction(self) -> Iterator[None]:
         """An exclusive transaction, rolled back on errors."""
         with sqlite_errors(self.library):
-            self._data.execute("BEGIN IMMEDIATE")
-            try:
+            try:  # a signal may arrive between any two of these lines
+                self._data.execute("BEGIN IMMEDIATE")
                 yield
+                self._data.execute("COMMIT")
             except BaseException:
-                self._data.execute("ROLLBACK")
+                if self._data.in_transaction:
+                    self._data.execute("ROLLBACK")
                 raise
-            self._data.execute("COMMIT")
 
     # --- reading ---
 
