@@ -65,7 +65,8 @@ GPUS = (
     Gpu("gfx1100", "AMD", warps=16),
 )
 _REGISTERS = 65536  # 32 bits wide, of a multiprocessor of NVIDIA's
-_ISA = {"gfx1100": "1030"}  # of device libraries that are older than the chip: they differ in nothing that is used here
+_RESERVED = 1 << 10  # bytes of local memory that CUDA takes for each group
+_ISA = {"gfx1100": "1030"}  # Debian 12's device libraries are older than the chip: those of its predecessor
 
 
 @dataclass(frozen=True)
@@ -103,8 +104,7 @@ def ptxas() -> str | None:
     """NVIDIA's assembler: of the wheel, or of a toolkit."""
     wheel = util.find_spec("nvidia")
     for folder in (wheel.submodule_search_locations or ()) if wheel else ():
-        if (found := Path(folder, "cuda_nvcc", "bin", "ptxas")).exists():
-            found.chmod(found.stat().st_mode | 0o111) if not os.access(found, os.X_OK) else None
+        if os.access(found := Path(folder, "cuda_nvcc", "bin", "ptxas"), os.X_OK):
             return str(found)
     return shutil.which("ptxas")
 
@@ -178,10 +178,11 @@ def _nvidia(gpu: Gpu, stem: str, macros: dict[str, int], made: Path) -> list[Ker
 
 
 def _occupancy(gpu: Gpu, registers: int, local: int) -> float:
-    """The share of a multiprocessor's warps that groups of GROUP items fill."""
+    """The fraction of a multiprocessor's warps that groups of GROUP items fill, as in CUDA's occupancy calculator."""
     warps = GROUP // 32
-    per_warp = -(-32 * registers // 256) * 256  # given out in units of 256
-    groups = min(gpu.groups, gpu.warps // warps, _REGISTERS // (per_warp * warps), gpu.local // max(local, 1))
+    per_warp = -(-32 * registers // 256) * 256  # allocated in units of 256
+    fitting = _REGISTERS // per_warp // 4 * 4  # by four warps
+    groups = min(gpu.groups, min(gpu.warps, fitting) // warps, gpu.local // (local + _RESERVED))
     return groups * warps / gpu.warps
 
 
