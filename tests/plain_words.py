@@ -59,11 +59,9 @@ BANNED = {
     r"(^|[.;:] )What [^.?!]*,": "subject, verb, object",
     r"goes on\b(?! to)|\bgo on\b": "resumes; continues",
     r"so that nothing|that is how": "(plain sentence)",
-    r"(?<!base )\bcolour(?!\")|neighbour|catalogue|\bcentre|labelled|\bmetres?\b|\bgrey|behaviour": "US spelling",
-    r"normalis|\banalys(e|ed|ing)\b": "US spelling",
 }
 _PATTERN = re.compile("|".join(f"(?:{phrase})" for phrase in BANNED), re.IGNORECASE | re.MULTILINE)
-_QUOTED = re.compile(r"\"[^\"\n]*\"|colour[-_]science|base colour")
+_QUOTED = re.compile(r"\"[^\"\n]*\"")
 _FENCES = re.compile(r"^```.*?^```|`[^`\n]*`", re.MULTILINE | re.DOTALL)
 
 
