@@ -191,7 +191,7 @@ def test_the_program_alone_and_help_print_one_screen_of_lines_to_copy():
     done = oiiotex()
     lines = done.stdout.splitlines()
     assert done.returncode == 0 and done.stdout == oiiotex("--help").stdout == help.topic() + "\n"
-    assert len(lines) <= 24 and max(map(len, lines)) <= 100
+    assert len(lines) <= 24 and max(map(len, lines)) <= 80
     shown = re.findall(r"^  oiiotex (.*)", done.stdout.replace("\\\n", ""), re.MULTILINE)
     assert len(shown) == 10
     for line in shown:

@@ -14,26 +14,27 @@ from ..vocabulary import LANGUAGE
 from .report import declarations, described, find, overview, page
 
 _SCREEN = """\
-oiiotex {version}: textures from photos, on command lines in the style of oiiotool
+oiiotex {version}: textures from photos, on command lines as oiiotool has them
 usage: oiiotex IMAGE... --OP[:MODIFIER=VALUE...]... -o FILE
 
-  oiiotex photo.png --texstationarize -o tile.png                    seamless tile of a photo
-  oiiotex tile.png --texpreview:panels=3x3,plane -o preview.png      tile repeated, in perspective
-  oiiotex photo.png --texquilt:size=4096x4096 -o large.png           larger texture
-  oiiotex photo.png --texsynth:window=1024x1024+9000+0 -o part.png   part of an unbounded texture
+  oiiotex photo.png --texstationarize -o tile.png          seamless tile
+  oiiotex tile.png --texpreview:panels=3x3 -o view.png     the tile repeated
+  oiiotex photo.png --texquilt:size=4096x4096 -o big.png   larger texture
+  oiiotex photo.png --texsynth:size=4096x4096 -o more.png  unbounded texture
   oiiotex color.png normal.png --texstationarize:n=2:kinds=color,normal \\
-      -o normal_tile.png --pop -o color_tile.png                     tiles of all maps of a material
-  oiiotex photo.png --texestimateheight -o height.exr                height map from shading
-  oiiotex photo.png --texlabel:keep=1 -o labels.exr                  label map of a photo's textures
-  oiiotex photo.png --texflatten -o flat.png                         gradients and stains removed
-  oiiotex photo.png --resize 50% --texstationarize -o tile.png       oiiotool's ops before and after
-  oiiotex photo.png --texlive                                        all of it in a browser
+      -o normal_tile.png --pop -o color_tile.png           maps of a material
+  oiiotex photo.png --texestimateheight -o height.exr      height from shading
+  oiiotex photo.png --texlabel:keep=1 -o labels.exr        its textures, labeled
+  oiiotex photo.png --texflatten -o flat.png               no gradients, stains
+  oiiotex photo.png --resize 50% --texflatten -o flat.png  with oiiotool's ops
+  oiiotex photo.png --texlive                              all in a browser
 
-  --help texture             all texture filters      --help :size      ops that have a modifier
-  --help texstationarize     one op                   --help stains     search for a word
-  --help texstationarize:preset  one modifier         --help all        all ops and options
+  --help texture          all texture filters  --help :size   ops that have it
+  --help texstationarize  one op               --help stains  find a word
+  --help texstationarize:preset  one modifier  --help all     ops and options
 {groups}
-First steps: docs/start/first-tile.md. Compared with oiiotool: docs/reference/differences.md"""
+First steps: docs/start/first-tile.md
+Compared with oiiotool: docs/reference/differences.md"""
 _MOST_HITS = 5  # of a search, of ops and of pages
 _INDEX = "docs/how-to/index.md"
 
@@ -45,7 +46,7 @@ def topic(name: str = "") -> str:
     """
     if not name:
         groups = " ".join(("Groups for --help:", *words()))
-        return _SCREEN.format(version=__version__, groups=textwrap.fill(groups, 100, subsequent_indent="  "))
+        return _SCREEN.format(version=__version__, groups=textwrap.fill(groups, 80, subsequent_indent="  "))
     if name in words():
         return overview(name)
     if name.startswith(":"):
