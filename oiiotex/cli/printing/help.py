@@ -20,13 +20,13 @@ usage: oiiotex IMAGE... --OP[:MODIFIER=VALUE...]... -o FILE
   oiiotex photo.png --texstationarize -o tile.png          seamless tile
   oiiotex tile.png --texpreview:panels=3x3 -o view.png     the tile repeated
   oiiotex photo.png --texquilt:size=4096x4096 -o big.png   larger texture
-  oiiotex photo.png --texsynth:size=4096x4096 -o more.png  unbounded texture
+  oiiotex photo.png --texsynth:size=4096x4096 -o all.png   unbounded texture
   oiiotex color.png normal.png --texstationarize:n=2:kinds=color,normal \\
       -o normal_tile.png --pop -o color_tile.png           maps of a material
   oiiotex photo.png --texestimateheight -o height.exr      height from shading
   oiiotex photo.png --texlabel:keep=1 -o labels.exr        its textures, labeled
   oiiotex photo.png --texflatten -o flat.png               no gradients, stains
-  oiiotex photo.png --resize 50% --texflatten -o flat.png  with oiiotool's ops
+  oiiotex photo.png --resize 50% --texflatten -o f.png     with oiiotool's ops
   oiiotex photo.png --texlive                              all in a browser
 
   --help texture          all texture filters  --help :size   ops that have it
