@@ -32,7 +32,7 @@ def projected(device, image, sigma, wrap_x, wrap_y, strength=1.0):
 
 @pytest.mark.parametrize(
     ("height", "width", "sigma", "wrap"),  # each side and each scale with each kind of border
-    [(61, 47, 3.0, (True, True)), (23, 71, 8.0, (False, False)), (48, 60, 8.0, (True, True)),
+    [(61, 47, 3.0, (True, True)), (23, 131, 8.0, (False, False)), (48, 80, 8.0, (True, True)),
      (61, 47, 3.0, (True, False))],
 )  # fmt: skip
 def test_the_projection_on_cells_is_close_to_the_dense_one(any_lanes, height, width, sigma, wrap):

@@ -276,8 +276,11 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("features", KINDS)
-@pytest.mark.parametrize("kind", BAD)
+@pytest.mark.parametrize(
+    ("kind", "features"),  # all with one kind of features, the others with what is the least
+    [(kind, features) for kind in BAD for features in KINDS
+     if features == "moments" or kind in ("constant", "two colors", "1xN", "one pixel")],
+)  # fmt: skip
 def test_bad_input_has_defined_results(kind, features):
     maps = maps_of(BAD[kind], features)
     require_a_tree(maps)
