@@ -42,7 +42,7 @@ python_api
 filters host
 service
 cli
-api
+api __main__
 live farm
 recipes
 library
