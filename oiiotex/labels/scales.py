@@ -149,7 +149,7 @@ def label_maps(
     def advance(done: int, _: int) -> None:
         progress.advance(done, total)
 
-    with resources.in_background(_import_scipy), resources.stats.time("superpixels"):
+    with resources.stats.time("superpixels"):
         finest = superpixels(image, lens, resources, runs=runs, minsize=minsize, seed=settings.seed, advance=advance,
                              literal=settings.literal, powers=features == "moments")  # fmt: skip
         if not finest.count:
@@ -169,12 +169,6 @@ def label_maps(
             levels = label_levels(tree(), described, settings, finest.edges, resources, coarse)
     progress.advance(total, total)
     return LabelMaps(finest, levels)
-
-
-def _import_scipy() -> None:
-    """Import scipy, which superpixels need later, while kernels run: it takes a fifth of a second."""
-    import scipy.ndimage
-    import scipy.sparse.csgraph  # noqa: F401
 
 
 def _require(resources: Resources, window: Window, count: int, settings: LabelSettings) -> None:
