@@ -15,8 +15,9 @@ Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest.
    two levels differ slightly. Here a label is a child of the coarser label that contains most of it, and of others that
    contain at least `_PART` of it; a superpixel in none of these takes the most likely child (`literal`: the paper). In
    addition, G is smoothed over neighbors by a Potts step.
+7. A level that equals the next finer one, and a coarsest level of a single label, are dropped.
 
-`literal` reverts 3, 4 and 6, the floor of the walk's eigenvalue, and the settling of superpixels of large images on
+`literal` reverts 3, 4, 6 and 7, the floor of the walk's eigenvalue, and the settling of superpixels of large images on
 squares. With share 1 and without a given level, the levels are the paper's.
 """
 
@@ -194,7 +195,8 @@ def label_levels(
     top = coarsest()
     if top is not None:
         levels.append(_given(hierarchy, features, top))
-    return top_down(levels, settings.literal)
+    tree = top_down(levels, settings.literal)
+    return tree if settings.literal else distinct(tree)
 
 
 # --- one scale ---
@@ -337,6 +339,22 @@ def top_down(levels: list[LabelLevel], literal: bool = False) -> tuple[LabelLeve
         above = labels.reshape(-1) + 1
         intersected.append(replace(level, labels=above, count=len(pairs), parents=pairs[:, 0]))
     return tuple(reversed(intersected))
+
+
+def distinct(tree: tuple[LabelLevel, ...]) -> tuple[LabelLevel, ...]:
+    """Levels that differ from each other, the coarsest with at least two labels unless there is no such level.
+
+    Of equal levels, which are those of equal counts in a tree, the finest is kept, with the parents of the coarsest.
+    """
+    kept: list[LabelLevel] = []
+    for level in tree:
+        if kept and kept[-1].count == level.count:
+            kept[-1] = replace(kept[-1], parents=level.parents)
+        else:
+            kept.append(level)
+    if len(kept) > 1 and kept[-1].count == 1:
+        kept[-2:] = [replace(kept[-2], parents=np.zeros_like(kept[-2].parents))]
+    return tuple(kept)
 
 
 def _within(above: np.ndarray, level: LabelLevel) -> np.ndarray:
