@@ -37,7 +37,7 @@ def build(kind: str, source: Path, into: Path) -> Path:
 
 
 def normalized(archive: Path, time: int) -> bytes:
-    """A .tar.gz with its members in order, by nobody, of one time: setuptools keeps times and users of the build."""
+    """A .tar.gz with its members in order, of one user and time. setuptools keeps those of the build, and notes of it."""
     packed = io.BytesIO()
     with (
         tarfile.open(archive) as old,
@@ -45,6 +45,8 @@ def normalized(archive: Path, time: int) -> bytes:
         tarfile.open(fileobj=zipped, mode="w", format=tarfile.GNU_FORMAT) as new,
     ):
         for member in sorted(old.getmembers(), key=lambda one: one.name):
+            if ".egg-info" in member.name:
+                continue
             member.mtime, member.uid, member.gid, member.uname, member.gname = time, 0, 0, "", ""
             member.mode = 0o755 if member.isdir() or member.mode & 0o100 else 0o644
             member.pax_headers = {}
