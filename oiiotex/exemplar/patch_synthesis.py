@@ -17,12 +17,12 @@ from ..errors import ParameterError, modifier
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import require_memory
 from ..patchmatch.recipe import Recipe
-from ..patchmatch.wang_tiles import TWO_COLORS_FROM
 from ..quality.report import REPORT, Quality
 from ..quality.reported_op import Reported
 from ..session import Session
 from ..session.progress import Progress
 from ..session.resources import Resources
+from ..wang.tiles import TWO_COLORS_FROM
 from .constraint_images import INPAINT, WEIGHT
 from .exemplar_op import ExemplarPixels, MaterialOp
 from .heights import RELEVEL

@@ -19,11 +19,11 @@ from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
 from ..patchmatch.optimization import Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
-from ..patchmatch.wang_tiles import edged, edges_of, runs_for, wang_tiles
 from ..quality.lost_structure import regularity_of, say_what_was_lost
 from ..quality.report import Look, Quality
 from ..regularity.courses import InCourses
 from ..regularity.offset_prices import InStep
+from ..wang.tiles import edged, edges_of, runs_for, wang_tiles
 from .coarse_looks import coarse_looks
 from .constraint_images import marked_pixels, remade_source, weights_of
 from .first_result import better_of, hint_that_it_tiles, say_fidelity

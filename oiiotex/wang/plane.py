@@ -18,7 +18,7 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError
 from ..patchmatch.field import hash_at
-from ..patchmatch.wang_tiles import TWO_COLORS_FROM, Edges
+from .tiles import TWO_COLORS_FROM, Edges
 
 _UP, _LEFT, _CHOICE = 0x71E1, 0x71E2, 0x71E3  # hash streams: edge above, edge to the left, choice of tile
 _EDGES = re.compile(r"n(\d{1,3})e(\d{1,3})s(\d{1,3})w(\d{1,3})", re.ASCII)
