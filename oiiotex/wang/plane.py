@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An unbounded plane of Wang tiles, with random access.
+"""A plane of Wang tiles, with random access, that repeats after `CELLS` tiles.
 
 CSHD03 (Cohen, Shade, Hiller, Deussen, Wang Tiles for Image and Texture Generation, SIGGRAPH 2003) place tiles row by
 row, so that each depends on the ones above and to the left. Departure: edge colors are hashed from their positions
-(Wei, Tile-Based Texture Mapping on Graphics Hardware, 2004), so a tile does not depend on its neighbors. This requires
-a tile for every combination of four edge colors: interchangeable tiles, or the complete set.
+(Wei04, see `atlas`), so a tile does not depend on its neighbors. This requires a tile for every combination of four
+edge colors: interchangeable tiles, or the complete set.
 """
 
 from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Sequence
 
 from ..core.attributes import EDGES, TAG
 from ..core.image import Image, Part
@@ -18,65 +19,90 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError
 from ..patchmatch.field import hash_at
-from .tiles import TWO_COLORS_FROM, Edges
+from .atlas import atlas_edges, atlas_numbers, atlas_side, tiles_of
+from .tiles import TWO_COLORS_FROM, Edges, edges_of
 
+CELLS = 256  # tiles along x and y after which the plane repeats; renderers read it from an image of this size
 _UP, _LEFT, _CHOICE = 0x71E1, 0x71E2, 0x71E3  # hash streams: edge above, edge to the left, choice of tile
 _EDGES = re.compile(r"n(\d{1,3})e(\d{1,3})s(\d{1,3})w(\d{1,3})", re.ASCII)
 
 
+def plane_of(edges: Sequence[Edges], seed: int) -> np.ndarray:
+    """A plane that closes as a torus: (CELLS, CELLS) indices into `edges`.
+
+    Raises
+    ------
+    ImageError
+        A combination of edge colors is missing.
+    """
+    colors = 1 + max(itertools.chain(*edges))
+    lacking = set(itertools.product(range(colors), repeat=4)) - set(edges)
+    if lacking:
+        raise ImageError(
+            f"{len(edges)} tiles are not a complete set: none has the edges {Edges(*min(lacking))};"
+            " make it with variants=2 to 7, or 16 and more"
+        )
+    y, x = np.ogrid[:CELLS, :CELLS]
+
+    def drawn(stream: int, count: int | np.ndarray) -> np.ndarray:
+        return hash_at(seed, stream, y, x).astype(np.int64) * count >> 32
+
+    north, west = drawn(_UP, colors), drawn(_LEFT, colors)
+    around = np.stack([north, np.roll(west, -1, 1), np.roll(north, -1, 0), west])
+    base = colors ** np.arange(3, -1, -1)
+    kinds, wanted = np.array(edges) @ base, np.tensordot(base, around, 1)
+    order = np.argsort(kinds, kind="stable")
+    first, count = (np.searchsorted(kinds[order], wanted, side) for side in ("left", "right"))
+    return order[first + drawn(_CHOICE, count - first)]
+
+
+def index_image(count: int, seed: int) -> np.ndarray:
+    """The plane of an atlas for renderers: (CELLS, CELLS, 3) uint8 of column, row and number of the tile."""
+    places = np.argsort(atlas_numbers(count).ravel())[plane_of(edges_of(count), seed)]
+    side = len(atlas_edges(count))
+    return np.stack([places % side, places // side, places], axis=-1).astype(np.uint8)
+
+
 class TilePlane:
-    """The plane covered with tiles."""
+    """The plane covered with tiles, of a set or an atlas."""
 
     def __init__(self, tiles: Image, seed: int):
-        first = tiles.first.spec
-        self._width, self._height, self._seed = first.width, first.height, seed
-        kind = _kind(first)
-        self._fits: dict[Edges, list[Part]] = {}
+        kind = _kind(tiles.first.spec)
         for part in tiles.parts:
             if _kind(part.spec) != kind:
                 raise ImageError(
                     f"{tiles.source}: part '{part.name}' must have the size, type and color space of the first tile"
                 )
-            self._fits.setdefault(_edges(part, tiles.source), []).append(part)
-        if len(tiles.parts) >= TWO_COLORS_FROM and not any(map(_edge_text, tiles.parts)):
-            raise ImageError(
-                f"{tiles.source}: {len(tiles.parts)} tiles without edge colors (attribute {EDGES}); write the set as"
-                " EXR, which keeps them"
-            )
-        self._colors = 1 + max(itertools.chain(*self._fits))
-        every = (Edges(*colors) for colors in itertools.product(range(self._colors), repeat=4))
-        lacking = next((edges for edges in every if edges not in self._fits), None)
-        if lacking is not None:
-            raise ImageError(
-                f"{tiles.source}: {len(tiles.parts)} tiles are not a complete set: none has the edges {lacking};"
-                " make it with variants=2 to 7, or 16 and more"
-            )
+        self._tiles = tiles_of(tiles)
+        self.width, self.height = self._tiles[0][1].size
+        if atlas_side(tiles.first.spec):
+            edges = edges_of(len(self._tiles))
+        else:
+            edges = [_edges(part, tiles.source) for part in tiles.parts]
+            if len(edges) >= TWO_COLORS_FROM and not any(map(_edge_text, tiles.parts)):
+                raise ImageError(
+                    f"{tiles.source}: {len(edges)} tiles without edge colors (attribute {EDGES}); write the set as"
+                    " EXR, which keeps them"
+                )
+        try:
+            self._plane = plane_of(edges, seed)
+        except ImageError as error:
+            raise ImageError(f"{tiles.source}: {error}") from None
 
     def pixels(self, place: Window) -> np.ndarray:
         """The pixels of a window, (height, width, channels)."""
-        columns = range(place.left // self._width, -(-place.right // self._width))
-        rows = range(place.top // self._height, -(-place.bottom // self._height))
+        columns = range(place.left // self.width, -(-place.right // self.width))
+        rows = range(place.top // self.height, -(-place.bottom // self.height))
         strips = []
         for row in rows:
             pieces = []
             for column in columns:
-                tile = Window.sized(self._width * column, self._height * row, self._width, self._height)
-                inside = (tile & place).shifted(-tile.left, -tile.top)
-                part = self._at(column, row)
-                pieces.append(part.read(inside.shifted(part.window.left, part.window.top)))
+                cell = Window.sized(self.width * column, self.height * row, self.width, self.height)
+                inside = (cell & place).shifted(-cell.left, -cell.top)
+                part, window = self._tiles[self._plane[row % CELLS, column % CELLS]]
+                pieces.append(part.read(inside.shifted(window.left, window.top)))
             strips.append(np.concatenate(pieces, axis=1))
         return np.concatenate(strips)
-
-    def _at(self, x: int, y: int) -> Part:
-        north, south = (self._drawn(_UP, x, row, self._colors) for row in (y, y + 1))
-        west, east = (self._drawn(_LEFT, column, y, self._colors) for column in (x, x + 1))
-        fits = self._fits[Edges(north, east, south, west)]
-        return fits[self._drawn(_CHOICE, x, y, len(fits))]
-
-    def _drawn(self, what: int, x: int, y: int, count: int) -> int:
-        """A random index below `count`, hashed from a position."""
-        bits = int(hash_at(self._seed, what, np.array([y]), np.array([x]))[0])
-        return bits * count >> 32
 
 
 def _kind(spec: oiio.ImageSpec) -> tuple[object, ...]:
