@@ -11,7 +11,7 @@ import math
 import re
 
 from ..core.attributes import ATLAS
-from ..core.image import Image, Part
+from ..core.image import Image, Part, derived_spec
 from ..core.source_map import SourceMap
 from ..core.window import Window
 from ..deferred import np, oiio
@@ -73,3 +73,12 @@ def tiles_of(tiles: Image) -> list[tuple[Part, Window]]:
     corner = Window.sized(first.window.left, first.window.top, width, height)
     places = np.argsort(atlas_numbers(side * side).ravel()).tolist()
     return [(first, corner.shifted(place % side * width, place // side * height)) for place in places]
+
+
+def first_tile(atlas: Image) -> Image:
+    """A tile of an atlas that joins itself: all its edges have the first color."""
+    part, window = tiles_of(atlas)[0]
+    spec = derived_spec(part.spec, *window.size)
+    spec.erase_attribute(ATLAS)
+    tile = Part(part.name, spec, lambda place: part.read(place.shifted(window.left, window.top)), part.stored)
+    return Image((tile,), atlas.source)
