@@ -32,6 +32,7 @@ dominant
 stationarity
 regularity projections drift
 patchmatch
+wang
 quality
 exemplar graphcut
 quilting multiscale capture atlas
