@@ -16,7 +16,7 @@ from ..deferred import np
 from ..errors import Error, ParameterError
 from .document import PLACE_BITS
 from .hub import Hub, Page
-from .lines import line, output_name, text_of, word_of
+from .lines import line, text_of, word_of
 
 SIDE = 256  # px of a tile
 _MOST_WANTED = 256  # tiles per page
@@ -166,7 +166,7 @@ class ZoomRoom:
         level = round(zoom["zoom"])
         left, top = (int(n * 2**level) - size // 2 for n, size in zip(self._middle(zoom), (width, height), strict=True))
         op, values = self._use(level, left, top, width, height)
-        return self._line(word_of(f"--tex{op}", values), self._output("zoom"))
+        return self._line(word_of(f"--tex{op}", values))
 
     def path(self) -> str:
         """The command that renders the path, from the zoom of the first keyframe to the last keyframe."""
@@ -184,16 +184,12 @@ class ZoomRoom:
             "speed": round((last["zoom"] - first["zoom"]) / (frames - 1), 9), "at": self._numbers(aim),
             "size": f"{_FRAME[0]}x{_FRAME[1]}", "seed": zoom["seed"] or None, "lock": zoom["lock"] or None,
         }  # fmt: skip
-        stem, _, suffix = self._output("zoom").rpartition(".")
-        return self._line("--frames", f"1-{frames}", word_of("--texzoom", values), f"{stem}.%04d.{suffix}")
+        return self._line("--frames", f"1-{frames}", word_of("--texzoom", values), number=".%04d")
 
-    def _line(self, *words: str) -> str:
-        *before, name = words
-        return line([*self._hub.source.words, *before, "-o", name])
-
-    def _output(self, what: str) -> str:
-        image = self._hub.source.image
-        return output_name(self._hub.source.stem, what, "float" if image is None else str(image.first.spec.format))
+    def _line(self, *words: str, number: str = "") -> str:
+        name, pixel_type = self._hub.output("zoom")
+        stem, _, suffix = name.rpartition(".")
+        return line([*self._hub.source.words, *words], f"{stem}{number}.{suffix}", pixel_type)
 
 
 def _given(values: dict[str, Any]) -> dict[str, Any]:

@@ -31,6 +31,7 @@ from ..stationarity.row_bands import PIXELS, channel, row_bands
 from .limit import Limit
 from .report_measures import REPORT_MEASURES
 from .seam_measures import seam_ratio, sharpness, wrap_percentile
+from .verdicts import verdicts
 
 log = logging.getLogger("oiiotex")
 
@@ -335,6 +336,7 @@ class Quality:
         """The measures as text."""
         for result in report["results"]:
             m, side = result["measures"], max(result["width"], result["height"])
+            yield from verdicts(m)
             if "fidelity" in m:
                 from .fidelity import Fidelity
 
