@@ -35,7 +35,7 @@ from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.patchmatch import optimization as module
 from oiiotex.patchmatch.matcher import match_patches
 from oiiotex.session import Session
-from oiiotex.stationarity.costs import stationarity_cost, texture_cost
+from oiiotex.stationarity.costs import stationarity_cost
 
 MEASURES = ("histogram", "moments", "steerable")
 BASELINE = "patchmatch"
@@ -76,8 +76,8 @@ class Photo:
             self.session.resources.budget,
             Domain(self.width, self.height, True, True),
         )
-        field = match_patches(device, tile, self.lab, made.field, 11, torus, 1, budget)
-        return found | {TEXTURE: texture_cost(tile, self.lab, field)}
+        _, texture = match_patches(device, tile, self.lab, made.field, 11, torus, 1, budget)
+        return found | {TEXTURE: texture}
 
     def traced(self, variant: str, seed: int) -> list[tuple[float, float, float]]:
         """(stationarity, texture, deviation) after every iteration, at the size of its level."""
@@ -94,10 +94,11 @@ class Photo:
                 super().iterate(iteration, passes)
                 tile = self._matcher.pick().gather(self.lab)
                 cost = stationarity_cost(tile, sigma * self.scale)
-                texture = texture_cost(tile, self.lab, self._matcher.field())
-                found.append((cost, texture, _deviation(self.lab)))
+                field, torus = self._matcher.field(), Domain(*tile.shape[1::-1], True, True)
+                given = resources.device, tile, self.lab, field, 11, torus, 1, resources.budget
+                found.append((cost, match_patches(*given, passes=0)[1], _deviation(self.lab)))
 
-        sigma = self.sigma
+        sigma, resources = self.sigma, self.resources
         with mock.patch.object(module, "_Level", Traced):
             self.made(variant, seed)
         return found
