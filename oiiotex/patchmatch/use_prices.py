@@ -96,10 +96,11 @@ def deviation(image: np.ndarray, side: int) -> np.ndarray:
     rows, columns, n = image.shape[0] - side + 1, image.shape[1] - side + 1, side * side
     deviations = np.empty((rows, columns), np.float32)
     for rows_of in bands_of(rows, max(16, _PIXELS_AT_ONCE // image.shape[1])):  # bands keep the temporaries small
-        band = image[rows_of.start : rows_of.stop + side - 1].astype(np.int64)
-        planes = (band[..., c] for c in range(image.shape[2]))
-        squared = (n * box_sums(plane * plane, side) - box_sums(plane, side) ** 2 for plane in planes)
-        deviations[rows_of] = sum(squared)
+        band = np.moveaxis(image[rows_of.start : rows_of.stop + side - 1], 2, 0).astype(np.int32)  # planes
+        squared = n * box_sums((band.astype(np.int64) ** 2).sum(0), side)
+        for plane in band:
+            squared -= box_sums(plane, side, np.int32).astype(np.int64) ** 2
+        deviations[rows_of] = squared
     return deviations
 
 
