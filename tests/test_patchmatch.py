@@ -305,6 +305,19 @@ def test_arrays_that_are_not_of_the_domains_size_are_refused(device, domain, sha
         match_patches(device, lab, exemplar, SourceMap(np.zeros((30, 36), np.uint32)), 5, domain, 0, BUDGET)
 
 
+def test_the_texture_cost_is_eq_5_for_the_given_matches(device):
+    random = np.random.default_rng(0)
+    lab, exemplar = (20 * random.random(shape).astype(np.float32) for shape in ((12, 14, 3), (20, 18, 3)))
+    y, x = random.integers(0, 16, (12, 14)), random.integers(0, 14, (12, 14))
+    total = 0.0
+    for r in range(12):
+        for c in range(14):
+            here = lab[np.ix_(np.arange(r, r + 5) % 12, np.arange(c, c + 5) % 14)]
+            total += ((here - exemplar[y[r, c] : y[r, c] + 5, x[r, c] : x[r, c] + 5]) ** 2).sum() / 25
+    _, cost = match_patches(device, lab, exemplar, SourceMap.of(y, x), 5, Domain(14, 12, True, True), 0, BUDGET, 0)
+    assert cost == pytest.approx(total / (12 * 14), rel=1e-3)
+
+
 def test_a_matcher_refuses_arrays_that_are_not_of_its_geometry(device):
     g = GEOMETRIES[0]
     with Buffers(device, g.layout(), BUDGET, "test") as buffers:

@@ -95,6 +95,12 @@ class Matcher:
         shape = self.geometry.rows, self.geometry.columns
         return SourceMap(self._device.read(self._buffers["field"], shape, np.uint32))
 
+    def texture_cost(self) -> float:
+        """Mean squared Lab difference per patch pixel of the current matches to `image` (MJH17 eq. 5), a whole tile."""
+        g = self.geometry
+        distance = self._device.read(self._buffers["distance"], (g.rows, g.columns), np.int32)
+        return int(distance.sum(dtype=np.int64)) / (distance.size * g.patch**2 * g.steps**2)
+
     def improve(self, iterations: int, step: int) -> None:
         """Search for better matches for `image`. `step`: index of the outer iteration, for the random numbers."""
         if iterations == 0:
@@ -277,9 +283,12 @@ def _penalty_unit(exemplar: SomeRows, geometry: Geometry, usable: np.ndarray | N
 
 def match_patches(
     device: Device, lab: np.ndarray, exemplar: SomeRows, field: SourceMap, patch: int, domain: Domain, seed: int,
-    budget: int,
-) -> SourceMap:  # fmt: skip
-    """The nearest-neighbor field of an image, from an initial guess and `MATCH_PASSES` passes without uniformity.
+    budget: int, passes: int = MATCH_PASSES,
+) -> tuple[SourceMap, float]:  # fmt: skip
+    """The nearest-neighbor field of an image without uniformity, and its texture cost (MJH17 eq. 5).
+
+    The cost is the mean squared Lab difference per patch pixel, on the integer grid of the search. It is an upper bound
+    of eq. 5, which takes the best matches.
 
     Parameters
     ----------
@@ -293,6 +302,8 @@ def match_patches(
         Domain of the image.
     budget : int
         Memory budget in bytes, for all allocations at a time.
+    passes : int
+        Passes of PatchMatch. 0: the cost of the initial guess.
 
     Raises
     ------
@@ -312,8 +323,8 @@ def match_patches(
         )
         matcher = Matcher(device, buffers, geometry, image, allowed_patches(None, geometry), field, 0.0, seed)
         device.write(buffers["image"], to_grid(lab, geometry.steps))
-        matcher.improve(MATCH_PASSES, 0x3A7C)
-        return matcher.field()
+        matcher.improve(passes, 0x3A7C)
+        return matcher.field(), matcher.texture_cost()
 
 
 def _layout_in(room: int, geometry: Geometry) -> dict[str, int]:
