@@ -105,14 +105,7 @@ def choose(wanted: str | None = None, threads: int = 0) -> DeviceInfo:
     """The device to use: `wanted`, else $OIIOTEX_DEVICE, else the first GPU, else the first CPU that works.
 
     A device that cannot compile is skipped, with a warning, for the next one that matches `wanted`; 'cpu' matches all
-    CPUs. A simulator is used only by name.
-
-    Raises
-    ------
-    DeviceError
-        No device matches.
-    NoDeviceError
-        No device, or none that can compile. The message ends with a command that helps.
+    CPUs. A simulator is used only by name. Raises DeviceError if no device matches, NoDeviceError if none can compile.
     """
     broken: list[tuple[DeviceInfo, runtime.Trial]] = []
     for info in _candidates(wanted, threads):
@@ -356,7 +349,7 @@ class Program:
             words = runtime.compilers_words(str(error))
             raise BuildError(f"{device.info.name} cannot build {stem}.cl: {words}") from error
         self._kernels = {k.function_name: k for k in built.all_kernels()}
-        self._types: dict[str, tuple[str | None, ...]] = {}  # of each kernel's arguments: untyped ones cost 6 us each
+        self._types: dict[str, tuple[str | None, ...]] = {}  # of arguments; untyped numbers cost 6 us each
         self._launching = threading.Lock()  # a kernel keeps its arguments: two threads would mix theirs
 
     def __call__(
