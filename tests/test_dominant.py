@@ -212,6 +212,14 @@ def test_paper_is_ldr09_by_the_letter():
         filters.op_named("dominant")(source=None, paper=True, step=2)
     with pytest.raises(errors.ParameterError, match="preset=clean: conflicts with paper=1: expected no preset"):
         filters.op_named("stationarize")(exemplar=None, paper=True, preset="clean")
+    # figure 6: diffusion tells dirt from a weave, Euclidean distances do not (of most composites the letter keeps all)
+    _, picture, truth = composite(10, 0)
+    pixels, overlap = seen_as(picture, Session()), {}
+    for mode in ("diffusion", "euclidean"):
+        found = dominant_texture(pixels, Session().resources, Progress(), rule="paper", step=1, mode=mode)
+        mask = diffusion.dominant_mask(found, pixels.seen)
+        overlap[mode] = (mask & truth).sum() / (mask | truth).sum()
+    assert overlap["diffusion"] > 0.85 > overlap["euclidean"], overlap
     noise = seen_as(np.random.default_rng(0).random((40, 40, 3)), Session())
     assert "noise" in dominant_texture(noise, Session().resources, Progress()).rejected
     assert "noise" not in dominant_texture(noise, Session().resources, Progress(), rule="paper", step=1).rejected

@@ -174,7 +174,7 @@ def test_without_jitter_the_root_itself_comes_out(device, plain):
 def test_jitter_by_level():
     assert default_jitter(7) == (0.0, 1.0, 1.0, 1.0, 0.6, 0.6, 0.0)
     assert default_jitter(4) == (0.0, 1.0, 1.0, 0.0) and not any(default_jitter(2))
-    assert default_jitter(6, endless=True) == (0.0, 0.6)  # the last holds for all further ones
+    assert default_jitter(6, everywhere=True) == (0.0, 0.6)  # the last holds for all further ones
     assert settings().rho(9) == round(256 * 0.3)
 
 
