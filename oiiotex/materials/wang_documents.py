@@ -79,7 +79,6 @@ def write_wang_materialx(material: WangMaterial, path: Path) -> list[Path]:
     Error
         MaterialX is not installed, or rejects a document.
     """
-    mx = materialx()
     written = [path]
     document = _document(material, own_node=True)
     _write(document, path)
