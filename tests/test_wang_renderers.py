@@ -140,7 +140,7 @@ def test_documents_are_valid_and_connect_every_map(folder):
 
 
 def evaluated(graph: object, role: str, uv: np.ndarray, folder: Path) -> np.ndarray:
-    """What a map's node of the standard graph gives at coordinates, with v upwards, by the words of the specification."""
+    """What a map's node of the standard graph gives at coordinates, with v upwards, by the specification."""
 
     def image(node: object, place: np.ndarray) -> np.ndarray:
         texels = oiio.ImageBuf(str(folder / node.getInputValue("file"))).get_pixels(oiio.UINT8) / 255
