@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Planes at render time: one tile repeated, hex tiling, and Wang tiles through the index image.
 
-python -m benchmarks.tiles.wang [NAME ...] [--side 96] [--seed 1]
+python -m benchmarks.tiles.wang [NAME ...] [--side 192] [--seed 1]
 
 Two photos without a lattice, two with one and a procedural wall (all when none is named). The tile is also made with
 the memory of the atlas, four times as wide. Planes have 12 x 12 tiles of the atlas, at level 0. Repetition: the highest
-normalized autocorrelation of lightness at offsets of half a tile or more, along both axes. Sharpness: mean |L - blurred
+normalized autocorrelation of lightness at offsets of half a tile or more, without a lattice. Sharpness: mean |L - blurred
 L| over the tile's. Structure: the least autocorrelation peak over its floor at the first vectors of the photo's
 lattice, over the photo's. Then what a sample costs: texels, texture reads, and SPIR-V instructions by glslang.
 """
@@ -69,6 +69,7 @@ def repetition(light: np.ndarray, tile: tuple[int, int]) -> float:
 
 def rows(name: str, side: int, seed: int, session: Session) -> list[str]:
     """Of the table."""
+    side = side // 2 if name in REGULAR else side
     picture = photo_of(name, side)
     own = working_values(from_buffer(picture), session.resources)[0][..., :3]
     lattice = find_lattice(own, None) if name in REGULAR else None
@@ -97,9 +98,9 @@ def rows(name: str, side: int, seed: int, session: Session) -> list[str]:
     found = []
     for way, plane in planes.items():
         lab = lab_of(plane, session)
-        kept = "" if lattice is None else f"{structure(lab, own, lattice, size):.2f}"
-        said = f"{repetition(lab[..., 0], size[::-1]):.2f} | {sharpness(lab[..., 0]) / sharp:.2f} | {kept}"
-        found.append(f"| {name} | {way} | {said} |")
+        repeated = f"{repetition(lab[..., 0], size[::-1]):.2f}" if lattice is None else ""
+        kept = f"{structure(lab, own, lattice, size):.2f}" if lattice else ""
+        found.append(f"| {name} | {way} | {repeated} | {sharpness(lab[..., 0]) / sharp:.2f} | {kept} |")
     return found
 
 
@@ -112,7 +113,7 @@ def structure(plane: np.ndarray, photo: np.ndarray, lattice: Lattice, size: tupl
 
 def instructions(call: str, functions: str) -> tuple[int, int]:
     """SPIR-V instructions in functions of a fragment shader, and texture reads of a sample."""
-    head = "#version 300 es\nprecision highp float;\nprecision highp int;\nuniform sampler2D atlas, plane, tile;\n"
+    head = "#version 310 es\nprecision highp float;\nprecision highp int;\nuniform sampler2D atlas, plane, tile;\n"
     text = f"{head}in vec2 uv; out vec4 shown;\n{functions}\nvoid main() {{ shown = {call}; }}\n"
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "a.frag")
@@ -146,7 +147,7 @@ def costs(side: int) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("names", nargs="*")
-    parser.add_argument("--side", type=int, default=96)
+    parser.add_argument("--side", type=int, default=192)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     session = Session()
