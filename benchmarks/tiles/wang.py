@@ -4,10 +4,12 @@
 python -m benchmarks.tiles.wang [NAME ...] [--side 192] [--seed 1]
 
 Two photos without a lattice, two with one and a procedural wall (all when none is named). The tile is also made with
-the memory of the atlas, four times as wide. Planes have 12 x 12 tiles of the atlas, at level 0. Repetition: the highest
+the memory of the atlas, four times as wide. Planes have 12 x 12 tiles of the atlas, at level 0. Repetition: highest
 normalized autocorrelation of lightness at offsets of half a tile or more, without a lattice. Sharpness: mean |L - blurred
 L| over the tile's. Structure: the least autocorrelation peak over its floor at the first vectors of the photo's
-lattice, over the photo's. Then what a sample costs: texels, texture reads, and SPIR-V instructions by glslang.
+lattice, over the photo's. Then the root mean square steps of samples at borders of tiles, level by level. Then the
+costs: RGBA8 with MIP levels for tiles of 256 px, and texture reads and SPIR-V instructions of a sample, as glslang
+writes them; a loop counts once.
 """
 
 from __future__ import annotations
@@ -36,6 +38,7 @@ from oiiotex.wang.plane import CELLS, index_image
 from oiiotex.wang.viewer import shader
 from tests.any_filter import buffer
 from tests.lattices import regular
+from tests.reference.wang import border_steps
 
 PLAIN = ("moss_grass_stones_ground", "rust_barrel_side")
 REGULAR = ("marble_tiles_4x4", "facade_tiles", "procedural bricks")
@@ -67,8 +70,25 @@ def repetition(light: np.ndarray, tile: tuple[int, int]) -> float:
     return float(likeness[counted].max())
 
 
-def rows(name: str, side: int, seed: int, session: Session) -> list[str]:
-    """Of the table."""
+def steps(name: str, atlas: np.ndarray, seed: int) -> list[str]:
+    """Rows of the steps at borders of tiles: for each MIP level, those of the atlas and of tiles in another order."""
+    side, index = atlas.shape[0] // 4, index_image(16, seed)
+    order = np.random.default_rng(2).permutation(16)
+    tiles = atlas.reshape(4, side, 4, side, 3).swapaxes(1, 2).reshape(16, side, side, 3)
+    other = tiles[order].reshape(4, 4, side, side, 3).swapaxes(1, 2).reshape(atlas.shape)
+    place = np.argsort(order)[index[..., 2]]
+    moved, found, level = np.stack([place % 4, place // 4], -1), [], 0
+    while side % (1 << level) == 0:
+        size = 4 * side >> level
+        means = [a.reshape(size, 1 << level, size, 1 << level, 3).mean((1, 3)) for a in (atlas, other)]
+        jumps = [255 * border_steps(a, i, 4) for a, i in zip(means, (index, moved), strict=True)]
+        found.append(f"| {name} | {side >> level} | {jumps[0]:.2f} | {jumps[1]:.2f} |")
+        level += 1
+    return found
+
+
+def rows(name: str, side: int, seed: int, session: Session) -> tuple[list[str], list[str]]:
+    """Of both tables."""
     side = side // 2 if name in REGULAR else side
     picture = photo_of(name, side)
     own = working_values(from_buffer(picture), session.resources)[0][..., :3]
@@ -81,8 +101,8 @@ def rows(name: str, side: int, seed: int, session: Session) -> list[str]:
         result = filters.stationarize(picture, size=shape, seed=seed, **more)
         return result.get_pixels(oiio.FLOAT, result.roi)[..., :3]
 
-    tile, large = made(1), made(4)
     atlas = made(1, variants=16, pack="atlas")
+    tile, large = made(1), made(4)
     index = index_image(16, seed)[:ACROSS, :ACROSS].astype(int)
     cells = atlas.reshape(4, size[1], 4, size[0], 3).swapaxes(1, 2)[index[..., 1], index[..., 0]]
     shape = ACROSS * size[1], ACROSS * size[0]
@@ -101,7 +121,7 @@ def rows(name: str, side: int, seed: int, session: Session) -> list[str]:
         repeated = f"{repetition(lab[..., 0], size[::-1]):.2f}" if lattice is None else ""
         kept = f"{structure(lab, own, lattice, size):.2f}" if lattice else ""
         found.append(f"| {name} | {way} | {repeated} | {sharpness(lab[..., 0]) / sharp:.2f} | {kept} |")
-    return found
+    return found, [] if lattice else steps(name, atlas, seed)
 
 
 def structure(plane: np.ndarray, photo: np.ndarray, lattice: Lattice, size: tuple[int, int]) -> float:
@@ -152,11 +172,14 @@ def main() -> None:
     given = parser.parse_args()
     session = Session()
     print("| photo | way | repetition | sharpness | structure |\n|---|---|---|---|---|")
+    levels = []
     for name in given.names or (*PLAIN, *REGULAR):
-        print("\n".join(rows(name, given.side, given.seed, session)), flush=True)
-    print(
-        "\n| way | MB with MIP levels, tiles of 256 px, RGBA8 | texture reads | SPIR-V instructions |\n|---|---|---|---|"
-    )
+        ways, own = rows(name, given.side, given.seed, session)
+        print("\n".join(ways), flush=True)
+        levels += own
+    print("\n| photo | px per tile | step at borders / 255 | without shared edges |\n|---|---|---|---|")
+    print("\n".join(levels))
+    print("\n| way | MB | texture reads | SPIR-V instructions |\n|---|---|---|---|")
     print("\n".join(costs(256)))
 
 
