@@ -199,9 +199,12 @@ class SynthesisRun:
 
             progress = replace(self._progress, tell=tell)
             source = self._run(own, replace(self._constraints, fixed=fixed), progress).source
-            return SourceMap(np.asarray(source.packed))  # tiles are cut from others
+            return SourceMap(np.array(source.packed))  # tiles are cut from others
 
-        sources = wang_tiles(make, op.variants, recipe.width, recipe.height, recipe.patch)
+        values = self._seen.values
+        sources = wang_tiles(
+            make, op.variants, recipe.width, recipe.height, recipe.patch, lambda source: source.gather(values)
+        )
         self._resources.device.collect(self._resources.stats)
         op.say_what_stays()
         self._with_heights(self._tiles(sources[0]), sources[0])  # stands for all variants
