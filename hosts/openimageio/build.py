@@ -76,7 +76,9 @@ def main() -> None:
     words.add_argument("--into", type=Path, default=Path(sys.prefix), help="install prefix (default: this environment)")
     words.add_argument("--source", type=Path, help="unpacked source of OpenImageIO (default: downloaded)")
     words.add_argument("--work", type=Path, default=HERE / "build", help="build folder (default: build in this folder)")
-    words.add_argument("--print-paths", action="store_true", help="print folder of the headers; library (CMakeLists.txt)")
+    words.add_argument(
+        "--print-paths", action="store_true", help="print folder of the headers; library (CMakeLists.txt)"
+    )
     asked = words.parse_args()
     if asked.print_paths:
         print(*paths(asked.work.resolve()), sep=";")

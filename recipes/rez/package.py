@@ -6,7 +6,7 @@ version = "0.1.0"
 description = "Texture filters for OpenImageIO and OpenColorIO pipelines, on OpenCL"
 authors = ["Contributors to oiiotex"]
 tools = ["oiiotex", "oiiotex-library"]
-# What a pipeline has as packages of its own. Everything else comes with the wheel's dependencies into this package.
+# A pipeline already has packages of these. Other dependencies are installed into this package.
 requires = ["python-3.11+<3.14", "numpy-2+", "OpenImageIO-3.2.2+", "opencolorio-2.5+"]
 build_requires = ["python-3.11+<3.14"]
 build_command = (
