@@ -122,7 +122,7 @@ def run_in(folder: Path, *words: object) -> subprocess.CompletedProcess:
 
 def installed(*words: object, **options: object) -> subprocess.CompletedProcess:
     """Run the installed program."""
-    command = [sys.executable, "-m", "oiiotex.cli.main", *map(str, words)]
+    command = [sys.executable, "-m", "oiiotex", *map(str, words)]
     return subprocess.run(command, capture_output=True, text=True, timeout=300, **options)
 
 

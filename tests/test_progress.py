@@ -22,7 +22,7 @@ def on_a_terminal(folder, *words) -> str:
     pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(folder)
-        os.execv(sys.executable, [sys.executable, "-m", "oiiotex.cli.main", *words])
+        os.execv(sys.executable, [sys.executable, "-m", "oiiotex", *words])
     shown = b""
     while True:
         try:

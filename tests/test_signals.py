@@ -52,7 +52,7 @@ def test_a_signal_while_reading_or_computing_ends_the_run(tmp_path, words, numbe
     assert (tmp_path / "out.exr").read_bytes() == OLD
 
 
-PROGRAMS = {"oiiotex": "oiiotex.cli.main", "oiiotex-library": "oiiotex.library.main"}
+PROGRAMS = {"oiiotex": "oiiotex", "oiiotex-library": "oiiotex.library.main"}
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.01, 0.03, 0.1, 0.3])

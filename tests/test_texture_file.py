@@ -14,11 +14,11 @@ import pytest
 from oiiotex import filters
 from oiiotex.core.window import Window
 from oiiotex.errors import Error, ImageError
-from oiiotex.patchmatch.wang_tiles import Edges, edges_of
 from oiiotex.service.door import answer
 from oiiotex.service.texture_file import TextureFile, read_texture_file, tile_side
 from oiiotex.service.textures import OpenTexture, opened
 from oiiotex.session import Session
+from oiiotex.wang.tiles import Edges, edges_of
 from tests import pictures
 from tests.conftest import save
 

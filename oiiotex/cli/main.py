@@ -103,7 +103,3 @@ def _failed(words: list[str], text: str) -> int:
 
 def _debugging(words: list[str]) -> bool:
     return any(word in ("--debug", "-debug") for word in words)
-
-
-if __name__ == "__main__":
-    main()

@@ -100,7 +100,7 @@ class Parameter:
         if self.kind is None:
             return "1 (the next image on the stack), the name of a part of the first image, or a file name"
         if self.choices:
-            line = ", ".join(str(choice) for choice in self.choices if choice not in ("", None))
+            line = ", ".join(_typed(choice)[0] for choice in self.choices if choice not in ("", None))
             return f"one of {either(line, ', '.join(repr(choice) for choice in self.choices if choice is not None))}"
         if bool in self.kind and len(self.kind) > 1:
             others = " or ".join(_KINDS[k] for k in self.kind if k is not bool)
@@ -134,7 +134,7 @@ class Parameter:
         if self.kind is None:
             return "1"
         if self.choices:
-            return next(str(choice) for choice in self.choices if choice not in ("", None, self.default))
+            return next(_typed(choice)[0] for choice in self.choices if choice not in ("", None, self.default))
         if bool in kinds:
             return "0" if self.default is True else "1"
         if SizeRule in kinds or Size in kinds:
@@ -212,7 +212,7 @@ class Parameter:
         if not text and self.positional and str in (self.kind or ()) and not self.choices:
             return text  # an empty positional text means no value
         for choice in self.choices:
-            if str(choice) == text:
+            if text in _typed(choice):
                 return choice
         for kind in () if self.choices else self.kind or ():
             try:
@@ -349,6 +349,11 @@ def _numbers_in(value: Any) -> tuple[float, ...]:
 def _kinds(hint: Any) -> tuple[type, ...]:
     union = typing.get_origin(hint) in (typing.Union, types.UnionType)
     return tuple(k for k in (typing.get_args(hint) if union else (hint,)) if k is not type(None))
+
+
+def _typed(choice: Any) -> tuple[str, ...]:
+    """A choice as it is typed on the command line; the first way is shown."""
+    return (str(choice),) if not isinstance(choice, bool) else _TRUE if choice else _FALSE
 
 
 def _parse(kind: type, text: str) -> Any:

@@ -19,11 +19,12 @@ from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
 from ..patchmatch.optimization import Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
-from ..patchmatch.wang_tiles import edged, edges_of, runs_for, wang_tiles
 from ..quality.lost_structure import regularity_of, say_what_was_lost
 from ..quality.report import Look, Quality
 from ..regularity.courses import InCourses
 from ..regularity.offset_prices import InStep
+from ..wang.atlas import mark_as_atlas, packed
+from ..wang.tiles import edged, edges_of, runs_for, wang_tiles
 from .coarse_looks import coarse_looks
 from .constraint_images import marked_pixels, remade_source, weights_of
 from .first_result import better_of, hint_that_it_tiles, say_fidelity
@@ -168,7 +169,7 @@ class SynthesisRun:
     def _tiles(self, source: SourceMap) -> tuple[dict[str, Part], ...]:
         """All maps copied from the same source pixels; the first tile has the source coordinates."""
         op, in_place, by_rows = self._op, self._marked is not None, not self._in_memory
-        tiling = "none" if op.variants > 1 else op.tiling  # variants continue in each other
+        tiling = "none" if op.variants > 1 and not op.pack else op.tiling  # variants continue in each other
         return op.of_all(self._maps, lambda one, _: source.parts("tile", one, tiling, in_place, by_rows=by_rows))
 
     def _with_heights(self, tiles: tuple[dict[str, Part], ...], source: SourceMap) -> tuple[dict[str, Part], ...]:
@@ -203,14 +204,18 @@ class SynthesisRun:
         sources = wang_tiles(make, op.variants, recipe.width, recipe.height, recipe.patch)
         self._resources.device.collect(self._resources.stats)
         op.say_what_stays()
-        tiles = []
-        for number, (source, edges) in enumerate(zip(sources, edges_of(op.variants), strict=True)):
-            material = self._tiles(source)
-            if number == 0:  # stands for all variants
-                self._with_heights(material, source)
-            for tile in material:
-                tiles.append(tile | {"tile": edged(tile["tile"], f"wang{number:02d}_{edges}", str(edges))})
-        names = (tile["tile"].name for tile in tiles[:: len(self._maps)])
+        self._with_heights(self._tiles(sources[0]), sources[0])  # stands for all variants
+        edges = edges_of(op.variants)
+        names = [f"wang{number:02d}_{one}" for number, one in enumerate(edges)]
+        if op.pack:
+            material = self._tiles(packed(sources))
+            tiles = [tile | {"tile": mark_as_atlas(tile["tile"], op.variants)} for tile in material]
+        else:
+            tiles = [
+                tile | {"tile": edged(tile["tile"], name, str(one))}
+                for source, name, one in zip(sources, names, edges, strict=True)
+                for tile in self._tiles(source)
+            ]
 
         def looked_at() -> tuple[SomeRows, Iterator[Look]]:
             looks = map(self._quality.look_of_copies, names, itertools.repeat(self._lab()), sources)

@@ -2325,6 +2325,7 @@ def patchmatch(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
@@ -2374,6 +2375,10 @@ def patchmatch(
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles
         with two edge colors, which fit where the colors agree; 16 is the complete set. Part names and
         the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to 64.
+    pack : Literal['atlas'] | None, default None
+        Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its
+        borders, so that renderers can filter it without padding. Requires variants=4, 16 or 64.
+        Default: one image for each tile.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
@@ -2478,6 +2483,7 @@ def patchmatch(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
@@ -2513,6 +2519,7 @@ def patchmatch(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: int = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
@@ -3104,6 +3111,7 @@ def stationarize(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
@@ -3178,6 +3186,10 @@ def stationarize(
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles
         with two edge colors, which fit where the colors agree; 16 is the complete set. Part names and
         the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to 64.
+    pack : Literal['atlas'] | None, default None
+        Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its
+        borders, so that renderers can filter it without padding. Requires variants=4, 16 or 64.
+        Default: one image for each tile.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
@@ -3317,6 +3329,7 @@ def stationarize(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
@@ -3362,6 +3375,7 @@ def stationarize(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
@@ -3408,6 +3422,7 @@ def stationarize(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: int = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,

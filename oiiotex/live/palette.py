@@ -14,14 +14,14 @@ from typing import Any
 from ..api.files import read_document, written
 from ..api.images import Image, PieceCache, as_float, channels_of, read, write_indexed
 from ..api.painting import Meaning, Strays, code_of
-from ..api.service import BRUSH, Client
+from ..api.service import BRUSH
 from ..deferred import np
 from ..errors import Error, ImageError
 from .document import LEAST_PAINTED, MOST_PAINTED
-from .hub import Hub, labels_of
+from .hub import Hub
 
 _SWATCH = 48  # px
-_LEAST_LABELS, _MOST_LABELS, _MOST_WITHIN = 4, 24, 6
+_MOST_LABELS, _MOST_WITHIN = 24, 6
 
 _SOFT = 0.2  # default of --texpaint
 _LEGEND, _FACTS = "oiiotex:legend", "oiiotex:step"
@@ -193,9 +193,7 @@ async def palette_of(hub: Hub, table: Path) -> tuple[LabelPalette, Path]:
     require_replaceable(table)
     made_table = hub.spare / "palette.json"
     made, client = await hub.made("label"), await hub.client()
-    level = await _level(client, made)
     values = {
-        "level": level,
         "side": _SWATCH,
         "rows": _MOST_LABELS,
         "children": _MOST_WITHIN,
@@ -204,21 +202,11 @@ async def palette_of(hub: Hub, table: Path) -> tuple[LabelPalette, Path]:
     advance = hub.advancing("Rendering swatches")
     request = client.make("palette", [made["number"]], values, priority=BRUSH, read="", keep=False, on_progress=advance)
     _, (picture,) = await asyncio.wrap_future(request)
-    _, (own,) = await asyncio.wrap_future(client.read(made["number"], part=f"label.{level}", priority=BRUSH))
-    palette = LabelPalette(read_document(made_table), as_float(picture), own[..., 0])
+    table_of_photo = read_document(made_table)
+    name = f"label.{table_of_photo['level']}"
+    _, (own,) = await asyncio.wrap_future(client.read(made["number"], part=name, priority=BRUSH))
+    palette = LabelPalette(table_of_photo, as_float(picture), own[..., 0])
     with contextlib.suppress(Error), written(table) as file:
         file.write(made_table.read_bytes())
         made_table = table
     return palette, made_table
-
-
-async def _level(client: Client, made: dict[str, Any]) -> int:
-    """The coarsest level with at least _LEAST_LABELS labels, else the one with the most."""
-    counts = {}
-    for name in reversed(labels_of(made)):
-        _, (ids,) = await asyncio.wrap_future(client.read(made["number"], part=name, priority=BRUSH))
-        level = int(name.removeprefix("label."))
-        counts[level] = np.count_nonzero(np.bincount(ids.ravel())[1:])
-        if counts[level] >= _LEAST_LABELS:
-            return level
-    return max(counts, key=lambda level: counts[level])

@@ -31,6 +31,7 @@ log = logging.getLogger("oiiotex")
 TEAM = 32  # cl/team.h
 _ROUNDS_CORRECTLY = 1 << 7  # CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT
 _GROUP = 64  # items; fixed, because PoCL compiles a kernel again for each work-group shape
+_TYPES = {bool: "i4", int: "i4", float: "f4"}  # of numbers as kernel arguments
 _OWN_SHARE = 7 / 8  # usable fraction of a GPU's memory: the driver and the desktop hold some
 
 
@@ -357,6 +358,7 @@ class Program:
             words = runtime.compilers_words(str(error))
             raise BuildError(f"{device.info.name} cannot build {stem}.cl: {words}") from error
         self._kernels = {k.function_name: k for k in built.all_kernels()}
+        self._types: dict[str, tuple[str | None, ...]] = {}  # of each kernel's arguments: untyped numbers cost 6 us each
         self._launching = threading.Lock()  # a kernel keeps its arguments: two threads would mix theirs
 
     def __call__(
@@ -378,9 +380,12 @@ class Program:
                 raise DeviceError(
                     f"{name} would count to {number}, beyond 2^31", hint="make the tile or the photo smaller"
                 )
-        typed = [np.int32(a) if isinstance(a, int) else np.float32(a) if type(a) is float else a for a in arguments]
+        types = tuple(_TYPES.get(type(a)) for a in arguments)
         with self._launching:
-            self._device._enqueue(name, kernel, global_size, local, *typed)
+            if self._types.get(name) != types:
+                kernel.set_arg_types(types)
+                self._types[name] = types
+            self._device._enqueue(name, kernel, global_size, local, *arguments)
 
 
 def _seconds(event: cl.Event) -> float:

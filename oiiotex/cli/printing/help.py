@@ -11,7 +11,7 @@ from pathlib import Path
 from ... import __version__
 from ...errors import ParameterError
 from ..vocabulary import LANGUAGE
-from .report import declarations, described, find, overview, page
+from .report import columns, declarations, described, find, overview, page
 
 _SCREEN = """\
 oiiotex {version}: textures from photos, on command lines as oiiotool has them
@@ -72,8 +72,8 @@ def _with_modifier(name: str) -> str:
                 flags.setdefault(described(one, find(flag)), []).append(flag)
     if not flags:
         return _search(f":{name}")
-    fill = textwrap.TextWrapper(110, break_on_hyphens=False)
-    indented = textwrap.TextWrapper(110, initial_indent="    ", subsequent_indent="    ")
+    fill = textwrap.TextWrapper(columns(), break_on_hyphens=False)
+    indented = textwrap.TextWrapper(columns(), initial_indent="    ", subsequent_indent="    ")
     entries = (f"{fill.fill(', '.join(found))}:\n{indented.fill(text)}" for text, found in flags.items())
     return "\n\n".join((f":{name}=", *entries))
 

@@ -18,7 +18,7 @@ from ..core.image import Part
 from ..core.source_map import SourceMap
 from ..deferred import np, oiio
 from ..errors import ImageError
-from .constraints import FixedPixels
+from ..patchmatch.constraints import FixedPixels
 
 TWO_COLORS_FROM = 8  # number of tiles from which every pair of upper and left color has two choices (CSHD03 section 3)
 
