@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Strange messages, by number, to the resident process and to the page's server: they go on, say nothing, stay small.
 
-$OIIOTEX_STRANGE says how many of each, from $OIIOTEX_STRANGE_BEGIN on; what a number stands for never changes with how many others are tried.
+$OIIOTEX_STRANGE says how many of each, from $OIIOTEX_STRANGE_BEGIN on. What a number stands for never changes with how
+many others are tried.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make dist`: the source archive and the wheel of the last commit in dist/, with their checksums.
 
-They are built twice: from the commit, and from the source archive of the first build. Both must be the same to the byte.
+They are built twice: from the commit, and from the source archive of the first build. Both must be equal to the byte.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def build(kind: str, source: Path, into: Path) -> Path:
 
 
 def normalized(archive: Path, time: int) -> bytes:
-    """A .tar.gz with its members in order, of one user and time. setuptools keeps those of the build, and notes of it."""
+    """A .tar.gz with its members in order, of one user and time: setuptools keeps those of the build, and its notes."""
     packed = io.BytesIO()
     with (
         tarfile.open(archive) as old,

@@ -127,7 +127,7 @@ def atlas(
         0.25 for a height.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -400,7 +400,7 @@ def composite(
         to 100.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -542,7 +542,8 @@ def content(
         Center X,Y of the patch, in the data window. Expected: a number or a sequence of numbers in px.
         Default: the center of the image.
     level : int | None, default None
-        Level of the label map: N of label.N. Expected: an integer >= 1. Default: the coarsest.
+        Level of the label map: N of label.N. Expected: an integer >= 1. Default: the coarsest with
+        several labels.
     patch : int | None, default None
         Side of a patch. Expected: an integer from 4 to 256 px. Default: the power of two nearest to the
         level's scale, from 16 to 256.
@@ -668,7 +669,7 @@ def cut(
         still written, but the exit code is 3.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -1721,7 +1722,7 @@ def label(
     runs: int = 1,
     minsize: int | None = None,
     seed: int = 0,
-    paper: bool = False,
+    paper: Literal[False, True, 'authors'] = False,
     keep: Literal[True],
     soft: bool = False,
     cryptomatte: bool | FileName = False,
@@ -1755,10 +1756,12 @@ def label(
     labels : int | None, default None
         Maximum number of subtextures in the coarsest level. Expected: an integer from 1 to 50. Default:
         chosen by the filter.
-    paper : bool, default False
+    paper : Literal[False, True, 'authors'], default False
         Settings of the paper (LSA16):
-        features=moments:persistence=0.95:share=1:coarsest=0:neighbors=256:runs=10:minsize=25, the same
-        persistence at all levels, and labels split wherever a coarser border crosses them.
+        features=moments:persistence=0.95:share=1:coarsest=0:neighbors=256:runs=10:minsize=25:tries=5,
+        the same persistence at all levels, and labels split wherever a coarser border crosses them.
+        authors: the program that the authors published, which has at least two levels, and scales up to
+        30 % of the longer side instead of 20 % of the shorter one.
     keep : bool, default False
         Keep the photo as the first part, before the labels.
     cryptomatte : bool | FileName, default False
@@ -1853,7 +1856,7 @@ def label(
     runs: int = 1,
     minsize: int | None = None,
     seed: int = 0,
-    paper: bool = False,
+    paper: Literal[False, True, 'authors'] = False,
     keep: bool = False,
     soft: bool = False,
     cryptomatte: Literal[True],
@@ -1882,7 +1885,7 @@ def label(
     runs: int = 1,
     minsize: int | None = None,
     seed: int = 0,
-    paper: bool = False,
+    paper: Literal[False, True, 'authors'] = False,
     keep: bool = False,
     soft: bool = False,
     cryptomatte: bool | FileName = False,
@@ -2001,7 +2004,7 @@ def paint(
         part of the first image, or a file name.
     level : int | None, default None
         Level of the painted labels: N of label.N. Expected: an integer >= 1. Default: the table's
-        level, else the coarsest.
+        level, else the coarsest with several labels.
     table : FileName | None, default None
         JSON table from `palette`, which maps colors to labels.
     size : tuple[int, int] | None, default None
@@ -2229,7 +2232,7 @@ def palette(
         of the first image, or a file name.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -2452,7 +2455,7 @@ def patchmatch(
         0.25 for a height.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -2737,7 +2740,7 @@ def quilt(
         to 100.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -3285,7 +3288,7 @@ def stationarize(
         0.25 for a height.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
