@@ -47,7 +47,7 @@ def texture_of(
         here = lab[rows][:, columns]
         matches = match_patches(resources.device, here, exemplar, start, patch, domain, 0, resources.budget)
         costs.append(texture_cost(here, exemplar, matches, patch, most))
-        progress.advance(1, 1)  # a chance to cancel
+        progress.advance(2, 3)  # a chance to cancel
     return float(np.mean(costs))
 
 
