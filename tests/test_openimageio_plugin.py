@@ -376,7 +376,7 @@ def test_a_stranger_behind_the_socket_is_not_believed(shell, folder, tmp_path, a
 
 
 def test_a_host_with_another_openimageio_is_told_once(shell, plugin, tmp_path):
-    shutil.copy(plugin / "oiiotexfile.imageio.so", tmp_path)  # without the reader, which another version cannot load either
+    shutil.copy(plugin / "oiiotexfile.imageio.so", tmp_path)  # without its reader, as for another version
     done = shell(BIN / "oiiotool", "wall.oiiotex", "-o", "cut.png", OPENIMAGEIO_PLUGIN_PATH=str(tmp_path))
     said = [one for one in (done.stdout + done.stderr).splitlines() if one.startswith("oiiotex ERROR: ")]
     assert done.returncode == 1 and len(said) == 1, done.stderr

@@ -12,6 +12,7 @@ import pytest
 
 from oiiotex.cli.running import progress
 from oiiotex.cli.running.progress import Display
+from oiiotex.session.progress import WHOLE, Progress
 from oiiotex.stats import Stats
 
 LINE = ("--texstationarize:size=64x64:iterations=20", "-o", "tile.exr")
@@ -75,3 +76,34 @@ def test_a_log_has_a_line_now_and_then(photo, monkeypatch, capsys):
     assert 2 <= len(lines) <= (time.monotonic() - begun) / 0.3
     assert all(line.startswith("frame 2/5: --texlabel superpixels: ") for line in lines)
     assert "% " in lines[-1].replace("%,", "% ") and "s left" in lines[-1]
+
+
+def test_stages_of_an_op_have_their_shares_of_one_whole():
+    told = []
+    first, second = Progress(lambda done, total: told.append((done, total))).stages(1, 3)
+    first.advance(200, 400)
+    second.advance(0, 7)
+    second.advance(7, 7)
+    second.advance(0, 9)  # another attempt
+    assert told == [(WHOLE // 8, WHOLE), (WHOLE // 4, WHOLE), (WHOLE, WHOLE), (WHOLE // 4, WHOLE)]
+
+
+def test_the_time_left_is_that_of_the_whole_op_and_not_of_its_innermost_stage(monkeypatch, capsys):
+    clock = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    display, stats = Display(terminal=False), Stats()
+    stats.watch = display.stage
+    with stats.time("--texquilt"):
+        for n in range(1, 4):
+            with stats.time("inner"):
+                clock[0] += 20
+            display.advance(n, 10)
+            display._say(clock[0])
+        display.advance(1, 10)  # another attempt
+        clock[0] += 20
+        display.advance(2, 10)
+        display._say(clock[0])
+    shown = capsys.readouterr().err.splitlines()
+    assert [line.partition(" s, ")[2] for line in shown] == [
+        "10 %, 180 s left", "20 %, 160 s left", "30 %, 140 s left", "20 %, 160 s left",
+    ]  # fmt: skip

@@ -38,15 +38,19 @@ if TYPE_CHECKING:
     from .patch_synthesis import PatchSynthesis
 
 
+_SHARES = 2, 6, 1  # of the time: flattening and reading, synthesis, measures
+
+
 class SynthesisRun:
     """The inputs of a run (photo, lattice and the resulting recipe), and its results."""
 
     def __init__(self, op: PatchSynthesis, resources: Resources, progress: Progress):
         size, quality = op.planned(resources, progress)
-        self._op, self._resources, self._stages = op, resources, progress.stages()
+        self._op, self._resources, self._stages = op, resources, progress.stages(*_SHARES[: 2 + quality.is_asked_for])
         with resources.stats.time("flatten"):
             self._flat, self._drift = op.flattened(resources, next(self._stages))
         self._progress = next(self._stages)
+        self._measuring = next(self._stages, progress)
         self._in_memory, self._budget = op.holds_photo(resources), op.budget_left(resources)
         with resources.stats.time("read and color"):
             self._maps = [self._in_any_order(image.first) for image in self._flat.all_maps()]
@@ -97,8 +101,9 @@ class SynthesisRun:
             across, down = np.abs(wanted).max(0).tolist()
             quality = replace(quality, cycles=(across, down), lattice=steps)
         return replace(
-            quality, sigma=recipe.sigma, contrast=recipe.contrast, measure=recipe.measure, order=recipe.order
-        )
+            quality, progress=self._measuring, sigma=recipe.sigma, contrast=recipe.contrast, measure=recipe.measure,
+            order=recipe.order,
+        )  # fmt: skip
 
     def results(self) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The tile with all its outputs, as one mapping for each map and variant."""
@@ -143,7 +148,7 @@ class SynthesisRun:
                 hint_that_it_tiles(op.flag(), op.exemplar.first)
             other = op.second_choice(recipe)
             synthesis, kept, recipe = better_of(
-                op.flag(), self._run, self._constraints, recipe, other, self._seen, self._stages, resources.stats
+                op.flag(), self._run, self._constraints, recipe, other, self._seen, resources.stats
             )
             source, lost = synthesis.source, synthesis.lost
             quality = replace(quality, sigma=recipe.sigma)

@@ -57,15 +57,15 @@ _Name = Annotated[
     str,
     Allowed(
         most=120,
-        pattern=r"[^./\\][^/\\\x00-\x1f]*\.(png|exr|tif|tiff|jpg|jpeg)",
+        pattern=r"|[^./\\][^/\\\x00-\x1f]*\.(png|exr|tif|tiff|jpg|jpeg)",
         words="that names a PNG, EXR, TIFF or JPEG file",
     ),
 ]
 
 
 class _OutputRoom(TypedDict):
-    tile: _Name | Literal[""]
-    painted: _Name | Literal[""]
+    tile: _Name
+    painted: _Name
     type: Literal["", "uint8", "uint16", "half", "float"]
 
 

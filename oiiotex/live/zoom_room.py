@@ -54,10 +54,10 @@ class ZoomRoom:
         """Handle a request of a page."""
         do = asked["do"]
         if do == "tiles":
-            level, places = int(asked["level"]), asked["tiles"]
-            if not 0 <= level <= MOST_LEVEL or len(places) > _MOST_WANTED:
-                raise ValueError(level)
-            self._wanted[page] = [(level, int(x), int(y)) for x, y in places]
+            places = [(int(level), int(x), int(y)) for level, x, y in asked["tiles"][: _MOST_WANTED + 1]]
+            if len(places) > _MOST_WANTED or not all(0 <= level <= MOST_LEVEL for level, *_ in places):
+                raise ValueError(places)
+            self._wanted[page] = places
             self._drop({tile for tile in self._asked if not self._is_wanted(tile)})
             self._ask()
         elif do == "line":

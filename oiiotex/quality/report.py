@@ -275,7 +275,7 @@ class Quality:
             "cost": cost(look.lab, domain=Domain(width, height, *self.wrap), like=photo),
         }
         light, before = channel(look.lab, 0), channel(photo, 0)
-        self.progress.advance(1, 1)  # a chance to cancel
+        self.progress.advance(1, 3)  # a chance to cancel
         for axis, letter, wraps, cycles in zip((1, 0), "xy", self.wrap, self.cycles, strict=True):
             if wraps:
                 measures[f"seam_{letter}_photo"] = seam_ratio(before, axis, cycles)
@@ -291,7 +291,7 @@ class Quality:
             kept = fidelity(exemplar, None, look.lab, self.wrap[::-1])
             measures |= {} if kept is None else kept.measures()
         if look.source is not None:
-            self.progress.advance(1, 1)
+            self.progress.advance(2, 3)
             measures |= self._of_copies(exemplar, look)
         return measures | known
 
