@@ -114,7 +114,7 @@ class Synth(Multiscale, Structured):
         display, window = self._windows(first.spec, asked)
         around = self._around(level, display)
         in_step = self._in_step(plane, level, around, session)
-        how = {"seed": self.seed, "lock": self.lock, "jitter": self.jitter}
+        how: dict[str, Any] = {"seed": self.seed, "lock": self.lock, "jitter": self.jitter}
         settings = plane.settings(**how, around=around, around_level=level, in_step=in_step)
         maker = self.maker(plane, settings, resources)
         key = plane.key(settings, level) if self.resume or self.tiles else ""
