@@ -2,7 +2,7 @@
 """CPU seconds of test files: a run tells which take more than twice their share of budget.toml.
 
 Shares of one run are compared, not times: a slow machine or a busy one changes nothing, and nothing fails.
-`python -m pytest -n 2 --budget` writes the file anew from the tests that it runs.
+`make budget` writes the file again; `pytest --budget` does with the tests that it runs.
 """
 
 from __future__ import annotations
