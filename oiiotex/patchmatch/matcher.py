@@ -185,14 +185,18 @@ class Matcher:
         g, b = self.geometry, self._buffers
         bottom = g.height if bottom is None else bottom
         first = self.rows.load("field", top - g.patch + 1, bottom)
-        span = 1 if self._device.lanes == 1 else 64  # cl/patchmatch.cl, SPAN
         pieces = self.exemplar.count
         for n, piece in enumerate(self.exemplar.pieces("exemplar")):
             sums = () if self.exemplar.whole else (b["votes"], int(n > 0), int(n + 1 == pieces))
             self._run(
-                "vote", (-(-g.width // span), bottom - top), b["exemplar"], b["field"], b["image"],
+                "vote", (self._spans, bottom - top), b["exemplar"], b["field"], b["image"],
                 g.columns, g.rows, g.width, g.exemplar_width, *g.wraps, top, bottom, first, *piece, *sums,
             )  # fmt: skip
+
+    @property
+    def _spans(self) -> int:
+        """Work-items for a row of votes."""
+        return -(-self.geometry.width // (1 if self._device.lanes == 1 else 64))  # cl/patchmatch.cl, SPAN
 
     def hold(self, top: int = 0, bottom: int | None = None) -> None:
         """Restore the fixed pixels, from buffer `fixed`, in the loaded rows of `image`."""
@@ -220,7 +224,7 @@ class Matcher:
         for top, bottom in self.rows.bands():
             first = self.rows.load("field", top - g.patch + 1, bottom)
             self._run(
-                "pick", (g.width, bottom - top), b["field"], weights, b["distance_next"],
+                "pick", (self._spans, bottom - top), b["field"], weights, b["distance_next"],
                 g.columns, g.rows, g.width, *g.wraps, top, bottom, first,
             )  # fmt: skip
             source[top:bottom] = self._device.read(b["distance_next"], (bottom - top, g.width), np.uint32)
