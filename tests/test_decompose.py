@@ -237,7 +237,7 @@ def test_turned_versions_are_one_texture_only_when_asked():
     noise = np.random.default_rng(0).normal(0, 0.05, (192, 192))
     picture = np.clip(np.where(x < 96, waves, waves.T) + noise + 0.5, 0, 1)[..., None].repeat(3, -1)
     apart, alike = ids_of(picture), ids_of(picture, invariant=True)
-    assert score((x < 96) + 1, apart, apart).rand > 0.9
+    assert score((x < 96) + 1, apart, apart).rand > 0.8
     assert np.bincount(alike.ravel()).max() > 0.9 * alike.size
 
 
