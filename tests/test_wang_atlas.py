@@ -146,3 +146,19 @@ def test_a_cut_follows_the_least_error_and_ends_at_the_border():
     ]
     best = min(every, key=lambda path: errors_at[range(7), path].sum())
     np.testing.assert_array_equal(found, best)
+
+
+def test_the_courses_of_a_brick_wall_are_unbroken_across_tiles():
+    photo = pictures.bricks(64, 64, 1)
+    assert (photo[::8, :, 0] > 0.7).mean() > 0.99 > (photo[4::8, :, 0] > 0.7).mean()  # mortar: light
+    atlas = pixels(filters.stationarize(buffer(photo), pack="atlas", flatten=0, **SMALL | {"size": None}))
+    side = atlas.shape[0] // 4
+    assert atlas.shape == (256, 256, 3)  # the lattice closes on 64 px
+    y, x = (np.indices((6 * side, 6 * side)) + 0.5) / side
+    light = sample_wang(atlas, index_image(16, 0), 4, x, y)[..., 0] > 0.7
+    course = int(light.reshape(-1, 8, 6 * side).mean((0, 2)).argmax())
+    assert light[course::8].mean() > 0.98  # every line of mortar, over all tiles
+    bricks = np.delete(light, np.s_[course::8], axis=0)
+    upright = bricks.reshape(-1, 7, 6 * side).all(1)  # joints through a whole course
+    own = np.delete(photo[..., 0] > 0.7, np.s_[::8], axis=0).reshape(-1, 7, 64).all(1)
+    assert upright.sum(1).min() >= 0.9 * own.sum(1).min() * 6

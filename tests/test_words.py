@@ -44,7 +44,7 @@ OURS = {
 SPACES = r"--iscolorspace (?:\"([^\"]+)\"|([A-Za-z]\w+))"
 PLACEHOLDERS = {"NAME", "SPACE"}  # for a color space
 NO_MODIFIERS = {"colorspace", "lines"}  # of Python alone: where a call says the space, and of `Output`
-OTHER_FILES = {".venv", ".gitignore", ".typed"}
+OTHER_FILES = {".venv", ".gitignore", ".typed", ".hlsl", ".wgsl"}
 
 
 def library_options() -> set[str]:

@@ -4,12 +4,12 @@
 python -m benchmarks.tiles.wang [NAME ...] [--side 192] [--seed 1]
 
 Two photos without a lattice, two with one and a procedural wall (all when none is named). The tile is also made with
-the memory of the atlas, four times as wide. Planes have 12 x 12 tiles of the atlas, at level 0.
-Repetition: highest normalized autocorrelation of lightness at offsets of half a tile or more, without a lattice.
-Sharpness: mean |L - blurred L| over the tile's. Structure: the least autocorrelation peak over its floor at the first
-vectors of the photo's lattice, over the photo's. Then the root mean square steps of samples at borders of tiles,
-level by level. Then the costs: RGBA8 with MIP levels for tiles of 256 px, and texture reads and SPIR-V instructions
-of a sample, as glslang writes them; a loop counts once.
+the memory of the atlas, four times as wide. Planes have 12 x 12 tiles of the atlas, at level 0. Repetition: highest
+normalized autocorrelation of lightness at offsets of half a tile or more, without a lattice. Sharpness: mean
+|L - blurred L|, over the photo's. Structure: the least autocorrelation peak over its floor at the first vectors of the
+photo's lattice, over the photo's. Then the root mean square steps of samples at borders of tiles, level by level. Then
+the costs: RGBA8 with MIP levels for tiles of 256 px, and texture reads and SPIR-V instructions of a sample, as glslang
+writes them; a loop counts once.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def rows(name: str, side: int, seed: int, session: Session) -> tuple[list[str], 
         "hex tiling, memory of the atlas": hex_tiled(large, ACROSS // 4, longest)[: shape[0], : shape[1]],
         "Wang tiles": cells.swapaxes(1, 2).reshape(*shape, 3),
     }
-    sharp = sharpness(lab_of(tile, session)[..., 0])
+    sharp = sharpness(np.ascontiguousarray(own[..., 0]))
     found = []
     for way, plane in planes.items():
         lab = lab_of(plane, session)

@@ -753,6 +753,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: Literal[False] = False,
     cryptomatte: Literal[False] = False,
@@ -790,6 +791,9 @@ def decompose(
     radius : float | None, default None
         Radius of the area that is compared as one sample of texture. Increase it for coarse textures.
         Expected: a number from 1 to 512 px. Default: 48; with features=haar, 8.
+    invariant : bool, default False
+        Regard rotated versions of a texture as one texture, and those of a slightly different scale. No
+        effect with features=haar.
     paper : bool, default False
         Settings of the paper (CZF02):
         features=haar:group=cliques:scales=3:search=meanshift:refine=0:assign=neighbors.
@@ -880,6 +884,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: Literal[True],
     cryptomatte: bool | FileName = False,
@@ -909,6 +914,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: bool = False,
     cryptomatte: Literal[True],
@@ -938,6 +944,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: bool = False,
     cryptomatte: bool | FileName = False,

@@ -205,7 +205,7 @@ def _places(graph: Any, material: WangMaterial) -> tuple[Any, Any]:
 
 
 def _define(document: Any, kind: str) -> None:
-    """Define the node for a type: its graph, and its GLSL, which Metal, Slang and WGSL take, too."""
+    """Define the node for a type: its graph, and its GLSL, from which MaterialX derives Metal, Slang and WGSL."""
     name = f"{IMAGE}_{kind}"
     definition = document.addNodeDef(f"ND_{name}", kind, IMAGE)
     definition.setNodeGroup("texture2d")
