@@ -14,7 +14,7 @@ from ..core.window import Domain
 from ..deferred import np
 from ..patchmatch.field import hash_at
 from ..regularity.courses import Courses, find_courses
-from ..regularity.lattice import RANGE, STRETCHED, Lattice, HighPass, find_lattice, high_pass_of
+from ..regularity.lattice import RANGE, STRETCHED, HighPass, Lattice, find_lattice, high_pass_of
 from ..regularity.lattice import bytes_needed as lattice_bytes
 from ..regularity.offset_prices import InStep
 from ..session.resources import Resources
