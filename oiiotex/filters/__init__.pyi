@@ -1721,7 +1721,7 @@ def label(
     runs: int = 1,
     minsize: int | None = None,
     seed: int = 0,
-    paper: bool = False,
+    paper: Literal[False, True, 'authors'] = False,
     keep: Literal[True],
     soft: bool = False,
     cryptomatte: bool | FileName = False,
@@ -1755,10 +1755,12 @@ def label(
     labels : int | None, default None
         Maximum number of subtextures in the coarsest level. Expected: an integer from 1 to 50. Default:
         chosen by the filter.
-    paper : bool, default False
+    paper : Literal[False, True, 'authors'], default False
         Settings of the paper (LSA16):
-        features=moments:persistence=0.95:share=1:coarsest=0:neighbors=256:runs=10:minsize=25, the same
-        persistence at all levels, and labels split wherever a coarser border crosses them.
+        features=moments:persistence=0.95:share=1:coarsest=0:neighbors=256:runs=10:minsize=25:tries=5,
+        the same persistence at all levels, and labels split wherever a coarser border crosses them.
+        authors: the program that the authors published, which has at least two levels, and scales up to
+        30 % of the longer side instead of 20 % of the shorter one.
     keep : bool, default False
         Keep the photo as the first part, before the labels.
     cryptomatte : bool | FileName, default False
@@ -1853,7 +1855,7 @@ def label(
     runs: int = 1,
     minsize: int | None = None,
     seed: int = 0,
-    paper: bool = False,
+    paper: Literal[False, True, 'authors'] = False,
     keep: bool = False,
     soft: bool = False,
     cryptomatte: Literal[True],
@@ -1882,7 +1884,7 @@ def label(
     runs: int = 1,
     minsize: int | None = None,
     seed: int = 0,
-    paper: bool = False,
+    paper: Literal[False, True, 'authors'] = False,
     keep: bool = False,
     soft: bool = False,
     cryptomatte: bool | FileName = False,
@@ -3574,6 +3576,7 @@ def synth(
     stmap: FileName | Literal[False] = False,
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3664,6 +3667,12 @@ def synth(
         Layout of the root exemplar that is kept, so that only finer detail is random. 0: nothing is
         kept. 1: up to the root's resolution. 2 to 60: up to that level. Expected: True, False, or an
         integer from 0 to 60.
+    jitter : float | Sequence[float] | None, default None
+        Randomness of each level, from level 0 on (HRRG08 section 4.3). The last number applies to all
+        further levels. Reduce it where structures break, increase it where the exemplar repeats.
+        Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
+        coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
+        endless zoom and with paper.
     correct : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
@@ -3671,8 +3680,8 @@ def synth(
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in
-        endless zooms.
+        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
+        preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
@@ -3703,6 +3712,7 @@ def synth(
     stmap: Literal[True],
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3731,6 +3741,7 @@ def synth(
     stmap: bool | FileName = False,
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3874,6 +3885,7 @@ def zoom(
     rate: float = 24.0,
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3954,6 +3966,12 @@ def zoom(
         Layout of the root exemplar that is kept, so that only finer detail is random. 0: nothing is
         kept. 1: up to the root's resolution. 2 to 60: up to that level. Expected: True, False, or an
         integer from 0 to 60.
+    jitter : float | Sequence[float] | None, default None
+        Randomness of each level, from level 0 on (HRRG08 section 4.3). The last number applies to all
+        further levels. Reduce it where structures break, increase it where the exemplar repeats.
+        Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
+        coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
+        endless zoom and with paper.
     correct : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
@@ -3961,8 +3979,8 @@ def zoom(
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in
-        endless zooms.
+        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
+        preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
