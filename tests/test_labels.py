@@ -206,6 +206,20 @@ def test_borders_that_do_not_quite_agree_leave_no_crumbs():
     assert len(set(made[0].labels[50:])) == 1 and made[0].parents.tolist() == [1, 1, 2]
 
 
+@pytest.mark.parametrize(
+    ("counts", "expected"),
+    [([4, 2], [4, 2]), ([4, 2, 2, 1], [4, 2]), ([3, 3, 3], [3]), ([2, 1, 1], [2]), ([1, 1], [1]), ([1], [1])],
+)
+def test_no_level_has_a_single_label_or_equals_the_next(counts, expected):
+    ids, blank = np.arange(12), np.zeros(1)
+    tree = [scales.LabelLevel(n, blank, ids * c // 12 + 1, c, blank, blank, blank, blank) for n, c in enumerate(counts)]
+    made = scales.distinct(scales.top_down(tree, literal=True))
+    assert [level.count for level in made] == expected
+    for level, above in zip(made, (*made[1:], None), strict=True):
+        own = np.unique(level.labels, return_index=True)[1]
+        np.testing.assert_array_equal(level.parents, above.labels[own] if above else 0)
+
+
 def test_a_potts_step_settles_a_lone_superpixel_and_leaves_a_border():
     n = 40
     likely = np.where(np.arange(n)[:, None] < 20, [0.8, 0.2], [0.2, 0.8])
@@ -293,8 +307,11 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("features", KINDS)
-@pytest.mark.parametrize("kind", BAD)
+@pytest.mark.parametrize(
+    ("kind", "features"),  # all with one kind of features, the others with what is the least
+    [(kind, features) for kind in BAD for features in KINDS
+     if features == "moments" or kind in ("constant", "two colors", "1xN", "one pixel")],
+)  # fmt: skip
 def test_bad_input_has_defined_results(kind, features):
     maps = maps_of(BAD[kind], features)
     require_a_tree(maps)

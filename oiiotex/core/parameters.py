@@ -13,7 +13,6 @@ import inspect
 import keyword
 import math
 import re
-import types
 import typing
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -347,8 +346,7 @@ def _numbers_in(value: Any) -> tuple[float, ...]:
 
 
 def _kinds(hint: Any) -> tuple[type, ...]:
-    union = typing.get_origin(hint) in (typing.Union, types.UnionType)
-    return tuple(k for k in (typing.get_args(hint) if union else (hint,)) if k is not type(None))
+    return tuple(k for k in typing.get_args(hint) or (hint,) if k is not type(None))
 
 
 def _typed(choice: Any) -> tuple[str, ...]:
@@ -380,18 +378,13 @@ def _convert(kind: type, value: Any) -> Any:
     """A Python value converted to `kind`; raises ValueError or TypeError if it cannot be."""
     if kind in (Size, Words) and isinstance(value, (str, bytes)):
         raise TypeError(value)
-    if kind is Words:
-        if not len(value):
-            raise ValueError(value)
-        return Words(_convert(str, piece) for piece in value)
     if kind is Size:
-        width, height = value
-        return Size(_convert(int, width), _convert(int, height))
-    if kind is Numbers:
-        numbers = value if isinstance(value, tuple) or np.ndim(value) else [value]
-        if not len(numbers):
+        return Size(*(_convert(int, side) for side in value))
+    if kind in (Numbers, Words):
+        pieces = value if kind is Words or isinstance(value, tuple) or np.ndim(value) else [value]
+        if not len(pieces):
             raise ValueError(value)
-        return Numbers(_convert(float, n) for n in numbers)
+        return kind(_convert(str if kind is Words else float, piece) for piece in pieces)
     if kind in (int, float):
         if isinstance(value, (bool, str, bytes)) or getattr(value, "dtype", None) == "bool":
             raise TypeError(value)

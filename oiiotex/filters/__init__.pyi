@@ -127,7 +127,7 @@ def atlas(
         0.25 for a height.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -400,7 +400,7 @@ def composite(
         to 100.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -542,7 +542,8 @@ def content(
         Center X,Y of the patch, in the data window. Expected: a number or a sequence of numbers in px.
         Default: the center of the image.
     level : int | None, default None
-        Level of the label map: N of label.N. Expected: an integer >= 1. Default: the coarsest.
+        Level of the label map: N of label.N. Expected: an integer >= 1. Default: the coarsest with
+        several labels.
     patch : int | None, default None
         Side of a patch. Expected: an integer from 4 to 256 px. Default: the power of two nearest to the
         level's scale, from 16 to 256.
@@ -668,7 +669,7 @@ def cut(
         still written, but the exit code is 3.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -752,6 +753,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: Literal[False] = False,
     cryptomatte: Literal[False] = False,
@@ -789,6 +791,9 @@ def decompose(
     radius : float | None, default None
         Radius of the area that is compared as one sample of texture. Increase it for coarse textures.
         Expected: a number from 1 to 512 px. Default: 48; with features=haar, 8.
+    invariant : bool, default False
+        Regard rotated versions of a texture as one texture, and those of a slightly different scale. No
+        effect with features=haar.
     paper : bool, default False
         Settings of the paper (CZF02):
         features=haar:group=cliques:scales=3:search=meanshift:refine=0:assign=neighbors.
@@ -879,6 +884,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: Literal[True],
     cryptomatte: bool | FileName = False,
@@ -908,6 +914,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: bool = False,
     cryptomatte: Literal[True],
@@ -937,6 +944,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: bool = False,
     cryptomatte: bool | FileName = False,
@@ -2003,7 +2011,7 @@ def paint(
         part of the first image, or a file name.
     level : int | None, default None
         Level of the painted labels: N of label.N. Expected: an integer >= 1. Default: the table's
-        level, else the coarsest.
+        level, else the coarsest with several labels.
     table : FileName | None, default None
         JSON table from `palette`, which maps colors to labels.
     size : tuple[int, int] | None, default None
@@ -2231,7 +2239,7 @@ def palette(
         of the first image, or a file name.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -2327,6 +2335,7 @@ def patchmatch(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
@@ -2376,6 +2385,10 @@ def patchmatch(
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles
         with two edge colors, which fit where the colors agree; 16 is the complete set. Part names and
         the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to 64.
+    pack : Literal['atlas'] | None, default None
+        Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its
+        borders, so that renderers can filter it without padding. Requires variants=4, 16 or 64.
+        Default: one image for each tile.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
@@ -2449,7 +2462,7 @@ def patchmatch(
         0.25 for a height.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -2480,6 +2493,7 @@ def patchmatch(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
@@ -2515,6 +2529,7 @@ def patchmatch(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: int = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
@@ -2732,7 +2747,7 @@ def quilt(
         to 100.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -3106,6 +3121,7 @@ def stationarize(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
@@ -3180,6 +3196,10 @@ def stationarize(
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles
         with two edge colors, which fit where the colors agree; 16 is the complete set. Part names and
         the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to 64.
+    pack : Literal['atlas'] | None, default None
+        Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its
+        borders, so that renderers can filter it without padding. Requires variants=4, 16 or 64.
+        Default: one image for each tile.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
@@ -3275,7 +3295,7 @@ def stationarize(
         0.25 for a height.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -3319,6 +3339,7 @@ def stationarize(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
@@ -3364,6 +3385,7 @@ def stationarize(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
@@ -3410,6 +3432,7 @@ def stationarize(
     size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: int = 1,
+    pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,

@@ -15,10 +15,11 @@ Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest.
    two levels differ slightly. Here a label is a child of the coarser label that contains most of it, and of others that
    contain at least `_PART` of it; a superpixel in none of these takes the most likely child (`literal`: the paper). In
    addition, G is smoothed over neighbors by a Potts step.
-7. The factorization has no restarts (`stochastic_nmf`).
+7. A level that equals the next finer one, and a coarsest level of a single label, are dropped.
+8. The factorization has no restarts (`stochastic_nmf`).
 
-`literal` reverts 3, 4, 6 and 7, the floor of the walk's eigenvalue, and the settling of superpixels of large images on
-squares. With share 1 and without a given level, the levels are the paper's. The authors' program (`authors`) differs
+`literal` reverts 3, 4, 6, 7 and 8, the floor of the walk's eigenvalue, and the settling of superpixels of large images
+on squares. With share 1 and without a given level, the levels are the paper's. The authors' program (`authors`) differs
 from their text: scales are 2 % to 30 % of the longer side instead of 2 % to 20 % of the shorter, and the coarsest of
 them is a level even if some of its superpixels lie in one label, so there are at least two levels.
 """
@@ -152,12 +153,13 @@ def label_maps(
     sigmas = scales(sigma, (AUTHORS_COARSEST if settings.authors else COARSEST) * side)
     seeds = SeedGrid.of(window.width, window.height, sigma, COMPACTNESS).count
     _require(resources, window, seeds, settings)  # there will hardly be fewer superpixels: fail before the work
-    total = 2 * runs + 3
+    segmented = 2 * runs + 1  # passes of superpixels, each of which takes as long as 1/8 of describing them
+    described_at, total = segmented + 8, segmented + 8 + 12
 
     def advance(done: int, _: int) -> None:
         progress.advance(done, total)
 
-    with resources.in_background(_import_scipy), resources.stats.time("superpixels"):
+    with resources.stats.time("superpixels"):
         finest = superpixels(image, lens, resources, sigma=sigma, runs=runs, minsize=minsize, seed=settings.seed,
                              advance=advance, literal=settings.literal, powers=features == "moments")  # fmt: skip
         if not finest.count:
@@ -171,18 +173,12 @@ def label_maps(
             resources.stats.time("describe superpixels"),
         ):
             described = features_of(features, finest, small, resources)
-        progress.advance(total - 1, total)
+        progress.advance(described_at, total)
         top = (lambda: None) if coarsest is None else functools.partial(coarsest, finest, small, resources)
         with resources.in_background(top) as coarse, resources.stats.time("label superpixels"):
             levels = label_levels(tree(), described, settings, finest.edges, resources, coarse)
     progress.advance(total, total)
     return LabelMaps(finest, levels)
-
-
-def _import_scipy() -> None:
-    """Import scipy, which superpixels need later, while kernels run: it takes a fifth of a second."""
-    import scipy.ndimage
-    import scipy.sparse.csgraph  # noqa: F401
 
 
 def _require(resources: Resources, window: Window, count: int, settings: LabelSettings) -> None:
@@ -208,7 +204,8 @@ def label_levels(
     top = coarsest()
     if top is not None:
         levels.append(_given(hierarchy, features, top))
-    return top_down(levels, settings.literal)
+    tree = top_down(levels, settings.literal)
+    return tree if settings.literal else distinct(tree)
 
 
 # --- one scale ---
@@ -352,6 +349,22 @@ def top_down(levels: list[LabelLevel], literal: bool = False) -> tuple[LabelLeve
         above = labels.reshape(-1) + 1
         intersected.append(replace(level, labels=above, count=len(pairs), parents=pairs[:, 0]))
     return tuple(reversed(intersected))
+
+
+def distinct(tree: tuple[LabelLevel, ...]) -> tuple[LabelLevel, ...]:
+    """Levels that differ from each other, the coarsest with at least two labels unless there is no such level.
+
+    Of equal levels, which are those of equal counts in a tree, the finest is kept, with the parents of the coarsest.
+    """
+    kept: list[LabelLevel] = []
+    for level in tree:
+        if kept and kept[-1].count == level.count:
+            kept[-1] = replace(kept[-1], parents=level.parents)
+        else:
+            kept.append(level)
+    if len(kept) > 1 and kept[-1].count == 1:
+        kept[-2:] = [replace(kept[-2], parents=np.zeros_like(kept[-2].parents))]
+    return tuple(kept)
 
 
 def _within(above: np.ndarray, level: LabelLevel) -> np.ndarray:
