@@ -77,10 +77,8 @@ def photos(side: int) -> dict[str, np.ndarray]:
     makers: dict[str, Callable[[int, int, int], np.ndarray]] = {
         "made_bricks": pictures.bricks, "made_pebbles": pictures.pebbles, "made_moss": pictures.moss,
     }  # fmt: skip
-    half = side // 2  # enlarged twice: their stones are made for small tests
     for name, make in makers.items():
-        made = make(half, half, SEED).repeat(2, 0).repeat(2, 1)
-        found[name] = np.rint(255 * made).astype(np.uint8)
+        found[name] = np.rint(255 * make(side, side, SEED)).astype(np.uint8)
     return {name: picture for name, picture in found.items() if picture is not None}
 
 
