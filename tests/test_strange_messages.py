@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Strange messages, by number, to the resident process and to the page's server: they go on, say nothing, stay small.
 
-$OIIOTEX_STRANGE says how many of each, from $OIIOTEX_STRANGE_BEGIN on; what a number stands for never changes with how many others are tried.
+$OIIOTEX_STRANGE says how many of each, from $OIIOTEX_STRANGE_BEGIN on. What a number stands for never changes with how
+many others are tried.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ ASKED: tuple[dict[str, Any], ...] = (
     {"do": "save", "room": "paint", "times": 1}, {"do": "new", "room": "paint", "label": -1},
     {"do": "brush", "room": "tile", "name": "mask"}, {"do": "overlay", "room": "tile", "name": "x"},
     {"do": "line", "room": "zoom", "width": 9, "height": 9}, {"do": "path", "room": "zoom"},
-    {"do": "tiles", "room": "zoom", "level": 1, "tiles": []},
+    {"do": "tiles", "room": "zoom", "tiles": [[1, "0", "0"]]},
 )  # fmt: skip
 HEADS = (
     b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", b"GET /" + b"a" * 100_000 + b" HTTP/1.1\r\n\r\n",

@@ -119,6 +119,7 @@ BYTES: dict[str, Callable[[Launch], float]] = {
     "factorization_step": lambda a: a.columns + a.weights + 8 * a.rows,
     "factorization_product": lambda a: a.a + a.b + a.out,
     "factorization_gram": lambda a: a.a + a.b + a.out,
+    "factorization_transposed": lambda a: a.matrix + a.out,
     "factorization_memberships": lambda a: a.linear + 2 * a.at,
     "factorization_advance": lambda a: a.linear + a.ahead + a.trial,
     "factorization_project": lambda a: a.trial + 2 * a.at + a.ahead,

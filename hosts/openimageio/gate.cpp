@@ -42,17 +42,17 @@ const Creator create = creator();  // when the host loads the plugin
 
 extern "C" {
 
-OIIO_EXPORT int oiiotex_imageio_version = create ? OIIO_PLUGIN_VERSION : 0;
+OIIO_EXPORT int oiiotexfile_imageio_version = create ? OIIO_PLUGIN_VERSION : 0;
 
-OIIO_EXPORT const char* oiiotex_imageio_library_version()
+OIIO_EXPORT const char* oiiotexfile_imageio_library_version()
 {
     return "oiiotex " OIIOTEX_VERSION;
 }
 
-OIIO_EXPORT void* oiiotex_input_imageio_create()
+OIIO_EXPORT void* oiiotexfile_input_imageio_create()
 {
     return create();
 }
 
-OIIO_EXPORT const char* oiiotex_input_extensions[] = { "oiiotex", nullptr };
+OIIO_EXPORT const char* oiiotexfile_input_extensions[] = { "oiiotex", nullptr };
 }

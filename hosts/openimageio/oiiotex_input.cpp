@@ -15,7 +15,9 @@ OIIO_PLUGIN_NAMESPACE_BEGIN
 
 class OiiotexInput final : public ImageInput {
 public:
-    const char* format_name() const override { return "oiiotex"; }
+    // Not "oiiotex": OpenImageIO's writers drop attributes whose prefix names another format, so `oiiotex:seed` would be
+    // lost. The names of the file and of the exported functions follow from the format's.
+    const char* format_name() const override { return "oiiotexfile"; }
 
     // "procedural": the name may have a query after '?', so hosts do not check whether the file exists.
     int supports(string_view feature) const override { return feature == "procedural" || feature == "mipmap"; }

@@ -124,7 +124,7 @@ def photo_mask(
     need = memory_needed(shape[0] * shape[1], texels, side or MOST_PATCH, threads) + width * height // 8
     resources.require(need, f"{flag} of {width}x{height} px", "increase step")
     pixels = lab_pixels(photo, lens_of(photo, resources, space), resources, factor, allowed())
-    progress.advance(100, 600)
+    progress.advance(10, 600)  # steps are shares of the usual time
 
     def colored() -> np.ndarray | None:
         """Colors that refine the mask, computed in parallel with texels: importing k-means takes 1/15 s."""

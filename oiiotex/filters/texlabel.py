@@ -110,10 +110,13 @@ class Label(OnePart, InLab, ScanThenMap):
     seed: int = param(
         0, ge=0, le=2**32 - 1, advanced=True, help="Seed of the random starts. No effect with tries=0 and runs=1."
     )
-    paper: bool = param(
+    paper: bool | str = param(
         False,
+        choices=(False, True, "authors"),
         help="Settings of the paper (LSA16): features=moments:persistence=0.95:share=1:coarsest=0:neighbors=256:runs=10"
-        ":minsize=25, the same persistence at all levels, and labels split wherever a coarser border crosses them.",
+        ":minsize=25:tries=5, the same persistence at all levels, and labels split wherever a coarser border crosses"
+        " them. authors: the program that the authors published, which has at least two levels, and scales up to 30 %"
+        " of the longer side instead of 20 % of the shorter one.",
     )
     keep: bool = param(False, help="Keep the photo as the first part, before the labels.")
     soft: bool = param(
@@ -141,6 +144,7 @@ class Label(OnePart, InLab, ScanThenMap):
         "neighbors": 256,
         "runs": 10,
         "minsize": 25,
+        "tries": 5,
     }
 
     def compute(self, session: Session) -> dict[str, Any]:
@@ -156,7 +160,8 @@ class Label(OnePart, InLab, ScanThenMap):
             neighbors=self.neighbors,
             persistence=self.persistence,
             share=self.share,
-            literal=self.paper,
+            literal=bool(self.paper),
+            authors=self.paper == "authors",
             tries=self.tries,
             seed=self.seed,
         )
