@@ -7,8 +7,8 @@ A known gradient and stain (benchmarks/tiles/drifts.py) are added to textures wh
 the energies of the clean texture, and none of what was added. Photos are made by code, or come with scikit-image (CC0),
 so everything in OUT may be published. Tiles that are there are not made again.
 
-OUT receives table.md, and OUT/tiles the photos, the tiles, results.json and vote.html. benchmarks/tilebench/README.md explains the
-columns, how to add a tool, and how TexTile judges.
+OUT receives table.md, and OUT/tiles the photos, the tiles, results.json and vote.html. The README explains the columns,
+how to add a tool, and how TexTile judges.
 """
 
 from __future__ import annotations
