@@ -57,6 +57,21 @@ def in_pieces(device, shape, recipe, geometries, scales, constraints, budget, he
 optimization.plan_memory = in_pieces
 made(recipe, exemplar)
 """,
+    "atlas": """
+import tempfile
+from pathlib import Path
+from oiiotex.atlas.charts import Frames
+from oiiotex.atlas.mesh import read_mesh
+from oiiotex.atlas.synthesis import stack, synthesize
+from tests.test_atlas import TWO_CHARTS
+from tests.test_superpixels import resources_of
+with tempfile.TemporaryDirectory() as folder:
+    path = Path(folder, "two.obj")
+    path.write_text(TWO_CHARTS)
+    mesh = read_mesh(path, 24, 24)
+levels = stack((np.random.default_rng(0).random((16, 18, 3)) * 100).astype(np.float32), None)
+synthesize(mesh, Frames.of(mesh, 1 / 10), (24, 24), levels, 1, "two.obj", resources_of(opened))
+""",
     "moments steerable": """
 from oiiotex.patchmatch.optimization import synthesize
 from oiiotex.patchmatch.recipe import Recipe
