@@ -31,6 +31,7 @@ log = logging.getLogger("oiiotex")
 TEAM = 32  # cl/team.h
 _ROUNDS_CORRECTLY = 1 << 7  # CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT
 _GROUP = 64  # items; fixed, because PoCL compiles a kernel again for each work-group shape
+_TYPES = {bool: "i4", int: "i4", float: "f4"}  # of numbers as kernel arguments
 _OWN_SHARE = 7 / 8  # usable fraction of a GPU's memory: the driver and the desktop hold some
 
 
@@ -104,14 +105,7 @@ def choose(wanted: str | None = None, threads: int = 0) -> DeviceInfo:
     """The device to use: `wanted`, else $OIIOTEX_DEVICE, else the first GPU, else the first CPU that works.
 
     A device that cannot compile is skipped, with a warning, for the next one that matches `wanted`; 'cpu' matches all
-    CPUs. A simulator is used only by name.
-
-    Raises
-    ------
-    DeviceError
-        No device matches.
-    NoDeviceError
-        No device, or none that can compile. The message ends with a command that helps.
+    CPUs. A simulator is used only by name. Raises DeviceError if no device matches, NoDeviceError if none can compile.
     """
     broken: list[tuple[DeviceInfo, runtime.Trial]] = []
     for info in _candidates(wanted, threads):
@@ -355,8 +349,7 @@ class Program:
             words = runtime.compilers_words(str(error))
             raise BuildError(f"{device.info.name} cannot build {stem}.cl: {words}") from error
         self._kernels = {k.function_name: k for k in built.all_kernels()}
-        self._numbers: dict[type, type] = {int: np.int32, bool: np.int32, float: np.float32, np.uint32: np.uint32}
-        self._types: dict[str, tuple[type | None, ...]] = {}  # of arguments, by kernel
+        self._types: dict[str, tuple[str | None, ...]] = {}  # of arguments; untyped numbers cost 6 us each
         self._launching = threading.Lock()  # a kernel keeps its arguments: two threads would mix theirs
 
     def __call__(
@@ -376,10 +369,10 @@ class Program:
         most = max(map(abs, (*global_size, *(a for a in arguments if type(a) is int))))
         if most >= INT_RANGE:
             raise DeviceError(f"{name} would count to {most}, beyond 2^31", hint="make the tile or the photo smaller")
-        types = tuple(self._numbers.get(type(a)) for a in arguments)  # None: a buffer
+        types = tuple(_TYPES.get(type(a)) for a in arguments)
         with self._launching:
-            if self._types.get(name) != types:  # declared types are passed twenty times faster
-                kernel.set_scalar_arg_dtypes(types)
+            if self._types.get(name) != types:
+                kernel.set_arg_types(types)
                 self._types[name] = types
             self._device._enqueue(name, kernel, global_size, local, *arguments)
 

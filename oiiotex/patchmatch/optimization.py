@@ -67,6 +67,7 @@ COARSE_PASSES, FINE_PASSES = 2, 1  # of PatchMatch per iteration: coarsest level
 FINE_SEARCHES = 3  # the coarsest level has found the regions; wide windows find nothing better
 OVERSHOOT = 1.2
 LOOKS = 3  # iterations of the coarsest level between two previews
+_LEVEL = 40_000  # pixels of an iteration that take as long as the preparation of a level
 EASE = 2.0  # patches from fixed pixels to where the projection has full strength
 
 
@@ -106,7 +107,7 @@ def synthesize(
     budget : int
         Memory budget in bytes, for all allocations at a time.
     progress : callable
-        Called with (iterations done, total iterations). May raise an exception to stop.
+        Called with (pixels done, total pixels) of all iterations, weighted by time. May raise an exception to stop.
     ruled_out : str
         What the excluded pixels are, for error messages.
     constraints : Constraints
@@ -129,7 +130,9 @@ def synthesize(
     scales, geometries = scales[start:], geometries[start:]
     fine = PAPER_FINE_ITERATIONS if recipe.literal else FINE_ITERATIONS
     schedule = [[COARSE_PASSES] * recipe.iterations, *([FINE_PASSES] * fine for _ in scales[1:])]
-    total = sum(map(len, schedule))
+    sizes = [g.width * g.height for g in geometries]
+    steps = [size + _LEVEL * (n == 0) for size, level in zip(sizes, schedule, strict=True) for n in range(len(level))]
+    whole = sum(steps) + 2 * sizes[-1]  # picking the pixels, and measuring what is lost
     field: SourceMap | None = None
     iteration, fixed = 0, constraints.fixed
     levels = None if keeper is None else LevelCheckpoint(keeper, exemplar, allowed, recipe, constraints)
@@ -142,7 +145,7 @@ def synthesize(
         for level, (geometry, scale, passes_of_level) in enumerate(zip(geometries, scales, schedule, strict=True)):
             if level <= there:
                 iteration += len(passes_of_level)
-                progress(iteration, total)
+                progress(sum(steps[:iteration]), whole)
                 passes_of_level = []
             if level < there:
                 continue
@@ -191,7 +194,7 @@ def synthesize(
                 iteration += 1
                 if look is not None and rows.whole and (number % LOOKS == 0 or number == len(passes_of_level)):
                     look(matcher.pick(), e_size)
-                progress(iteration, total)
+                progress(sum(steps[:iteration]), whole)
             field = matcher.field()
             if levels is not None and level > there:
                 prices_of_flatness = use_prices.handed_on(device, buffers) if recipe.complete else np.zeros(0)

@@ -46,7 +46,7 @@ def texture_of(
         here = lab[rows][:, columns]
         _, cost = match_patches(resources.device, here, exemplar, start, patch, domain, 0, resources.budget, PASSES)
         costs.append(cost)
-        progress.advance(1, 1)  # a chance to cancel
+        progress.advance(2, 3)  # a chance to cancel
     return float(np.mean(costs))
 
 

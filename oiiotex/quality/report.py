@@ -31,6 +31,7 @@ from ..stationarity.row_bands import PIXELS, channel, row_bands
 from .limit import Limit
 from .report_measures import REPORT_MEASURES
 from .seam_measures import seam_ratio, sharpness, wrap_percentile
+from .verdicts import verdicts
 
 log = logging.getLogger("oiiotex")
 
@@ -274,7 +275,7 @@ class Quality:
             "cost": cost(look.lab, domain=Domain(width, height, *self.wrap), like=photo),
         }
         light, before = channel(look.lab, 0), channel(photo, 0)
-        self.progress.advance(1, 1)  # a chance to cancel
+        self.progress.advance(1, 3)  # a chance to cancel
         for axis, letter, wraps, cycles in zip((1, 0), "xy", self.wrap, self.cycles, strict=True):
             if wraps:
                 measures[f"seam_{letter}_photo"] = seam_ratio(before, axis, cycles)
@@ -290,7 +291,7 @@ class Quality:
             kept = fidelity(exemplar, None, look.lab, self.wrap[::-1])
             measures |= {} if kept is None else kept.measures()
         if look.source is not None:
-            self.progress.advance(1, 1)
+            self.progress.advance(2, 3)
             measures |= self._of_copies(exemplar, look)
         return measures | known
 
@@ -336,6 +337,7 @@ class Quality:
         """The measures as text."""
         for result in report["results"]:
             m, side = result["measures"], max(result["width"], result["height"])
+            yield from verdicts(m)
             if "fidelity" in m:
                 from .fidelity import Fidelity
 
