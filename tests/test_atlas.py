@@ -19,9 +19,11 @@ from oiiotex import errors, filters
 from oiiotex.atlas.charts import Frames, walk
 from oiiotex.atlas.mesh import read_mesh
 from oiiotex.atlas.surface import ONE, Neighbors, Surface
+from oiiotex.cli.running.line_run import run
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
+from tests.peer import refused
 from tests.test_superpixels import resources_of
 
 SIDE = 192
@@ -124,7 +126,7 @@ PHOTO = pictures.pebbles(96, 96, 1)
 
 
 @pytest.mark.parametrize(
-    "kind", ["cube", "torus", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("sphere", "scan", "arch"))]
+    "kind", ["cube", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("torus", "scan", "arch"))]
 )
 def test_texture_runs_on_over_borders_of_charts(kind, tmp_path):
     """Over three seeds together: where stones and gaps come to lie of one has the ratio go up and down by a tenth."""
@@ -248,12 +250,9 @@ WRONG = {
 def test_a_mesh_that_is_no_surface_is_refused_in_one_line(case, tmp_path):
     text, says = WRONG[case]
     (tmp_path / "m.obj").write_text(text)
-    save(PHOTO, tmp_path / "photo.png")
-    done = oiiotex("photo.png", "--texatlas:mesh=m.obj:size=64x64", "-o", "a.exr", cwd=tmp_path)
-    assert done.returncode == 1
-    assert done.stderr.count("\n") == 1 and done.stderr.startswith("oiiotex ERROR: --texatlas")
-    assert says in done.stderr and "m.obj" in done.stderr
-    assert not (tmp_path / "a.exr").exists()
+    save(PHOTO[:8, :8], tmp_path / "photo.png")
+    error = refused(tmp_path, "photo.png --texatlas:mesh=m.obj:size=64x64 -o o.exr", says)
+    assert error.startswith("--texatlas") and "m.obj" in error
 
 
 def test_what_is_missing_or_does_not_fit_is_said(tmp_path, monkeypatch):
@@ -340,13 +339,14 @@ def test_udim_tiles_are_one_atlas_that_is_cut(tmp_path):
         lines.append(line)
     (tmp_path / "cube.obj").write_text("\n".join(lines))
     save(PHOTO, tmp_path / "photo.png")
-    words = "photo.png", "--texatlas:mesh=cube.obj:size=64x64:udim=3x2:unwrapped=out.obj", "-o", "all.exr"
-    done = oiiotex(*words, "-o:udim=3x2", "t.<UDIM>.exr", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    words = (
+        "photo.png --texatlas:mesh=cube.obj:size=32x32:udim=3x2:unwrapped=out.obj -o all.exr -o:udim=3x2 t.<UDIM>.exr"
+    )
+    assert run(words.split(), tmp_path) == 0
     whole = load(tmp_path / "all.exr")
-    assert whole.shape == (128, 192, 3)
-    np.testing.assert_array_equal(load(tmp_path / "t.1012.exr"), whole[:64, 64:128])
-    one = filters.atlas(oiio.ImageBuf(str(tmp_path / "photo.png")), mesh=mesh_file("cube", tmp_path), size=(192, 128))
+    assert whole.shape == (64, 96, 3)
+    np.testing.assert_array_equal(load(tmp_path / "t.1012.exr"), whole[:32, 32:64])
+    one = filters.atlas(oiio.ImageBuf(str(tmp_path / "photo.png")), mesh=mesh_file("cube", tmp_path), size=(96, 64))
     np.testing.assert_allclose(pixels(one) / 255, whole, atol=1e-3)
     np.testing.assert_allclose(parsed((tmp_path / "out.obj").read_text())[1].max(0), parsed("\n".join(lines))[1].max(0))
 

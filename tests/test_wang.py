@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.patchmatch.wang_tiles import Edges, edges_of, runs_for
+from oiiotex.wang.tiles import Edges, edges_of, runs_for
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save

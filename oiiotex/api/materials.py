@@ -13,7 +13,11 @@ from ..materials.documents import (
 )
 from ..materials.label_colors import label_colors
 from ..materials.naming import COLORS, PACKED, PACKED_ROLES, ROLES, Name, read_name
-from ..materials.preview import Looks, lab_of_srgb, save, values, vectors
+from ..materials.preview import Looks, lab_of_srgb, save, srgb_of, values, vectors
+from ..materials.wang_documents import WangMaterial, write_wang_materialx
+from ..wang.atlas import atlas_side, first_tile
+from ..wang.plane import index_image
+from ..wang.viewer import SHADERS, shader, viewer_page
 
 __all__ = [
     "BLENDER",
@@ -21,19 +25,28 @@ __all__ = [
     "PACKED",
     "PACKED_ROLES",
     "ROLES",
+    "SHADERS",
     "Described",
     "Looks",
     "Name",
+    "WangMaterial",
+    "atlas_side",
     "blender_catalog",
+    "first_tile",
     "has_materialx",
+    "index_image",
     "lab_of_srgb",
     "label_colors",
     "materialx_faults",
     "read_name",
     "save",
+    "shader",
+    "srgb_of",
     "usd_faults",
     "values",
     "vectors",
+    "viewer_page",
     "write_materialx",
     "write_usd",
+    "write_wang_materialx",
 ]

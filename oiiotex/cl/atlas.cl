@@ -78,12 +78,12 @@ static inline long distance16(const __global int *looks, int pixel, looks16 want
 }
 
 // For each of the `chosen` pixels the best source: one that a neighbor's copy continues with, or a random one.
-// `table` holds of each pixel the row of its neighbors in `beside` and `rests`, -1 where those of its face apply.
+// `table` holds of each pixel the row of its neighbors in `neighbors` and `rests`, -1 where those of its face apply.
 // `reaches`: pairs (distance, bits) of random candidates, within distance / 2^bits px.
 __kernel void atlas_choose(const __global int *restrict chosen, const __global uint *restrict spots,
                            const __global int *restrict face, const __global int2 *restrict moves,
                            const __global short2 *restrict steps, const __global int *restrict table,
-                           const __global int *restrict beside, const __global short2 *restrict rests,
+                           const __global int *restrict neighbors, const __global short2 *restrict rests,
                            const __global int *restrict index, const __global int2 *restrict source,
                            const __global int *restrict snap, const __global short *restrict color,
                            const __global int *restrict looks, const __global int *restrict basis,
@@ -93,7 +93,7 @@ __kernel void atlas_choose(const __global int *restrict chosen, const __global u
   if (j >= count) return;
   int i = chosen[j], row = table[i], x = corner_x(spots[i]), y = corner_y(spots[i]);
   // of each neighbor the pixel, and the step from the offset to its center
-  const __global int *there = row < 0 ? index + AT(y, x, atlas_width) : beside + AT(row, 0, AROUND);
+  const __global int *there = row < 0 ? index + AT(y, x, atlas_width) : neighbors + AT(row, 0, AROUND);
   const __global short2 *rest = row < 0 ? steps + AT(face[i], 0, AROUND) : rests + AT(row, 0, AROUND);
   moves += AT(face[i], 0, AROUND);
 // The place whose color the copy of neighbor k shows here.

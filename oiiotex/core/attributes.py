@@ -18,6 +18,7 @@ RHO, PARENTS = "oiiotex:rho", "oiiotex:parents"  # its scale, px; for each label
 NAMES = "oiiotex:names"  # names of its labels, a JSON list in order
 SUPERPIXELS, SIGMA = "oiiotex:superpixels", "oiiotex:sigma"  # of superpixels: number, and scale, px
 EDGES = "oiiotex:edges"  # of a Wang tile: the colors of its edges
+ATLAS = "oiiotex:atlas"  # of an atlas of Wang tiles: columns x rows
 ESTIMATE = "oiiotex:estimate"  # of estimated maps: the method
 HEIGHT_PX = "oiiotex:heightpx"  # of a height map: px between heights 0 and 1
 WINDOW = "oiiotex:window"  # of an image that is part of an unbounded plane

@@ -245,8 +245,8 @@ def neighbor_squares(texels: Texels, resources: Resources, progress: Progress) -
     firsts, pieces, begin, timed = range(0, count, _ROWS), [], time.monotonic(), False
     for piece in resources.spread(nearest, firsts):
         pieces.append(piece)
-        done, before = (300 + 100 * n // len(firsts) for n in (len(pieces), len(pieces) - 1))
-        if before < done < 400:
+        done, before = (210 + 365 * n // len(firsts) for n in (len(pieces), len(pieces) - 1))
+        if before < done < 575:
             progress.advance(done, 600)
         passed = time.monotonic() - begin
         if not timed and passed > _TIMED:

@@ -133,7 +133,7 @@ def photo_mask(
     pixels = lab_pixels(photo, lens_of(photo, resources, space), resources, factor, allowed())
     side = side or patch_size(pixels.lab[..., 0], resources.spread)
     require(side)
-    progress.advance(100, 600)
+    progress.advance(10, 600)  # steps are shares of the usual time
 
     def colored() -> np.ndarray | None:
         """Colors that refine the mask, computed in parallel with texels: importing k-means takes 1/15 s."""

@@ -13,21 +13,23 @@ from ..core.op import Kind, Output
 from ..core.parameters import Size, SizeRule, image, param
 from ..core.source_map import COPIED, ST
 from ..deferred import np
-from ..errors import ParameterError, modifier
+from ..errors import ParameterError, modifier, whole_budget
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import require_memory
 from ..patchmatch.recipe import Recipe
-from ..patchmatch.wang_tiles import TWO_COLORS_FROM
 from ..quality.report import REPORT, Quality
 from ..quality.reported_op import Reported
 from ..session import Session
 from ..session.progress import Progress
 from ..session.resources import Resources
+from ..wang.atlas import COUNTS
+from ..wang.tiles import TWO_COLORS_FROM
 from .constraint_images import INPAINT, WEIGHT
 from .exemplar_op import ExemplarPixels, MaterialOp
 from .heights import RELEVEL
 from .photo_lattice import least_size
 
+_COUNTS = f"{', '.join(map(str, COUNTS[:-1]))} or {COUNTS[-1]}"
 _PATCHES, PATCH = tuple(range(5, 23, 2)), 13
 _LAB_BYTES = 12  # for each pixel of a map
 _SIZE_HELP = "Size of the result. pow2: each side of the photo, rounded to the nearest power of two."
@@ -63,6 +65,13 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         help="Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles with"
         " two edge colors, which fit where the colors agree; 16 is the complete set. Part names and the"
         " attribute oiiotex:edges contain the edge colors.",
+    )
+    pack: str | None = param(
+        None,
+        choices=("atlas", None),
+        unset="one image for each tile",
+        help="Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its borders, so"
+        f" that renderers can filter it without padding. Requires variants={_COUNTS}.",
     )
     patch: int | None = param(
         None, example="21", choices=(*_PATCHES, None), unit="px", unset=str(PATCH), help=_PATCH_HELP
@@ -121,14 +130,15 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         )
 
     def result_count(self) -> int:
-        """One image for each variant and each map of the material."""
-        return self.variants * super().result_count()
+        """One image for each map of the material, times variants unless they are packed."""
+        return (1 if self.pack else self.variants) * super().result_count()
 
     def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The tile and its source coordinates, as one mapping for each map and variant."""
         from .synthesis_run import SynthesisRun  # not needed for help
 
-        return SynthesisRun(self, session.resources, session.progress).results()
+        with whole_budget(session.resources.budget):  # they are told what is left of it
+            return SynthesisRun(self, session.resources, session.progress).results()
 
     def second_choice(self, recipe: Recipe) -> Recipe | None:
         """The recipe to try if the first result is not faithful; None: no other."""
@@ -204,8 +214,11 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         own = Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
         if self.inpaint is not None and self.asked_size != own:
             raise ParameterError(parameter="size", value=self.size, expected=f"{own}, the photo's, with inpaint")
+        if self.pack and self.variants not in COUNTS:
+            raise ParameterError(f"requires variants={_COUNTS}", parameter="pack", value=self.pack)
         if self.variants > 1:
-            wrong = "inpaint" if self.inpaint is not None else "stmap" if isinstance(self.stmap, Path) else ""
+            one_file = isinstance(self.stmap, Path) and not self.pack
+            wrong = "inpaint" if self.inpaint is not None else "stmap" if one_file else ""
             wrong = wrong or ("relevel" if self.relevel else "")
             wrong = wrong or ("" if self.tiling == "xy" else f"tile={self.tile}")
             if wrong:

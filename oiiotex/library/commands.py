@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .search import AssetSearch
 
 _SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
+_LENGTHS = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)x(\d{1,6}(?:\.\d{1,9})?)", re.ASCII)
 _LEAST_MEMORY = 2048  # MB; memory requirement of a job template's task without --cache
 _LOG = "ingest.log"
 
@@ -83,6 +84,20 @@ def _parser() -> _Parser:
     own = command("export", _export, "Copy assets to a folder, each in a subfolder with its name.")
     own.add_argument("target", type=_path, metavar="FOLDER", help="Target folder, outside the library.")
     _add_search(own, "ok")
+    text = "Deliver atlases of Wang tiles to renderers: MaterialX, USD, shaders and a web page that shows the plane."
+    own = command("wang", _wang, text, library=False)
+    add = own.add_argument
+    add("folder", type=_path, metavar="FOLDER", help="Target folder.")
+    text = "Atlas of a map, made with --texstationarize:pack=atlas: color=FILE, normal=FILE, height=FILE ..."
+    add("maps", nargs="+", metavar="ROLE=FILE", help=text)
+    add("--name", default="", help="Name of the material. Default: name of the folder.")
+    add("--seed", type=_number, default=0, metavar="N", help="Arrangement of the tiles, as in an .oiiotex file.")
+    text = "Width and height of a tile in units of texture coordinates, such as meters. Default: 1x1."
+    add("--size", default="1x1", metavar="WxH", help=text)
+    text = "Distance between heights 0 and 1, in the same units. Default: heights are not connected."
+    add("--relief", type=float, default=0.0, metavar="LENGTH", help=text)
+    text = "Convention of the normals. Default: opengl."
+    add("--normals", default="opengl", choices=("opengl", "directx"), help=text)
     return parser
 
 
@@ -272,6 +287,25 @@ def _export(given: argparse.Namespace, words: list[str]) -> int:
             raise Error("no matching assets to export; change the search options")
         count = export(catalog, given.target, chosen, lambda name: print(one_line(name)))
     print(f"{count} copied, {len(chosen) - count} unchanged")
+    return 0
+
+
+def _wang(given: argparse.Namespace, words: list[str]) -> int:
+    from ..api.materials import ROLES
+    from .wang import deliver_wang
+
+    size = _LENGTHS.fullmatch(given.size)
+    if not size or not min(map(float, size.groups())) > 0:
+        raise ParameterError(f"--size {given.size}: expected WIDTHxHEIGHT, such as 2x1.5")
+    files = {}
+    for word in given.maps:
+        role, equals, file = word.partition("=")
+        if not (equals and file and role in ROLES) or role in files:
+            raise ParameterError(f"{word}: expected ROLE=FILE, once for each of {', '.join(ROLES)}")
+        files[role] = Path(file)
+    name = given.name or given.folder.resolve().name
+    sides = float(size[1]), float(size[2])
+    print("\n".join(deliver_wang(files, given.folder, name, given.seed, sides, given.relief, given.normals)))
     return 0
 
 

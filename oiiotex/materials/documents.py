@@ -20,11 +20,11 @@ log = logging.getLogger("oiiotex")
 
 HEX = "_hextiled"  # suffix of the hex-tiled material's name
 BLENDER = "blender_assets.cats.txt"
-_SPACES = {  # MaterialX names of common color spaces
+SPACES = {  # MaterialX names of common color spaces
     "srgb_rec709_scene": "srgb_texture", "lin_rec709_scene": "lin_rec709", "ACEScg": "acescg",
     "lin_ap1_scene": "acescg",
 }  # fmt: skip
-_INPUTS = {  # inputs of standard_surface, with their types
+STANDARD_INPUTS = {  # inputs of standard_surface, with their types
     "color": ("base_color", "color3"), "roughness": ("specular_roughness", "float"), "metal": ("metalness", "float"),
     "normal": ("normal", "vector3"), "opacity": ("opacity", "color3"), "emission": ("emission_color", "color3"),
     "specular": ("specular_color", "color3"),
@@ -52,6 +52,8 @@ class Described:
         Convention of its normals: 'opengl', 'directx' or ''.
     lattice : bool
         Whether the texture has a lattice, which hex-tiling would break.
+    tile_m : (float, float)
+        Width and height of the maps in units of texture coordinates.
     """
 
     name: str
@@ -59,6 +61,7 @@ class Described:
     space: str
     hand: str
     lattice: bool
+    tile_m: tuple[float, float] = (1.0, 1.0)
 
     @property
     def identifier(self) -> str:
@@ -78,10 +81,10 @@ def write_materialx(described: Described, folder: Path) -> None:
     Error
         MaterialX is not installed, or rejects the document.
     """
-    mx = _materialx()
+    mx = materialx()
     document = mx.createDocument()
-    document.setColorSpace(_SPACES.get(described.space, described.space))
-    library = _libraries()
+    document.setColorSpace(SPACES.get(described.space, described.space))
+    library = loaded_libraries()
     document.setDataLibrary(library)
     _material(document, described, described.identifier, hex_tiled=False)
     if not described.lattice:
@@ -94,13 +97,13 @@ def write_materialx(described: Described, folder: Path) -> None:
 
 def materialx_faults(path: Path) -> list[str]:
     """Errors in a file: those of MaterialX's validator, and missing files."""
-    mx = _materialx()
+    mx = materialx()
     document = mx.createDocument()
     try:
         mx.readFromXmlFile(document, str(path))
     except Exception as error:  # MaterialX exceptions
         return [f"{path}: {error}"]
-    document.setDataLibrary(_libraries())
+    document.setDataLibrary(loaded_libraries())
     valid, text = document.validate()
     faults = [] if valid else [f"{path}: {text}"]
     for element in document.traverseTree():
@@ -113,13 +116,14 @@ def materialx_faults(path: Path) -> list[str]:
 def has_materialx() -> bool:
     """Whether MaterialX is installed."""
     try:
-        _materialx()
+        materialx()
     except Error:
         return False
     return True
 
 
-def _materialx() -> Any:
+def materialx() -> Any:
+    """The module; raises Error if it is not installed."""
     try:
         import MaterialX
     except ImportError as error:
@@ -130,10 +134,10 @@ def _materialx() -> Any:
 _loaded: list[Any] = []
 
 
-def _libraries() -> Any:
+def loaded_libraries() -> Any:
     """The standard node libraries, loaded once."""
     if not _loaded:
-        mx = _materialx()
+        mx = materialx()
         library = mx.createDocument()
         mx.loadLibraries(mx.getDefaultDataLibraryFolders(), mx.getDefaultDataSearchPath(), library)
         _loaded.append(library)
@@ -148,17 +152,17 @@ def _material(document: MaterialX.Document, described: Described, name: str, hex
     if inverted:
         maps["roughness"] = maps.pop("gloss")
     for role, file in maps.items():
-        kind = _INPUTS[role][1] if role in _INPUTS else "float"
+        kind = STANDARD_INPUTS[role][1] if role in STANDARD_INPUTS else "float"
         if role == "normal":
             node = _normals(graph, file, described.hand, hex_tiled)
         else:
             node = _texture(graph, role, file, kind, described, hex_tiled)
             if role == "roughness" and inverted:
-                node = _of(graph, "invert", "roughness_of_gloss", kind, {"in": node})
+                node = node_of(graph, "invert", "roughness_of_gloss", kind, {"in": node})
         output = graph.addOutput(role, kind)
         output.setConnectedNode(node)
-        if role in _INPUTS:
-            target = surface.addInput(_INPUTS[role][0], kind)
+        if role in STANDARD_INPUTS:
+            target = surface.addInput(STANDARD_INPUTS[role][0], kind)
             target.setNodeGraphString(graph.getName())
             target.setOutputString(role)
     if "emission" in maps:
@@ -178,11 +182,11 @@ def _texture(graph: Any, role: str, file: str, kind: str, described: Described, 
     source = node.addInput("file", "filename")
     source.setValueString(file)
     if role in COLORS:
-        source.setColorSpace(_SPACES.get(described.space, described.space))
+        source.setColorSpace(SPACES.get(described.space, described.space))
     else:
         source.setColorSpace("none")
     if hex_tiled and kind == "float":
-        return _of(graph, "extract", f"{role}_gray", kind, {"in": node})
+        return node_of(graph, "extract", f"{role}_gray", kind, {"in": node})
     return node
 
 
@@ -201,17 +205,22 @@ def _normals(graph: Any, file: str, hand: str, hex_tiled: bool) -> Any:
     source = image.addInput("file", "filename")
     source.setValueString(file)
     source.setColorSpace("none")
+    return opengl_normals(graph, image, hand)
+
+
+def opengl_normals(graph: Any, image: Any, hand: str) -> Any:
+    """The normals of the texels that a node reads."""
     if hand == "directx":
-        import MaterialX as mx
-
-        turned = _of(graph, "multiply", "normal_turned", "vector3", {"in1": image})
+        mx = materialx()
+        turned = node_of(graph, "multiply", "normal_turned", "vector3", {"in1": image})
         turned.setInputValue("in2", mx.Vector3(1, -1, 1))
-        image = _of(graph, "add", "normal_upwards", "vector3", {"in1": turned})
+        image = node_of(graph, "add", "normal_upwards", "vector3", {"in1": turned})
         image.setInputValue("in2", mx.Vector3(0, 1, 0))
-    return _of(graph, "normalmap", "normal_bumps", "vector3", {"in": image})
+    return node_of(graph, "normalmap", "normal_bumps", "vector3", {"in": image})
 
 
-def _of(graph: Any, category: str, name: str, kind: str, inputs: Mapping[str, Any]) -> Any:
+def node_of(graph: Any, category: str, name: str, kind: str, inputs: Mapping[str, Any]) -> Any:
+    """A new node with connected inputs."""
     node = graph.addNode(category, name, kind)
     for input_name, source in inputs.items():
         node.addInput(input_name, source.getType()).setConnectedNode(source)
@@ -256,6 +265,13 @@ def write_usd(described: Described, folder: Path) -> None:
         reader.CreateIdAttr("UsdPrimvarReader_float2")
         reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
         st = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+        if described.tile_m != (1.0, 1.0):
+            scaled = UsdShade.Shader.Define(stage, f"{root}/scaled_st")
+            scaled.CreateIdAttr("UsdTransform2d")
+            scaled.CreateInput("in", Sdf.ValueTypeNames.Float2).ConnectToSource(st)
+            scale = Gf.Vec2f(*(1 / n for n in described.tile_m))
+            scaled.CreateInput("scale", Sdf.ValueTypeNames.Float2).Set(scale)
+            st = scaled.CreateOutput("result", Sdf.ValueTypeNames.Float2)
         for role, file in described.maps.items():
             inverted = role == "gloss" and "roughness" not in described.maps
             role = "roughness" if inverted else role

@@ -205,6 +205,11 @@ def linear_of(part: Part, resources: Resources) -> np.ndarray:
     return _linear(shown_pixels(part.pixels(), part, resources))
 
 
+def srgb_of(part: Part, resources: Resources, size: Sequence[int]) -> np.ndarray:
+    """The colors of a part as sRGB, 0 to 1, (height, width, 3), in a smaller size by area averages of linear values."""
+    return _srgb(_fitted(linear_of(part, resources), (size[0], size[1])))
+
+
 def lab_of(linear: np.ndarray) -> np.ndarray:
     """Convert linear Rec. 709 to CIE Lab D65, (..., 3)."""
     xyz = linear @ np.array([[0.4124564, 0.2126729, 0.0193339],

@@ -341,11 +341,9 @@ class Program:
         cl = device._cl
         self._device, self._stem = device, stem
         options = ["-w", f"-DLANES={device.lanes}", *(f"-D{k}={v}" for k, v in macros.items())]
-        if device.info.rounds_correctly:
-            options.append("-cl-fp32-correctly-rounded-divide-sqrt")
+        options += ["-cl-fp32-correctly-rounded-divide-sqrt"] * device.info.rounds_correctly
         try:
-            with warnings.catch_warnings():  # warnings of a compiler that builds the program
-                warnings.simplefilter("ignore", cl.CompilerWarning)
+            with warnings.catch_warnings(action="ignore", category=cl.CompilerWarning):
                 built = cl.Program(device._context, kernel_source(stem)).build(options)
         except cl.Error as error:
             words = runtime.compilers_words(str(error))
@@ -368,11 +366,9 @@ class Program:
         kernel = self._kernels[name]
         local = _work_group(shape, group)
         global_size = tuple(-(-n // k) * k for n, k in zip(shape, local, strict=True))
-        for number in (*global_size, *(a for a in arguments if type(a) is int)):
-            if not -INT_RANGE <= number < INT_RANGE:
-                raise DeviceError(
-                    f"{name} would count to {number}, beyond 2^31", hint="make the tile or the photo smaller"
-                )
+        most = max(map(abs, (*global_size, *(a for a in arguments if type(a) is int))))
+        if most >= INT_RANGE:
+            raise DeviceError(f"{name} would count to {most}, beyond 2^31", hint="make the tile or the photo smaller")
         types = tuple(_TYPES.get(type(a)) for a in arguments)
         with self._launching:
             if self._types.get(name) != types:

@@ -22,8 +22,8 @@ from ..filters import op_named
 from ..io.reading import read
 from ..session import Session
 from ..session.progress import Progress
+from ..wang.plane import TilePlane
 from .texture_file import TextureFile, tile_side
-from .tile_plane import TilePlane
 
 _BLOCK = 256  # px; smallest block size
 _MOST = 1 << 24  # px; largest window of a request

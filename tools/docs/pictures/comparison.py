@@ -17,7 +17,7 @@ from oiiotex.charts.tile_preview import made_seamless, repeated
 from oiiotex.errors import Error
 from oiiotex.filters.texstationarity import COST
 from oiiotex.filters.texstationarize import Stationarize
-from oiiotex.patchmatch.wang_tiles import edges_of
+from oiiotex.wang.tiles import edges_of
 from tools.docs.pictures.layout import beside, shrunk, stacked, test_photo, write_jpeg
 from tools.docs.pictures.stationarize import one_channel
 from tools.docs.pictures.wang_plane import random_plane

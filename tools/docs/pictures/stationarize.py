@@ -11,7 +11,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from oiiotex import filters
-from oiiotex.patchmatch.wang_tiles import edges_of
+from oiiotex.wang.tiles import edges_of
 from tools.demo import gravel, save, stained
 from tools.docs.pictures.layout import beside, halved, pixels, shrunk, stacked, test_photo, write_jpeg
 from tools.docs.pictures.wang_plane import random_plane

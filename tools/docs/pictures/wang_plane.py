@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from oiiotex.patchmatch.field import hash_at
-from oiiotex.patchmatch.wang_tiles import Edges
+from oiiotex.wang.tiles import Edges
 
 
 def random_plane(edges: list[Edges], rows: int, columns: int, seed: int) -> np.ndarray:

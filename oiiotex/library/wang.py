@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Delivers atlases of Wang tiles to renderers: index image, shaders, MaterialX and USD documents, and a web page."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from ..api import materials
+from ..api.files import temporary_beside
+from ..api.images import TAG, Image, Session, from_array, read, write
+from ..deferred import np
+from ..errors import Error
+
+_PAGE = 1024  # px; longest side of the atlas in the web page
+
+
+def deliver_wang(
+    files: Mapping[str, Path], folder: Path, name: str, seed: int, size_m: tuple[float, float], relief: float, hand: str
+) -> list[str]:
+    """Write all files of a material into a folder, one atomically after another; other files there are kept.
+
+    Parameters
+    ----------
+    files : mapping of role to Path
+        Atlases of --texstationarize:pack=atlas, of one run. The color is required.
+    folder : Path
+    name : str
+    seed : int
+        Arrangement of the tiles: that of an .oiiotex file with the same seed.
+    size_m : (float, float)
+        Width and height of a tile in units of texture coordinates.
+    relief : float
+        Distance between heights 0 and 1; 0: heights are not connected.
+    hand : str
+        Convention of the normals.
+
+    Returns
+    -------
+    list of str
+        Names of the written files.
+
+    Raises
+    ------
+    Error
+        A file is not an atlas, or they do not belong together; MaterialX is missing.
+    """
+    maps = {role: read(str(path)) for role, path in files.items()}
+    side = _side_of(maps)
+    with tempfile.TemporaryDirectory(prefix="oiiotex") as text:
+        work = Path(text)
+        atlases = {role: f"{name}_{role}{path.suffix}" for role, path in files.items()}
+        tiles = {role: f"{name}_tile_{role}{path.suffix}" for role, path in files.items()}
+        for role, image in maps.items():
+            shutil.copyfile(files[role], work / atlases[role])
+            tile = materials.first_tile(image)
+            write(_as_opengl(tile) if role == "normal" and hand == "directx" else tile, work / tiles[role])
+        index = f"{name}_index.png"
+        write(from_array(materials.index_image(side * side, seed)), work / index)
+        space = maps["color"].first.spec.get_string_attribute(TAG)
+        described = materials.Described(name, tiles, space, "opengl", lattice=True, tile_m=size_m)
+        material = materials.WangMaterial(
+            described.identifier, atlases, index, side, space, hand, size_m, relief if "height" in maps else 0.0
+        )
+        materials.write_wang_materialx(material, work / f"{name}.mtlx")
+        materials.write_usd(described, work)
+        for shader in materials.SHADERS:
+            (work / shader).write_text(materials.shader(shader))
+        _write_page(maps["color"], name, side, work, index)
+        folder.mkdir(parents=True, exist_ok=True)
+        names = sorted(path.name for path in work.iterdir())
+        for one in names:
+            with temporary_beside(folder / one) as temporary:
+                shutil.copyfile(work / one, temporary)
+    return names
+
+
+def _side_of(maps: Mapping[str, Image]) -> int:
+    """Tiles along a side of the atlases."""
+    if "color" not in maps:
+        raise Error(f"{', '.join(maps) or 'no maps'}: expected color=FILE")
+    first = maps["color"]
+    for image in maps.values():
+        spec = image.first.spec
+        side = materials.atlas_side(spec)
+        if not side:
+            raise Error(
+                f"{image.source} is not an atlas: make it with --texstationarize:variants=16:pack=atlas, as EXR or PNG,"
+                " which keep the attribute oiiotex:atlas"
+            )
+        if (side, spec.width, spec.height) != (
+            materials.atlas_side(first.first.spec), first.first.spec.width, first.first.spec.height,
+        ):  # fmt: skip
+            raise Error(f"{image.source} does not have the size of {first.source}; make all maps in one run")
+    return materials.atlas_side(first.first.spec)
+
+
+def _as_opengl(normals: Image) -> Image:
+    """Normals with y upwards, as USD's validators require of integer files."""
+    pixels = normals.first.pixels().copy()
+    pixels[..., 1] = (np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1) - pixels[..., 1]
+    return from_array(pixels)
+
+
+def _write_page(color: Image, name: str, side: int, work: Path, index: str) -> None:
+    picture, spec = work / "atlas.png", color.first.spec
+    step = -(-max(spec.width, spec.height) // _PAGE)
+    size = [side * max(1, n // side // step) for n in (spec.height, spec.width)]
+    texels = materials.srgb_of(color.first, Session().resources, size)
+    write(from_array(np.rint(255 * texels).astype(np.uint8)), picture)
+    aspect = spec.width / spec.height
+    (work / f"{name}.html").write_text(materials.viewer_page(name, picture, work / index, side, aspect))
+    picture.unlink()

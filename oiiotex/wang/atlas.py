@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An atlas: all tiles of a set in one image, so that filtering across its borders is right.
+
+Wei04: Wei, Tile-Based Texture Mapping on Graphics Hardware, Graphics Hardware 2004. Neighbors in the atlas share an
+edge, also across the image's borders, so a filter that reads past a tile's border reads what lies there in the plane.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+from ..core.attributes import ATLAS
+from ..core.image import Image, Part, derived_spec
+from ..core.source_map import SourceMap
+from ..core.window import Window
+from ..deferred import np, oiio
+from ..errors import ImageError
+from .tiles import Edges, edges_of
+
+COUNTS = (4, 16, 64)  # numbers of tiles that fill a square whose side is a power of two
+_GRID = re.compile(r"(\d{1,2})x(\d{1,2})", re.ASCII)
+
+
+def atlas_edges(count: int) -> list[list[Edges]]:
+    """The edges of the tiles of an atlas by row and column.
+
+    Along a side, edge colors follow each other as 0 0 1 1, so that every pair of neighbors occurs equally often, also
+    across the border (Wei04 section 4). Rows and columns are independent, so every combination of four does.
+    """
+    side = math.isqrt(count)
+    colors = [0] * side if count == COUNTS[0] else [n // 2 % 2 for n in range(side)]
+    after = [*colors[1:], colors[0]]
+    return [[Edges(colors[y], after[x], after[y], colors[x]) for x in range(side)] for y in range(side)]
+
+
+def atlas_numbers(count: int) -> np.ndarray:
+    """The tiles of a set in its atlas: (side, side) indices into `edges_of(count)`."""
+    left: dict[Edges, list[int]] = {}
+    for number, edges in enumerate(edges_of(count)):
+        left.setdefault(edges, []).append(number)
+    return np.array([[left[edges].pop(0) for edges in row] for row in atlas_edges(count)])
+
+
+def packed(tiles: list[SourceMap]) -> SourceMap:
+    """The sources of an atlas's pixels, from those of the tiles of a set."""
+    return SourceMap(np.block([[tiles[n].packed for n in row] for row in atlas_numbers(len(tiles)).tolist()]))
+
+
+def mark_as_atlas(part: Part, count: int) -> Part:
+    """The part, with its number of columns and rows as an attribute."""
+    side = len(atlas_edges(count))
+    return part.respecced(lambda spec: spec.attribute(ATLAS, f"{side}x{side}"))
+
+
+def atlas_side(spec: oiio.ImageSpec) -> int:
+    """The number of tiles along a side of an image; 0 if it is not an atlas."""
+    match = _GRID.fullmatch(spec.get_string_attribute(ATLAS))
+    side = int(match[1]) if match and match[1] == match[2] else 0
+    fits = side * side in COUNTS and not (spec.width % side or spec.height % side)
+    return side if fits else 0
+
+
+def tiles_of(tiles: Image) -> list[tuple[Part, Window]]:
+    """The tiles of an atlas in the order of `edges_of`, or each part of a set: a part and a window of it."""
+    first = tiles.first
+    side = atlas_side(first.spec)
+    if not side:
+        return [(part, part.window) for part in tiles.parts]
+    if len(tiles.parts) > 1:
+        raise ImageError(f"{tiles.source}: an atlas must be the only part of its file")
+    width, height = first.spec.width // side, first.spec.height // side
+    corner = Window.sized(first.window.left, first.window.top, width, height)
+    places = np.argsort(atlas_numbers(side * side).ravel()).tolist()
+    return [(first, corner.shifted(place % side * width, place // side * height)) for place in places]
+
+
+def first_tile(atlas: Image) -> Image:
+    """A tile of an atlas that joins itself: all its edges have the first color."""
+    part, window = tiles_of(atlas)[0]
+    spec = derived_spec(part.spec, *window.size)
+    spec.erase_attribute(ATLAS)
+    tile = Part(part.name, spec, lambda place: part.read(place.shifted(window.left, window.top)), part.stored)
+    return Image((tile,), atlas.source)
