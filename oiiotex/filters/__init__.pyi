@@ -753,6 +753,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: Literal[False] = False,
     cryptomatte: Literal[False] = False,
@@ -790,6 +791,9 @@ def decompose(
     radius : float | None, default None
         Radius of the area that is compared as one sample of texture. Increase it for coarse textures.
         Expected: a number from 1 to 512 px. Default: 48; with features=haar, 8.
+    invariant : bool, default False
+        Regard rotated versions of a texture as one texture, and those of a slightly different scale. No
+        effect with features=haar.
     paper : bool, default False
         Settings of the paper (CZF02):
         features=haar:group=cliques:scales=3:search=meanshift:refine=0:assign=neighbors.
@@ -880,6 +884,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: Literal[True],
     cryptomatte: bool | FileName = False,
@@ -909,6 +914,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: bool = False,
     cryptomatte: Literal[True],
@@ -938,6 +944,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: bool = False,
     cryptomatte: bool | FileName = False,
@@ -1716,6 +1723,7 @@ def label(
     persistence: float = 0.95,
     share: float = 0.5,
     coarsest: bool = True,
+    materials: bool = False,
     labels: int | None = None,
     neighbors: int = 256,
     tries: int = 0,
@@ -1753,6 +1761,9 @@ def label(
         Level n uses its nth power. Expected: a number from 0.01 to 0.999.
     coarsest : bool, default True
         Add a coarsest level of subtextures, as `decompose` finds them. The paper has none.
+    materials : bool, default False
+        Add a coarsest level of up to four materials, such as stone and mortar: superpixels are split by
+        color and texture where these have two separate modes. There is no such level where they do not.
     labels : int | None, default None
         Maximum number of subtextures in the coarsest level. Expected: an integer from 1 to 50. Default:
         chosen by the filter.
@@ -1850,6 +1861,7 @@ def label(
     persistence: float = 0.95,
     share: float = 0.5,
     coarsest: bool = True,
+    materials: bool = False,
     labels: int | None = None,
     neighbors: int = 256,
     tries: int = 0,
@@ -1879,6 +1891,7 @@ def label(
     persistence: float = 0.95,
     share: float = 0.5,
     coarsest: bool = True,
+    materials: bool = False,
     labels: int | None = None,
     neighbors: int = 256,
     tries: int = 0,
