@@ -83,7 +83,7 @@ ASKED: tuple[dict[str, Any], ...] = (
     {"do": "save", "room": "paint", "times": 1}, {"do": "new", "room": "paint", "label": -1},
     {"do": "brush", "room": "tile", "name": "mask"}, {"do": "overlay", "room": "tile", "name": "x"},
     {"do": "line", "room": "zoom", "width": 9, "height": 9}, {"do": "path", "room": "zoom"},
-    {"do": "tiles", "room": "zoom", "level": 1, "tiles": []},
+    {"do": "tiles", "room": "zoom", "tiles": [[1, "0", "0"]]},
 )  # fmt: skip
 HEADS = (
     b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", b"GET /" + b"a" * 100_000 + b" HTTP/1.1\r\n\r\n",

@@ -3605,6 +3605,7 @@ def synth(
     stmap: FileName | Literal[False] = False,
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3695,6 +3696,12 @@ def synth(
         Layout of the root exemplar that is kept, so that only finer detail is random. 0: nothing is
         kept. 1: up to the root's resolution. 2 to 60: up to that level. Expected: True, False, or an
         integer from 0 to 60.
+    jitter : float | Sequence[float] | None, default None
+        Randomness of each level, from level 0 on (HRRG08 section 4.3). The last number applies to all
+        further levels. Reduce it where structures break, increase it where the exemplar repeats.
+        Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
+        coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
+        endless zoom and with paper.
     correct : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
@@ -3702,8 +3709,8 @@ def synth(
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in
-        endless zooms.
+        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
+        preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
@@ -3734,6 +3741,7 @@ def synth(
     stmap: Literal[True],
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3762,6 +3770,7 @@ def synth(
     stmap: bool | FileName = False,
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3905,6 +3914,7 @@ def zoom(
     rate: float = 24.0,
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3985,6 +3995,12 @@ def zoom(
         Layout of the root exemplar that is kept, so that only finer detail is random. 0: nothing is
         kept. 1: up to the root's resolution. 2 to 60: up to that level. Expected: True, False, or an
         integer from 0 to 60.
+    jitter : float | Sequence[float] | None, default None
+        Randomness of each level, from level 0 on (HRRG08 section 4.3). The last number applies to all
+        further levels. Reduce it where structures break, increase it where the exemplar repeats.
+        Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
+        coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
+        endless zoom and with paper.
     correct : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
@@ -3992,8 +4008,8 @@ def zoom(
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in
-        endless zooms.
+        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
+        preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None

@@ -91,7 +91,7 @@ class Paint(Reported, Quilted):
         level = self.level or (table.level if table else None) or opened_level(levels)
         coarse = self._sewing(level, self.painting, self.size, table, "", resources.budget)
         coarse.require_memory(resources)
-        seen, stages = self.read(resources), progress.stages()
+        seen, stages = self.read(resources), progress.stages(*[1] * (1 + (self.fine is not None)))
         base = coarse.quilt(seen, resources, next(stages))
         layers, sources = {"": base}, base.sources
         if self.fine is not None:

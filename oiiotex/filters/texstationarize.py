@@ -19,6 +19,7 @@ from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.patch_synthesis import PATCH, PatchSynthesis
 from ..exemplar.photo_lattice import STRUCTURE
 from ..exemplar.presets import (
+    CLEAN,
     CONTRAST,
     KEEP_SIGMA_SHARE,
     LARGE_PATCH,
@@ -37,6 +38,7 @@ from ..session.resources import Resources
 from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 
 PAPER_PATCH = 11
+_DOMINANT_SHARE = 1  # time for the mask of preset=clean, relative to the synthesis
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +134,7 @@ True
         """Expand the preset, if any, then synthesize."""
         if self.preset is None:
             return super().compute(session)
-        stages = session.stages()
+        stages = session.stages(_DOMINANT_SHARE if self.preset == CLEAN else 0, 1)
         sigma = self.amount is None and self.sigmamap is None
         first = next(stages)
         op = filled(self, self.preset, first.resources, first.progress, sigma=sigma)

@@ -153,7 +153,8 @@ def label_maps(
     sigmas = scales(sigma, (AUTHORS_COARSEST if settings.authors else COARSEST) * side)
     seeds = SeedGrid.of(window.width, window.height, sigma, COMPACTNESS).count
     _require(resources, window, seeds, settings)  # there will hardly be fewer superpixels: fail before the work
-    total = 2 * runs + 3
+    segmented = 2 * runs + 1  # passes of superpixels, each of which takes as long as 1/8 of describing them
+    described_at, total = segmented + 8, segmented + 8 + 12
 
     def advance(done: int, _: int) -> None:
         progress.advance(done, total)
@@ -172,7 +173,7 @@ def label_maps(
             resources.stats.time("describe superpixels"),
         ):
             described = features_of(features, finest, small, resources)
-        progress.advance(total - 1, total)
+        progress.advance(described_at, total)
 
         def top() -> list[np.ndarray]:
             return [level(finest, small, resources) for level in coarsest]

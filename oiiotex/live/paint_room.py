@@ -166,12 +166,14 @@ class PaintRoom:
             self._hub.tell({"do": "set", "room": "paint", "values": changed})
 
     async def _new(self, label: int = 0) -> None:
-        """Start a painting filled with one label, by default the largest."""
-        allowed = [entry["id"] for entry in (await self._opened_palette()).labels]
+        """Start a painting filled with one label, by default with the labels of the photo."""
+        palette = await self._opened_palette()
+        allowed = [entry["id"] for entry in palette.labels]
         if label and label not in allowed:
             raise ParameterError(f"label={label}: expected one of {', '.join(map(str, allowed))}")
         paint = self._hub.document.state["paint"]
-        coarse = np.full((paint["height"], paint["width"]), label or allowed[0], np.uint8)
+        width, height = paint["width"], paint["height"]
+        coarse = np.full((height, width), label, np.uint8) if label else palette.photo(width, height)
         await self._add({COARSE: coarse, FINE: np.zeros_like(coarse)}, "New painting")
         self._show_layers()
         await self._settle()

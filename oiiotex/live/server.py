@@ -19,7 +19,7 @@ from ..api.images import TAG, Image, Session, read, usual_view, views
 from ..api.painting import read_graph
 from ..api.service import reserved_folder
 from ..errors import Error, one_line
-from .document import Document, default_state
+from .document import LEAST_PAINTED, Document, default_state
 from .guard import LOOPBACK, Guard, token_for
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 MOST_UPLOAD = 32 << 20  # bytes of a message from a page
 _MOST_CONNECTIONS = 64
+_PAINTED = 1024  # px, maximum side of a new painting
 _TYPES = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 
 
@@ -122,6 +123,8 @@ def _hub(
     stem = Path(name).stem
     side = min(256, 1 << min(first.first.spec.width, first.first.spec.height).bit_length() - 1)
     state = default_state(*usual_view(session.resources.color, space), side)
+    sides = first.first.spec.width, first.first.spec.height
+    state["paint"] |= dict(zip(("width", "height"), (min(max(n, LEAST_PAINTED), _PAINTED) for n in sides), strict=True))
     state["zoom"]["zoom"] = float(side.bit_length() - 1)
     pixel_type = pixel_type or ("float" if graph is not None else str(first.first.spec.format))
     path = document or Path(f"{stem}.texlive.json")

@@ -54,7 +54,7 @@ def mark_as_atlas(part: Part, count: int) -> Part:
 
 
 def atlas_side(spec: oiio.ImageSpec) -> int:
-    """The number of tiles along a side of an image; 0 if it is no atlas."""
+    """The number of tiles along a side of an image; 0 if it is not an atlas."""
     match = _GRID.fullmatch(spec.get_string_attribute(ATLAS))
     side = int(match[1]) if match and match[1] == match[2] else 0
     fits = side * side in COUNTS and not (spec.width % side or spec.height % side)

@@ -36,10 +36,11 @@ def plane_of(edges: Sequence[Edges], seed: int) -> np.ndarray:
         A combination of edge colors is missing.
     """
     colors = 1 + max(itertools.chain(*edges))
-    lacking = set(itertools.product(range(colors), repeat=4)) - set(edges)
-    if lacking:
+    given = set(edges)
+    lacking = next((one for one in itertools.product(range(colors), repeat=4) if one not in given), None)
+    if lacking is not None:
         raise ImageError(
-            f"{len(edges)} tiles are not a complete set: none has the edges {Edges(*min(lacking))};"
+            f"{len(edges)} tiles are not a complete set: none has the edges {Edges(*lacking)};"
             " make it with variants=2 to 7, or 16 and more"
         )
     y, x = np.ogrid[:CELLS, :CELLS]

@@ -19,6 +19,7 @@ from ..core.source_map import SourceMap
 from ..deferred import np, oiio
 from ..errors import ImageError
 from ..patchmatch.constraints import FixedPixels
+from .cut import joined
 
 TWO_COLORS_FROM = 8  # number of tiles from which every pair of upper and left color has two choices (CSHD03 section 3)
 
@@ -55,7 +56,9 @@ def runs_for(count: int) -> int:
     return count + 1 + max(edges_of(count)[-1])
 
 
-def wang_tiles(make: Make, count: int, width: int, height: int, strip: int) -> list[SourceMap]:
+def wang_tiles(
+    make: Make, count: int, width: int, height: int, strip: int, values: Callable[[SourceMap], np.ndarray]
+) -> list[SourceMap]:
     """The sources of the tiles' pixels, in the order of `edges_of`.
 
     Parameters
@@ -65,7 +68,9 @@ def wang_tiles(make: Make, count: int, width: int, height: int, strip: int) -> l
     width, height : int
         Size of a tile, px.
     strip : int
-        Width of an edge's strip inside a tile, px.
+        Width of an edge's strip inside a tile, px. It ends in a minimum-error cut, up to this much deeper.
+    values : callable
+        The working values of the photo at the sources, (height, width, channels) float.
 
     Raises
     ------
@@ -83,8 +88,18 @@ def wang_tiles(make: Make, count: int, width: int, height: int, strip: int) -> l
         textures.append(make(FixedPixels(_border(width, height, strip, corners=True), textures[0]), 1, True))
     border = _border(width, height, strip)
     first = len(textures)
-    fixed = (FixedPixels(border, _bordered(textures, edge, strip)) for edge in edges)
-    return [make(pixels, first + n, False) for n, pixels in enumerate(fixed)]
+    seen = [values(texture) for texture in textures]
+    tiles = []
+    for number, edge in enumerate(edges):
+        tile = make(FixedPixels(border, _bordered(textures, edge, strip)), first + number, False)
+        for color, turns in zip(edge, (1, 2, -1, 0), strict=True):  # rotated, so that the edge is at the left
+            inside, along, ours, theirs = (
+                np.rot90(pixels, turns)[strip:-strip, strip:-strip]
+                for pixels in (tile.packed, textures[color].packed, values(tile), seen[color])
+            )
+            inside[:] = joined(inside, along, ours, theirs, strip)
+        tiles.append(tile)
+    return tiles
 
 
 def _border(width: int, height: int, strip: int, corners: bool = False) -> np.ndarray:

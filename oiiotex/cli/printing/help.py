@@ -89,17 +89,14 @@ def _search(name: str) -> str:
         known |= {flag.lstrip("-").lower(): flag, flag.removeprefix("--tex").lstrip("-").lower(): flag}
     for _, modifiers in summaries.values():
         known = {one.name.lower(): f":{one.name}" for one in modifiers} | known
+    word = re.compile(rf"\b{re.escape(bare.removesuffix('s'))}", re.IGNORECASE)
+    hits = [flag for flag, (text, _) in summaries.items() if bare and word.search(f"{flag} {text}")][:_MOST_HITS]
+    rows = [row for row in _how_to().splitlines() if bare and word.search(row)]
+    pages = [f"docs/how-to/{file}" for row in rows for file in re.findall(r"\(([\w-]+\.md)\)", row)][:_MOST_HITS]
+    if bare not in known and (pages or hits):
+        return "\n".join((f"'{name}' occurs in:", *(f"  {place}" for place in (*pages, *hits))))
     close = difflib.get_close_matches(bare, known, 1, 0.8)
-    if close:
-        hint = f"did you mean --help {known[close[0]]}?"
-    else:
-        word = re.compile(rf"\b{re.escape(bare.removesuffix('s'))}", re.IGNORECASE)
-        hits = [flag for flag, (text, _) in summaries.items() if bare and word.search(f"{flag} {text}")][:_MOST_HITS]
-        rows = [row for row in _how_to().splitlines() if bare and word.search(row)]
-        pages = [f"docs/how-to/{file}" for row in rows for file in re.findall(r"\(([\w-]+\.md)\)", row)][:_MOST_HITS]
-        if pages or hits:
-            return "\n".join((f"'{name}' occurs in:", *(f"  {place}" for place in (*pages, *hits))))
-        hint = "oiiotex --help all lists everything"
+    hint = f"did you mean --help {known[close[0]]}?" if close else "oiiotex --help all lists everything"
     raise ParameterError(f"--help {name}: expected a group, an op, OP:MODIFIER or :MODIFIER", hint=hint)
 
 
