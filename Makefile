@@ -73,10 +73,10 @@ fuzz: $(VENV)/test  # break every kind of input: make fuzz MINUTES=60
 	$(BIN)/python -m tests.fuzz_all --minutes $(MINUTES)
 
 platforms: $(VENV)/release/made  # install and try the wheel on every Python and platform: make platforms ONLY=py313
-	PATH="$(CURDIR)/$(RELEASE):$$PATH" $(RELEASE)/python -m tools.platforms $(ONLY)
+	PATH="$(abspath $(RELEASE)):$$PATH" $(RELEASE)/python -m tools.platforms $(ONLY)
 
 dist: $(VENV)/release/made  # wheel and source archive of the last commit, built twice, into dist/
-	PATH="$(CURDIR)/$(RELEASE):$$PATH" $(RELEASE)/python -m tools.dist
+	PATH="$(abspath $(RELEASE)):$$PATH" $(RELEASE)/python -m tools.dist
 	$(RELEASE)/twine check --strict dist/*.whl dist/*.tar.gz
 	$(RELEASE)/check-wheel-contents dist/*.whl
 

@@ -20,6 +20,7 @@ TABLES = {"SKEWNESSES": [SKEWNESSES], "KURTOSES": [KURTOSES], "SCORES": [SCORES]
 # file in cl/: macro: the values that it may have
 OPTIONS: dict[str, dict[str, object]] = {
     "affinity": {},
+    "atlas": {"CHANNELS": CHANNELS},
     "candidates": {"RUN": [1, 16]},
     "factorization": {},
     "features": {},

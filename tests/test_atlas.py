@@ -24,6 +24,7 @@ from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
 from tests.peer import refused
+from tests.test_superpixels import resources_of
 
 SIDE = 192
 PLANE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"
@@ -168,7 +169,7 @@ f 1/1 2/2 5/3\nf 1/1 5/3 4/4\nf 2/5 3/6 6/7\nf 2/5 6/7 5/8
 """
 
 
-def test_neighbors_lie_where_steps_on_the_surface_lead(tmp_path):
+def test_neighbors_lie_where_steps_on_the_surface_lead(device, tmp_path):
     """Two squares side by side, the other one turned by a quarter and half as large in the atlas."""
     (tmp_path / "two.obj").write_text(TWO_CHARTS)
     mesh = read_mesh(tmp_path / "two.obj", 100, 100)
@@ -180,7 +181,12 @@ def test_neighbors_lie_where_steps_on_the_surface_lead(tmp_path):
     x, y = surface.centers(every).T / 100
     first = x < 0.5
     solid = np.where(first, [(x - 0.05) / 0.4, (0.95 - y) / 0.4], [1 + (0.4 - y) / 0.2, (0.9 - x) / 0.2]).T
-    there, rest = Neighbors(surface, offsets).of(every)
+    tables = Neighbors(surface, offsets, device.program("atlas", CHANNELS=3), resources_of(device)).tables()
+    moves, row = tables["moves"][surface.face], tables["table"]
+    there = surface.index.reshape(-1).take(surface.place[:, None] + moves @ (1, 100), mode="clip")
+    there = np.where(row[:, None] < 0, there, tables["beside"][row])
+    rest = np.where(row[:, None, None] < 0, tables["steps"][surface.face], tables["rests"][row])
+    assert 0 < np.count_nonzero(row >= 0) < len(row) / 2
     steps = np.einsum("nij,kj->nki", frames.step[surface.face], offsets)[..., :2]
     wanted = solid[:, None] + steps
     inside = ((wanted > 0) & (wanted < (2, 1))).all(-1)

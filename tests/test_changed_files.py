@@ -51,7 +51,7 @@ def test_a_file_that_vanishes_between_frames_ends_its_frame_alone(tmp_path):
         save(np.zeros((8, 8, 3)), tmp_path / f"f.{number:04d}.png")
     run = start(
         tmp_path, "--frames", "1-3", "--skip-bad-frames",
-        "f.#.png", "--pattern", "noise", "1200x1200", "3", "--blur", "9x9", "-o", "o.#.png",
+        "f.#.png", "--pattern", "noise", "900x900", "3", "--blur", "9x9", "-o", "o.#.png",
     )  # fmt: skip
     wait_for(lambda: half_files(tmp_path), run)
     (tmp_path / "f.0002.png").unlink()

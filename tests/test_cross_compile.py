@@ -20,7 +20,9 @@ from tests.kernel_options import OPTIONS, compiled, require_known
 FOLDER = Path(__file__).parents[1] / "oiiotex" / "cl"
 TARGETS = ("nvptx64-nvidia-nvcl", "amdgcn-amd-amdhsa", "spir64")
 LEVELS = ("-O0", "-O2")
-CLANGS = [name for name in ("clang", *(f"clang-{n}" for n in range(40, 13, -1))) if shutil.which(name)]
+# each once: clang is a link to one of them
+CLANGS = [*{Path(found).resolve(): name for n in (*range(14, 41), 0)
+            if (found := shutil.which(name := f"clang-{n}" if n else "clang"))}.values()]  # fmt: skip
 missing = pytest.mark.skipif(not CLANGS, reason="NOTHING COMPILED FOR GPUs: no clang (apt install clang)")
 # what OpenCL C itself has, by the names before mangling
 BUILTINS = {

@@ -32,19 +32,19 @@ from oiiotex.core.source_map import SourceMap
 from oiiotex.patchmatch.constraints import Constraints, FixedPixels
 from oiiotex.patchmatch.optimization import synthesize
 from oiiotex.patchmatch.recipe import Recipe
-exemplar = (np.random.default_rng(0).random((12, 13, 3)) * 100).astype(np.float32)
+exemplar = (np.random.default_rng(0).random((9, 10, 3)) * 100).astype(np.float32)
 from dataclasses import replace
 from oiiotex.regularity.lattice import Lattice
 from oiiotex.regularity.offset_prices import InStep
 def made(recipe, exemplar=exemplar, **constraints):
     synthesize(opened, exemplar, None, recipe, 1 << 30, lambda *_: None, constraints=Constraints(**constraints))
-recipe = Recipe(width=11, height=9, wrap_x=True, wrap_y=True, sigma=3.0, patch=5, iterations=1, seed=1,
+recipe = Recipe(width=8, height=7, wrap_x=True, wrap_y=True, sigma=3.0, patch=5, iterations=1, seed=1,
                 uniformity=0.05, contrast=0.7, flat=True, complete=True)
 made(recipe)
 recipe = replace(recipe, wrap_x=False, wrap_y=False)
-exemplar = (np.random.default_rng(0).random((12, 13, 5)) * 100).astype(np.float32)
-fixed = FixedPixels(np.indices((9, 11)).sum(0) < 6, SourceMap(np.zeros((9, 11), np.uint32)), is_goal=True)
-made(recipe, exemplar, fixed=fixed, sigmas=np.geomspace(2, 5, 99).astype(np.float32).reshape(9, 11))
+exemplar = (np.random.default_rng(0).random((9, 10, 4)) * 100).astype(np.float32)
+fixed = FixedPixels(np.indices((7, 8)).sum(0) < 5, SourceMap(np.zeros((7, 8), np.uint32)), is_goal=True)
+made(recipe, exemplar, fixed=fixed, sigmas=np.geomspace(2, 5, 56).astype(np.float32).reshape(7, 8))
 lattice = Lattice(np.array([[0.2, 0.05], [-0.03, 0.3]]), 9.0, np.eye(64))
 recipe = replace(recipe, in_step=InStep(lattice, lattice.frequencies, 0.5))
 made(recipe, exemplar)
@@ -57,12 +57,27 @@ def in_pieces(device, shape, recipe, geometries, scales, constraints, budget, he
 optimization.plan_memory = in_pieces
 made(recipe, exemplar)
 """,
+    "atlas": """
+import tempfile
+from pathlib import Path
+from oiiotex.atlas.charts import Frames
+from oiiotex.atlas.mesh import read_mesh
+from oiiotex.atlas.synthesis import stack, synthesize
+from tests.test_atlas import TWO_CHARTS
+from tests.test_superpixels import resources_of
+with tempfile.TemporaryDirectory() as folder:
+    path = Path(folder, "two.obj")
+    path.write_text(TWO_CHARTS)
+    mesh = read_mesh(path, 24, 24)
+levels = stack((np.random.default_rng(0).random((16, 18, 3)) * 100).astype(np.float32), None)
+synthesize(mesh, Frames.of(mesh, 1 / 10), (24, 24), levels, 1, "two.obj", resources_of(opened))
+""",
     "moments steerable": """
 from oiiotex.patchmatch.optimization import synthesize
 from oiiotex.patchmatch.recipe import Recipe
-exemplar = (np.random.default_rng(0).random((12, 13, 3)) * 100).astype(np.float32)
+exemplar = (np.random.default_rng(0).random((9, 10, 3)) * 100).astype(np.float32)
 for wrap, measure in ((True, "moments"), (False, "steerable")):
-    recipe = Recipe(width=11, height=9, wrap_x=wrap, wrap_y=wrap, sigma=3.0, patch=5, iterations=1, seed=1,
+    recipe = Recipe(width=8, height=7, wrap_x=wrap, wrap_y=wrap, sigma=3.0, patch=5, iterations=1, seed=1,
                     uniformity=0.05, contrast=0.7, flat=True, measure=measure, order=4)
     synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
 """,

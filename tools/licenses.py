@@ -26,7 +26,7 @@ OURS = ("oiiotex", "pip", "setuptools")
 
 def table(python: str) -> str:
     """Markdown: each package with version, license and whether oiiotex or an extra asks for it."""
-    command = ["pip-licenses", "--python", python, "--format=json", "--from=mixed", "--with-urls"]
+    command = [sys.executable, "-m", "piplicenses", "--python", python, "--format=json", "--from=mixed", "--with-urls"]
     found = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
     direct = asked_for()
     lines = ["| package | version | license | required by |", "|---|---|---|---|"]

@@ -5,10 +5,10 @@ python -m benchmarks.tilebench OUT [--side 256] [--photos N] [--tools NAME ...] 
 
 A known gradient and stain (benchmarks/tiles/drifts.py) are added to textures whose clean form is known. A good tile has
 the energies of the clean texture, and none of what was added. Photos are made by code, or come with scikit-image (CC0),
-so everything in OUT may be published. Tiles that are in OUT are not made again.
+so everything in OUT may be published. Tiles that are there are not made again.
 
-OUT receives the photos, the tiles, table.md, results.json and vote.html. benchmarks/tilebench/README.md explains the
-columns, how to add a tool, and how TexTile judges.
+OUT receives table.md, and OUT/tiles the photos, the tiles, results.json and vote.html. The README explains the columns,
+how to add a tool, and how TexTile judges.
 """
 
 from __future__ import annotations
@@ -77,10 +77,8 @@ def photos(side: int) -> dict[str, np.ndarray]:
     makers: dict[str, Callable[[int, int, int], np.ndarray]] = {
         "made_bricks": pictures.bricks, "made_pebbles": pictures.pebbles, "made_moss": pictures.moss,
     }  # fmt: skip
-    half = side // 2  # enlarged twice: their stones are made for small tests
     for name, make in makers.items():
-        made = make(half, half, SEED).repeat(2, 0).repeat(2, 1)
-        found[name] = np.rint(255 * made).astype(np.uint8)
+        found[name] = np.rint(255 * make(side, side, SEED)).astype(np.uint8)
     return {name: picture for name, picture in found.items() if picture is not None}
 
 
@@ -148,7 +146,7 @@ def main() -> None:
     parser.add_argument("--tools", nargs="+", help="default: all that are installed")
     parser.add_argument("--drift", choices=drifts.DRIFTS, default="gradient+stain")
     given = parser.parse_args()
-    out: Path = given.out
+    out: Path = given.out / "tiles"
     out.mkdir(parents=True, exist_ok=True)
     chosen = [tool for tool in tools() if not given.tools or tool.name in given.tools]
     for tool in [tool for tool in chosen if not tool.available()]:
@@ -175,7 +173,7 @@ def main() -> None:
         photo_name, _, tool_name = Path(file).stem.partition("--")
         results[tool_name][photo_name]["textile"] = figure
     text = table(results)
-    (out / "table.md").write_text(text)
+    (given.out / "table.md").write_text(text)
     about = {"machine": machine(), "side": given.side, "drift": given.drift, "results": results}
     (out / "results.json").write_text(json.dumps(about, indent=1))
     pairs = [tile.name for tile in sorted(out.glob("*--*.png"))]

@@ -69,5 +69,5 @@ def gaussian_taps(sigma: float, reach: float, most: int | None = None) -> np.nda
     radius = radius if most is None else min(radius, most)
     weights = exponential(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
     weights /= weights.sum()
-    weights.flags.writeable = False
+    weights.setflags(write=False)
     return weights

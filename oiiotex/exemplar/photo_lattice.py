@@ -14,7 +14,7 @@ from ..core.window import Domain
 from ..deferred import np
 from ..patchmatch.field import hash_at
 from ..regularity.courses import Courses, find_courses
-from ..regularity.lattice import RANGE, STRETCHED, Lattice, Texture, find_lattice, texture_of
+from ..regularity.lattice import RANGE, STRETCHED, HighPass, Lattice, find_lattice, high_pass_of
 from ..regularity.lattice import bytes_needed as lattice_bytes
 from ..regularity.offset_prices import InStep
 from ..session.resources import Resources
@@ -28,7 +28,7 @@ STRUCTURE = (
 )
 
 
-def photo_lattice(flag: str, lab: SomeRows, usable: np.ndarray | None, seen: Texture | None = None) -> Lattice | None:
+def photo_lattice(flag: str, lab: SomeRows, usable: np.ndarray | None, seen: HighPass | None = None) -> Lattice | None:
     """The lattice of the photo's usable pixels, logged for op `flag`; None if there is none."""
     lattice = find_lattice(lab, usable, seen=seen)
     if lattice is None:
@@ -40,7 +40,7 @@ def photo_lattice(flag: str, lab: SomeRows, usable: np.ndarray | None, seen: Tex
 
 def photo_structure(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Lattice | Courses | None:
     """The photo's lattice, else its courses of unequal height, logged for op `flag`; None if there are none."""
-    seen = texture_of(lab, usable)
+    seen = high_pass_of(lab, usable)
     lattice = photo_lattice(flag, lab, usable, seen)
     if lattice is not None or seen is None:
         return lattice

@@ -83,7 +83,7 @@ class Texture:
     def invariant(self) -> Texture:
         """Mean energy of all directions and wavelengths instead of each one, so that turned and scaled versions agree.
 
-        The Laplacians, which depend on scale, are left out.
+        The Laplacians, which depend on scale, are omitted.
         """
         responses = np.zeros_like(self.responses)
         gabor = _TURNS * len(WAVES)

@@ -125,11 +125,11 @@ def _looked_at(height: int, width: int) -> tuple[int, int]:
     return round(width * factor), round(height * factor)
 
 
-Texture = tuple["np.ndarray", "np.ndarray"]
+HighPass = tuple["np.ndarray", "np.ndarray"]
 """The high-passed photo at the size of the analysis, and its usable pixels."""
 
 
-def texture_of(values: SomeRows, usable: np.ndarray | None) -> Texture | None:
+def high_pass_of(values: SomeRows, usable: np.ndarray | None) -> HighPass | None:
     """The high-passed photo at the size of the analysis, and its usable pixels. None: too few are left."""
     height, width = values.shape[:2]
     small = _looked_at(height, width)
@@ -154,7 +154,7 @@ def texture_of(values: SomeRows, usable: np.ndarray | None) -> Texture | None:
 
 
 def find_lattice(
-    values: SomeRows, usable: np.ndarray | None = None, of_part: bool = False, seen: Texture | None = None
+    values: SomeRows, usable: np.ndarray | None = None, of_part: bool = False, seen: HighPass | None = None
 ) -> Lattice | None:
     """The lattice of a photo. None: it has none.
 
@@ -166,10 +166,10 @@ def find_lattice(
         Pixels that count. None: all.
     of_part : bool
         The image is a part of a photo that has a lattice: fewer periods suffice, and halves are not tested.
-    seen : Texture, optional
-        `texture_of` these arguments, if it is known.
+    seen : HighPass, optional
+        `high_pass_of` these arguments, if it is known.
     """
-    seen = seen or texture_of(values, usable)
+    seen = seen or high_pass_of(values, usable)
     if seen is None:
         return None
     (texture, counted), small, (height, width) = seen, _looked_at(*values.shape[:2]), values.shape[:2]
