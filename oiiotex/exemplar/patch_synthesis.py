@@ -62,8 +62,8 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         1,
         ge=1,
         le=64,
-        help="Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles with"
-        " two edge colors, which fit where the colors agree; 16 is the complete set. Part names and the"
+        help="Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,"
+        " which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part names and the"
         " attribute oiiotex:edges contain the edge colors.",
     )
     pack: str | None = param(
