@@ -22,8 +22,7 @@ from ..quality.reported_op import Reported
 from ..session import Session
 from ..session.progress import Progress
 from ..session.resources import Resources
-from ..wang.atlas import COUNTS
-from ..wang.tiles import TWO_COLORS_FROM
+from ..wang.tiles import COUNTS, TWO_COLORS_FROM
 from .constraint_images import INPAINT, WEIGHT
 from .exemplar_op import ExemplarPixels, MaterialOp
 from .heights import RELEVEL

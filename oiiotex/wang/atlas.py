@@ -16,9 +16,8 @@ from ..core.source_map import SourceMap
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError
-from .tiles import Edges, between, edges_of
+from .tiles import COUNTS, Edges, between, edges_of
 
-COUNTS = (4, 16, 64)  # numbers of tiles that fill a square whose side is a power of two
 _CORNERS = ("0010", "0001", "0111", "1011")  # on a torus, every square of four corners occurs once
 _GRID = re.compile(r"(\d{1,2})x(\d{1,2})", re.ASCII)
 

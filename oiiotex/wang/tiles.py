@@ -22,9 +22,9 @@ from ..core.source_map import SourceMap
 from ..deferred import np, oiio
 from ..errors import ImageError
 from ..patchmatch.constraints import FixedPixels
-from .cut import joined
 
 TWO_COLORS_FROM = 8  # number of tiles from which every pair of upper and left color has two choices (CSHD03 section 3)
+COUNTS = (4, 16, 64)  # numbers of tiles that fill the square of an atlas whose side is a power of two
 CORNERS_FROM = 16  # number of tiles for all combinations of four corners in two colors (LD06)
 
 Make = Callable[[FixedPixels | None, int, bool], SourceMap]
@@ -92,6 +92,8 @@ def wang_tiles(
     ImageError
         The tile is too small for its strips.
     """
+    from .cut import joined  # not needed for help
+
     if min(width, height) < 4 * strip:
         raise ImageError(
             f"tiles of {width}x{height} px are too small for border strips of {strip} px",
