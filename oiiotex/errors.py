@@ -178,6 +178,16 @@ class MemoryBudgetError(ImageError):
         self.task, self.need, self.budget, self.advice = task, need, budget, advice
 
 
+@contextlib.contextmanager
+def whole_budget(budget: int) -> Iterator[None]:
+    """Memory errors raised in this block for the rest of a budget state all of it, and what is held already."""
+    try:
+        yield
+    except MemoryBudgetError as error:
+        held = budget - error.budget
+        raise MemoryBudgetError(error.task, error.need + held, budget, error.advice) from None
+
+
 class BrokenValues(ImageError):
     """An image has NaN or Inf values. `counts`: number of each, (2,) int64."""
 

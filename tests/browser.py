@@ -46,7 +46,7 @@ class Served:
     """
 
     def __init__(self, folder: Path, *words: str, live: str = "", runtime: Path, errors: IO[bytes] | None = None):
-        line = [sys.executable, "-P", "-m", "oiiotex.cli.main", "--cache", "1024", *words]
+        line = [sys.executable, "-P", "-m", "oiiotex", "--cache", "1024", *words]
         line.append(f"--texlive:open=0:token={TOKEN}{live}")
         environment = os.environ | {"XDG_RUNTIME_DIR": str(runtime)}
         self.process = subprocess.Popen(

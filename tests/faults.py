@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-PROGRAM = [sys.executable, "-m", "oiiotex.cli.main"]
+PROGRAM = [sys.executable, "-m", "oiiotex"]
 OLD = b"the user's own"
 SLOW = ["--pattern", "noise", "3000x3000", "3", "--blur", "9x9", "-d", "half", "--compression", "none"]
 

@@ -19,7 +19,7 @@ PHOTO = pictures.stained(pictures.pebbles(131, 167, seed=5))
 SIGMAS = 6.0 + 3.0 * np.arange(9)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_merges_are_those_of_the_algorithm(device, seed):
     made = found(device, np.random.default_rng(seed).random((41, 53, 3)) ** 2, sigma=5.0)
     levels = list(blurred_sums(made, SIGMAS.tolist(), resources_of(device)))
@@ -73,12 +73,9 @@ def test_what_alpha_parts_is_never_merged(device):
     assert len(levels.merges) == made.count - 2
 
 
-@pytest.mark.parametrize("alpha", [False, True])
-def test_the_stack_is_the_blurred_image(any_lanes, alpha):
-    pixels = PHOTO
-    if alpha:
-        seen = (pictures.smooth_noise(131, 167, 30, 9) > 0.3)[..., None] * 1.0
-        pixels = np.concatenate([PHOTO * seen, seen], -1)
+def test_the_stack_is_the_blurred_image(any_lanes):
+    seen = (pictures.smooth_noise(131, 167, 30, 9) > 0.3)[..., None] * 1.0
+    pixels = np.concatenate([PHOTO * seen, seen], -1)
     made = found(any_lanes, pixels, sigma=6.0)
     lab = grid_values(any_lanes, pixels).astype(float)
     inside = lab[..., 3] > 0
@@ -111,13 +108,13 @@ def test_taps_have_the_variance_they_are_asked_for(variance):
 
 
 def test_scales_are_the_papers_up_to_128_levels_and_geometric_beyond():
-    np.testing.assert_allclose(scales(10.0, 500)[:3], [10, 13, 16])
-    assert scales(10.0, 500)[-1] == 100
-    assert len(scales(38.4, 1920)) == 116
-    large = scales(200.0, 10000)
+    np.testing.assert_allclose(scales(10.0, 100.0)[:3], [10, 13, 16])
+    assert scales(10.0, 100.0)[-1] == 100
+    assert len(scales(38.4, 0.2 * 1920)) == 116
+    large = scales(200.0, 2000.0)
     assert (len(large), large[0], large[-1]) == (128, 200, pytest.approx(2000))
     np.testing.assert_allclose(large[1:] / large[:-1], large[1] / large[0])
-    np.testing.assert_array_equal(scales(4.0, 16), [4.0])
+    np.testing.assert_array_equal(scales(4.0, 3.2), [4.0])
 
 
 @pytest.mark.parametrize("shape", [(16, 16), (1, 1), (1, 300), (64, 65)])

@@ -72,7 +72,7 @@ def without_linker(script: str, cache: str) -> subprocess.CompletedProcess:
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="PoCL from PyPI is for Linux")
 def test_without_a_linker_pocl_works_through_lld(tmp_path, photo):
     pytest.importorskip("ziglang")
-    program = [sys.executable, "-m", "oiiotex.cli.main"]
+    program = [sys.executable, "-m", "oiiotex"]
     words = [str(photo), "--texstationarize:size=64x64:iterations=2", "-o", f"{tmp_path}/tile.png"]
     script = shlex.join(program + words)
     done = without_linker(script, str(tmp_path / "cache"))

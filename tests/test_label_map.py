@@ -7,7 +7,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from oiiotex.core.image import Image, Part, from_pixels
-from oiiotex.core.label_map import LabelMap, label_maps
+from oiiotex.core.label_map import LabelMap, label_maps, opened_level
 from oiiotex.labels.legend import Legend, code_of, codes_of, color_of
 
 
@@ -21,6 +21,12 @@ def test_levels_come_from_names_finest_first():
         tuple(part(name, np.ones((2, 3))) for name in ("photo", "label.10", "label.2", "label.x", "alabel.1"))
     )
     assert list(label_maps(image)) == [2, 10]
+
+
+def test_the_coarsest_level_with_several_labels_is_opened():
+    one, two, unknown = (LabelMap.of(part("any", np.ones((2, 3))), n, [0] * n) for n in (1, 2, 0))
+    assert opened_level({1: two, 2: two, 3: one}) == 2
+    assert opened_level({1: one, 2: one}) == 2 and opened_level({1: two, 2: unknown}) == 2
 
 
 def test_what_is_said_is_read_back():

@@ -291,3 +291,9 @@ def test_the_cache_folder_is_shown_and_emptied(tmp_path):
     assert sorted(path.name for path in folder.iterdir()) == ["mine.txt"]
     assert (tmp_path / "kept.arrays").exists()
     assert "0 files" in oiiotex("--cache-clear", env=there).stdout
+
+
+def test_pages_of_help_fit_the_terminal(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    pages = [report.page(flag) for flag, *_ in report.declarations()] + [help.topic(":seed"), help.topic("label:tries")]
+    assert [line for page in pages for line in page.splitlines() if len(line) > 80] == []

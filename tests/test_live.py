@@ -144,11 +144,14 @@ def test_a_tile_is_tuned_and_its_line_makes_the_same_pixels(page, folder):
     assert any(":sigma=12.1" in word for word in words), words
     np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
     wait(page, "document.querySelector('.measures').textContent.includes('seam ratio')")
+    assert page.locator(".measures > p.good").count() >= 3
+    page.click(".measures summary")
     rows = [one.split("\t") for one in page.inner_text(".measures table").splitlines()]
-    assert rows[0] == ["", "Photo", "Tile"] and {"seam ratio x", "seam ratio y", "texture cost"} <= {r[0] for r in rows}
+    assert rows[0] == ["Measure", "Photo", "Tile"]
+    assert {"seam ratio x", "seam ratio y", "texture cost"} <= {row[0] for row in rows}
     assert all(float(value.rstrip(" %")) >= 0 for row in rows if row[0].startswith("seam") for value in row[1:])
     line_made = load(folder / words[-1])
-    page.get_by_role("button", name="Save").click()
+    page.get_by_role("button", name="Save", exact=True).click()
     wait(page, "document.getElementById('status').textContent.startsWith('Saved as')")
     saved = page.inner_text("#status").removeprefix("Saved as ")
     assert saved == "photo_tile_2.png"
@@ -357,6 +360,11 @@ def test_tiles_of_a_zoom_are_windows_of_a_line_twenty_levels_down(browser, folde
             np.testing.assert_array_equal(pixels, shown(folder / f"tile{number}.exr", "lin_rec709_scene"))
         words = copied_line(page)
         assert any(":window=" in word and ":level=26" in word for word in words)
+        number = page.get_by_label("Jitter (number)")
+        number.fill("0.3")
+        number.press("Enter")
+        page.keyboard.press("Escape")
+        assert any(":jitter=0.3" in word for word in copied_line(page))
         for keys in ("k", "PageDown", "PageDown", "k"):
             page.keyboard.press(keys)
         page.keyboard.press("p")

@@ -278,7 +278,7 @@ def test_autosave_goes_on_after_a_full_disk_and_keeps_the_last_state(tmp_path, m
     def opened() -> Document:
         return Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS, left)
 
-    hub = Hub(PageSource(None, "", (), "x", None, 256), opened(), Session(), tmp_path)
+    hub = Hub(PageSource(None, "", (), "x", None, 256, "uint8"), opened(), Session(), tmp_path)
     monkeypatch.setattr(hub, "tell", told.append)
     monkeypatch.setattr("oiiotex.live.hub.SAVE_EVERY", 0.01)
     monkeypatch.setattr("oiiotex.live.hub.RETRY_EVERY", 0.01)

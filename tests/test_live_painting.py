@@ -36,7 +36,7 @@ TABLE = {
 
 @pytest.fixture
 def palette() -> LabelPalette:
-    return LabelPalette(TABLE, np.zeros((8, 16, 3), np.float32))
+    return LabelPalette(TABLE, np.zeros((8, 16, 3), np.float32), np.array([[7, 2], [0, 2]], np.uint32))
 
 
 def layers() -> dict[str, np.ndarray]:
@@ -55,6 +55,11 @@ def test_finer_labels_are_numbered_where_they_have_a_swatch_and_stay_inside_thei
     wanted = np.zeros((64, 96), np.uint8)
     wanted[2:4, :4], wanted[6, 4:] = 1, 2
     np.testing.assert_array_equal(painting[FINE], wanted)
+
+
+def test_a_new_painting_is_the_photos_own_labels_mirrored_to_its_size(palette):
+    wanted = [[7, 2, 2, 7, 7], [7, 2, 2, 7, 7], [7, 2, 2, 7, 7]]  # 0, without a swatch, is the first label
+    np.testing.assert_array_equal(palette.photo(5, 3), wanted)
 
 
 def test_layers_are_read_back_and_say_what_they_are_of(palette, tmp_path):

@@ -144,8 +144,15 @@ def test_oiiotool_cuts_out_of_it_what_the_program_makes(shell, folder):
     found = oiio.ImageBuf(str(folder / "cut.png")).get_pixels(oiio.UINT8)
     np.testing.assert_array_equal(found, level(0, "100x64+2000000000+100000", seed=7))
     told = shell(BIN / "oiiotool", "--info", "-v", "huge.oiiotex").stdout
-    assert "1048576 x 1048576, 3 channel, uint8 oiiotex" in told and "tile size: 64 x 64" in told
+    assert "1048576 x 1048576, 3 channel, uint8 oiiotexfile" in told and "tile size: 64 x 64" in told
     assert "524288x524288 262144x262144" in told and "2x2 1x1" in told and "oiiotex:seed: 3" in told
+
+
+def test_attributes_of_oiiotex_are_still_written(shell):
+    """OpenImageIO's writers drop attributes whose prefix is the name of another format."""
+    done = shell(BIN / "oiiotool", "photo.png", "--attrib", "oiiotex:x", 3, "-o", "kept.exr")
+    assert done.returncode == 0, done.stderr
+    assert "oiiotex:x: 3" in shell(BIN / "oiiotool", "--info", "-v", "kept.exr").stdout
 
 
 def test_every_level_is_one_of_texsynth(shell, folder):
@@ -366,6 +373,14 @@ def test_a_stranger_behind_the_socket_is_not_believed(shell, folder, tmp_path, a
                 server.kill()
         said = [one for one in (done.stdout + done.stderr).splitlines() if "oiiotex ERROR: " in one]
         assert done.returncode == 1 and len(said) == 1 and text in said[0], done.stdout + done.stderr
+
+
+def test_a_host_with_another_openimageio_is_told_once(shell, plugin, tmp_path):
+    shutil.copy(plugin / "oiiotexfile.imageio.so", tmp_path)  # without its reader, as for another version
+    done = shell(BIN / "oiiotool", "wall.oiiotex", "-o", "cut.png", OPENIMAGEIO_PLUGIN_PATH=str(tmp_path))
+    said = [one for one in (done.stdout + done.stderr).splitlines() if one.startswith("oiiotex ERROR: ")]
+    assert done.returncode == 1 and len(said) == 1, done.stderr
+    assert f"built for OpenImageIO {metadata.version('OpenImageIO')}, which this program does not have" in said[0]
 
 
 PROGRAM = "import sys; sys.prefix = sys.argv[1]; from oiiotex.cli.main import main; main(['--plugin-path'])"

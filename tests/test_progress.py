@@ -12,17 +12,26 @@ import pytest
 
 from oiiotex.cli.running import progress
 from oiiotex.cli.running.progress import Display
+from oiiotex.session.progress import WHOLE, Progress
 from oiiotex.stats import Stats
 
-LONG = ("--texstationarize:size=160x160:iterations=120", "-o", "tile.exr")
+LINE = ("--texstationarize:size=64x64:iterations=20", "-o", "tile.exr")
+# a bar appears at once, not after a second of work
+EARLY = """
+import sys
+from oiiotex.cli.running import progress
+progress._QUIET, progress._TICK = {quiet}, 0.02
+from oiiotex.cli.main import main
+main(sys.argv[1:])
+"""
 
 
-def on_a_terminal(folder, *words) -> str:
+def on_a_terminal(folder, *words, quiet=0.0) -> str:
     """What the program shows on a terminal that says nothing of its size."""
     pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(folder)
-        os.execv(sys.executable, [sys.executable, "-m", "oiiotex.cli.main", *words])
+        os.execv(sys.executable, [sys.executable, "-c", EARLY.format(quiet=quiet), *words])
     shown = b""
     while True:
         try:
@@ -39,17 +48,17 @@ def on_a_terminal(folder, *words) -> str:
 
 @pytest.mark.parametrize("more", [(), ("-v",)])
 def test_a_terminal_shows_stage_share_rate_and_time_left(photo, more):
-    shown = on_a_terminal(photo.parent, *more, photo.name, *LONG)
+    shown = on_a_terminal(photo.parent, *more, photo.name, *LINE)
     assert "--texstationarize: " in shown and "%|" in shown and "it/s" in shown
 
 
 @pytest.mark.parametrize("option", ["-q", "--noprogress"])
 def test_it_can_be_turned_off(photo, option):
-    assert "%|" not in on_a_terminal(photo.parent, option, photo.name, *LONG)
+    assert "%|" not in on_a_terminal(photo.parent, option, photo.name, *LINE)
 
 
 def test_a_short_run_shows_nothing(photo):
-    assert on_a_terminal(photo.parent, photo.name, "-o", "copy.png") == ""
+    assert on_a_terminal(photo.parent, photo.name, "-o", "copy.png", quiet=progress._QUIET) == ""
 
 
 def test_a_log_has_a_line_now_and_then(photo, monkeypatch, capsys):
@@ -67,3 +76,34 @@ def test_a_log_has_a_line_now_and_then(photo, monkeypatch, capsys):
     assert 2 <= len(lines) <= (time.monotonic() - begun) / 0.3
     assert all(line.startswith("frame 2/5: --texlabel superpixels: ") for line in lines)
     assert "% " in lines[-1].replace("%,", "% ") and "s left" in lines[-1]
+
+
+def test_stages_of_an_op_have_their_shares_of_one_whole():
+    told = []
+    first, second = Progress(lambda done, total: told.append((done, total))).stages(1, 3)
+    first.advance(200, 400)
+    second.advance(0, 7)
+    second.advance(7, 7)
+    second.advance(0, 9)  # another attempt
+    assert told == [(WHOLE // 8, WHOLE), (WHOLE // 4, WHOLE), (WHOLE, WHOLE), (WHOLE // 4, WHOLE)]
+
+
+def test_the_time_left_is_that_of_the_whole_op_and_not_of_its_innermost_stage(monkeypatch, capsys):
+    clock = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    display, stats = Display(terminal=False), Stats()
+    stats.watch = display.stage
+    with stats.time("--texquilt"):
+        for n in range(1, 4):
+            with stats.time("inner"):
+                clock[0] += 20
+            display.advance(n, 10)
+            display._say(clock[0])
+        display.advance(1, 10)  # another attempt
+        clock[0] += 20
+        display.advance(2, 10)
+        display._say(clock[0])
+    shown = capsys.readouterr().err.splitlines()
+    assert [line.partition(" s, ")[2] for line in shown] == [
+        "10 %, 180 s left", "20 %, 160 s left", "30 %, 140 s left", "20 %, 160 s left",
+    ]  # fmt: skip

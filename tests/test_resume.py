@@ -43,7 +43,7 @@ def interrupted(
 ) -> subprocess.CompletedProcess:
     """A run that gets a signal when it has finished two pieces."""
     before = len(pieces(folder / f"{name}.parts"))
-    line = [sys.executable, "-m", "oiiotex.cli.main", photo, *(words or (f"{SYNTH}:resume=1",)), "-o", name]
+    line = [sys.executable, "-m", "oiiotex", photo, *(words or (f"{SYNTH}:resume=1",)), "-o", name]
     running = subprocess.Popen(line, cwd=folder, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120
     while len(pieces(folder / f"{name}.parts")) < before + 2 and time.monotonic() < deadline:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Strange messages, by number, to the resident process and to the page's server: they go on, say nothing, stay small.
 
-$OIIOTEX_STRANGE says how many of each; what a number stands for never changes with how many others are tried.
+$OIIOTEX_STRANGE says how many of each, from $OIIOTEX_STRANGE_BEGIN on. What a number stands for never changes with how
+many others are tried.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ from tests.browser import TOKEN, Served, end_resident
 from tests.conftest import save
 
 MESSAGES = int(os.environ.get("OIIOTEX_STRANGE", "300"))
+BEGIN = int(os.environ.get("OIIOTEX_STRANGE_BEGIN", "0"))
+NUMBERS = range(BEGIN, BEGIN + MESSAGES)
 SETTINGS = ResidentSettings(budget=1 << 30, idle=30)
 GROWN = 256 << 20  # bytes that a process may have more than before
 VALUES = (
@@ -80,7 +83,7 @@ ASKED: tuple[dict[str, Any], ...] = (
     {"do": "save", "room": "paint", "times": 1}, {"do": "new", "room": "paint", "label": -1},
     {"do": "brush", "room": "tile", "name": "mask"}, {"do": "overlay", "room": "tile", "name": "x"},
     {"do": "line", "room": "zoom", "width": 9, "height": 9}, {"do": "path", "room": "zoom"},
-    {"do": "tiles", "room": "zoom", "level": 1, "tiles": []},
+    {"do": "tiles", "room": "zoom", "tiles": [[1, "0", "0"]]},
 )  # fmt: skip
 HEADS = (
     b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", b"GET /" + b"a" * 100_000 + b" HTTP/1.1\r\n\r\n",
@@ -176,7 +179,7 @@ def no_traceback(text: str) -> bool:
 def test_bytes_that_are_no_message_end_their_connection_alone(client):
     pid, log = client.hello()["pid"], SETTINGS.socket().with_suffix(".log")
     before = memory_of(pid)
-    for number in range(MESSAGES):
+    for number in NUMBERS:
         dice = random.Random(number)
         text = json.dumps(dice.choice(REQUESTS) | {"id": 1, "arrays": []}).encode()
         data = broken(dice, text) if dice.random() < 0.7 else text
@@ -199,7 +202,7 @@ def test_strange_requests_are_answered_in_words(client):
     pid, log = client.hello()["pid"], SETTINGS.socket().with_suffix(".log")
     before, link = memory_of(pid), linked()
     answered = 0
-    for number in range(MESSAGES):
+    for number in NUMBERS:
         dice = random.Random(number)
         asked = strange(dice, dice.choice(REQUESTS))
         if not isinstance(asked, dict) or asked.get("do") == "end":
@@ -251,7 +254,7 @@ def server() -> Iterator[tuple[Served, Callable[[], str]]]:
 def test_bytes_that_are_no_request_are_refused_without_a_word(server):
     served, errors = server
     before = memory_of(served.process.pid)
-    for number in range(MESSAGES):
+    for number in NUMBERS:
         dice = random.Random(number)
         data = dice.choice(HEADS)
         if dice.random() < 0.5:
@@ -272,7 +275,7 @@ def test_strange_messages_of_a_page_are_refused_in_words(server):
     wire = Wire(served)
     wire.until("hello")
     before = memory_of(served.process.pid)
-    for number in range(MESSAGES):
+    for number in NUMBERS:
         dice = random.Random(number)
         asked = strange(dice, dice.choice(ASKED))
         text = json.dumps(asked).encode()

@@ -69,7 +69,7 @@ def main() -> None:
         sys.executable,
         "-P",  # import nothing from the current folder
         "-m",
-        "oiiotex.cli.main",
+        "oiiotex",
         "-v",
         str(photo),
         "--texstationarize:seed=7",

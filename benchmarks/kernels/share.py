@@ -27,7 +27,7 @@ from pathlib import Path
 
 PHOTO = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")).resolve() / "photos" / "castle_brick_broken.jpg"
 SPACE = ("--iscolorspace", "srgb_rec709_scene")
-_PROGRAM = (sys.executable, "-m", "oiiotex.cli.main")
+_PROGRAM = (sys.executable, "-m", "oiiotex")
 CROP = "256x256+200+150"
 LINES = {
     "synth 1k": (True, "--texsynth:size=1024x1024"),

@@ -101,7 +101,7 @@ def print_start(graph: Path, runs: int) -> None:
     """A window far down by the program, its analysis cached."""
     with tempfile.TemporaryDirectory() as folder:
         command = [
-            sys.executable, "-m", "oiiotex.cli.main", "--autocc",
+            sys.executable, "-m", "oiiotex", "--autocc",
             f"--texsynth:graph={graph}:level=30:window=1920x1080+0+0", "-o", f"{folder}/window.exr",
         ]  # fmt: skip
         spent = []

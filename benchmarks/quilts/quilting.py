@@ -50,7 +50,7 @@ BUDGET = 1 << 30  # bytes that a plan may have
 def oiiotex(*words: object, cwd: Path) -> tuple[float, float, int]:
     """Run the program: wall and CPU seconds, and its resident memory at most in MB."""
     start = time.perf_counter()
-    child = subprocess.Popen([sys.executable, "-m", "oiiotex.cli.main", *map(str, words)], cwd=cwd)
+    child = subprocess.Popen([sys.executable, "-m", "oiiotex", *map(str, words)], cwd=cwd)
     _, status, used = os.wait4(child.pid, 0)
     child.returncode = os.waitstatus_to_exitcode(status)
     wall = time.perf_counter() - start

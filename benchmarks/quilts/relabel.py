@@ -15,7 +15,7 @@ from oiiotex.color.lab import lens_of
 from oiiotex.core.image import from_buffer
 from oiiotex.labels import features
 from oiiotex.session import Session
-from oiiotex.superpixels.hierarchy import hierarchy, scales
+from oiiotex.superpixels.hierarchy import COARSEST, hierarchy, scales
 from oiiotex.superpixels.superpixels import FINEST, LEAST_SIGMA, superpixels
 
 GAP = 64  # px between the two, of alpha 0
@@ -55,7 +55,7 @@ def relabeled(exemplar: np.ndarray, ids: np.ndarray, made: np.ndarray, rho: floa
     image, resources = from_buffer(buffer), Session().resources
     finest = max(LEAST_SIGMA, FINEST * min(height, width))
     found = superpixels(image, lens_of(image, resources), resources, sigma=finest)
-    steps = scales(finest, min(height, width))
+    steps = scales(finest, COARSEST * min(height, width))
     levels = hierarchy(found, resources, np.append(steps[steps < rho], max(rho, finest)))
     groups = levels.partition(len(levels.counts) - 1)
     times = int(np.ceil(np.sqrt(height * width / features.WORKING_PIXELS)))

@@ -19,7 +19,7 @@ import OpenImageIO as oiio
 
 from benchmarks.shared.measures import Spent, data_folder, measured
 
-PROGRAM = (sys.executable, "-m", "oiiotex.cli.main")
+PROGRAM = (sys.executable, "-m", "oiiotex")
 SIZES = {"256": (256, 256), "512": (512, 512), "640": (640, 427), "1024": (1024, 1024), "2560": (2560, 1920)}
 LINES = (
     "--version",

@@ -30,7 +30,7 @@ OURS = Tool(
     "pip install -e .",
     lambda: True,
     lambda photo, out, size: [
-        sys.executable, "-m", "oiiotex.cli.main", str(photo), "--texstationarize", "-o", str(out),
+        sys.executable, "-m", "oiiotex", str(photo), "--texstationarize", "-o", str(out),
     ],
 )  # fmt: skip
 NUMBERS = "{:9.1f} {:9.1f} {:6.2f} {:6.3f} {:9.3f}"

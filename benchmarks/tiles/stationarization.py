@@ -19,6 +19,9 @@ from __future__ import annotations
 import argparse
 import csv
 import sys
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from unittest import mock
 
@@ -28,19 +31,20 @@ from benchmarks.shared.measures import data_folder, load
 from oiiotex import errors
 from oiiotex.color.lab import working_values
 from oiiotex.color.lab_grid import steps_for
-from oiiotex.core.image import from_buffer
+from oiiotex.core.image import Image, from_buffer
+from oiiotex.core.source_map import SourceMap
 from oiiotex.core.window import Domain
-from oiiotex.filters.texpatchmatch import PatchMatch
-from oiiotex.filters.texstationarize import Stationarize
+from oiiotex.filters.texstationarize import PAPER_PATCH, Stationarize
 from oiiotex.patchmatch import optimization as module
 from oiiotex.patchmatch.matcher import match_patches
+from oiiotex.patchmatch.recipe import Recipe
 from oiiotex.session import Session
-from oiiotex.stationarity.costs import stationarity_cost, texture_cost
+from oiiotex.stationarity.costs import stationarity_cost
 
 MEASURES = ("histogram", "moments", "steerable")
-BASELINE = "patchmatch"
+BASELINE, DEFAULT = "patchmatch", "default"
 FIELDS = ("photo", "seed", "variant", "measure", "cost")
-TEXTURE = "texture"
+TEXTURE, FLAT_TEXTURE = "texture", "texture of the flattened photo"
 TRACE_FIELDS = ("photo", "variant", "iteration", "stationarity", "texture", "deviation")
 
 
@@ -55,29 +59,53 @@ class Photo:
         self.height, self.width = self.lab.shape[:2]
         self.sigma = max(self.width, self.height) / 32
 
-    def made(self, variant: str, seed: int) -> module.Synthesis:
-        """One variant's tile."""
-        what = {"exemplar": self.image, "seed": seed}
-        op = PatchMatch(**what) if variant == BASELINE else Stationarize(**what, measure=variant, paper=True)
+    def recipe(self, variant: str) -> Recipe:
+        """The paper's recipe; the baseline's is the same without a projection."""
+        measure = "histogram" if variant == BASELINE else variant
+        op = Stationarize(exemplar=self.image, measure=measure, paper=True)
         recipe = op.recipe(self.width, self.height)
-        resources = self.resources
-        return module.synthesize(
+        return replace(recipe, sigma=None) if variant == BASELINE else recipe
+
+    def made(self, variant: str, seed: int) -> tuple[SourceMap, np.ndarray]:
+        """One variant's tile: where its pixels are from, and its Lab."""
+        resources = self.session.resources
+        if variant == DEFAULT:
+            parts = Stationarize(exemplar=self.image, stmap=True, seed=seed).compute(self.session)
+            tile, _ = working_values(Image((parts["tile"],), self.image.source), resources)
+            return SourceMap.of_coordinates(parts["st"].pixels(), self.buffer.spec(), "st"), tile
+        recipe = replace(self.recipe(variant), seed=seed)
+        made = module.synthesize(
             resources.device, self.lab, self.opaque, recipe, resources.budget, lambda done, total: None
         )
+        return made.source, made.source.gather(self.lab)
 
-    def costs(self, variant: str, seed: int) -> dict[str, float]:
-        """Stationarity by its own measure (all three of the baseline), and texture."""
-        made = self.made(variant, seed)
-        tile = made.source.gather(self.lab)
-        measures = MEASURES if variant == BASELINE else {"histogram": 0, variant: 0}
+    def costs(self, variant: str, seed: int, measures: Iterable[str]) -> dict[str, float]:
+        """Stationarity by some measures, and texture."""
+        source, tile = self.made(variant, seed)
         found = {m: stationarity_cost(tile, self.sigma, measure=m, like=self.lab) for m in measures}
-        device, budget, torus = (
-            self.session.resources.device,
-            self.session.resources.budget,
-            Domain(self.width, self.height, True, True),
+        found[TEXTURE] = self.texture(source, tile, self.lab)
+        if variant == DEFAULT:
+            found[FLAT_TEXTURE] = self.texture(source, tile, self.flat)
+        return found
+
+    @cached_property
+    def flat(self) -> np.ndarray:
+        """Lab of the photo as the default flattens it."""
+        op, _ = Stationarize(exemplar=self.image).flattened(self.session.resources, self.session.progress)
+        return working_values(op.exemplar, self.session.resources)[0]
+
+    def texture(self, source: SourceMap, tile: np.ndarray, exemplar: np.ndarray) -> float:
+        """Eq. 5, from the patches that the pixels were copied from, improved by eight passes."""
+        resources, (height, width), half = self.session.resources, tile.shape[:2], PAPER_PATCH // 2
+        last = (self.height - PAPER_PATCH, self.width - PAPER_PATCH)
+        corners = (
+            np.clip(np.roll(n, (-half, -half), (0, 1)) - half, 0, m) for n, m in zip(source.yx, last, strict=True)
         )
-        field = match_patches(device, tile, self.lab, made.field, 11, torus, 1, budget)
-        return found | {TEXTURE: texture_cost(tile, self.lab, field)}
+        _, texture = match_patches(
+            resources.device, tile, exemplar, SourceMap.of(*corners), PAPER_PATCH, Domain(width, height, True, True), 1,
+            resources.budget,
+        )  # fmt: skip
+        return texture
 
     def traced(self, variant: str, seed: int) -> list[tuple[float, float, float]]:
         """(stationarity, texture, deviation) after every iteration, at the size of its level."""
@@ -94,10 +122,11 @@ class Photo:
                 super().iterate(iteration, passes)
                 tile = self._matcher.pick().gather(self.lab)
                 cost = stationarity_cost(tile, sigma * self.scale)
-                texture = texture_cost(tile, self.lab, self._matcher.field())
-                found.append((cost, texture, _deviation(self.lab)))
+                field, torus = self._matcher.field(), Domain(*tile.shape[1::-1], True, True)
+                given = resources.device, tile, self.lab, field, 11, torus, 1, resources.budget
+                found.append((cost, match_patches(*given, passes=0)[1], _deviation(self.lab)))
 
-        sigma = self.sigma
+        sigma, resources = self.sigma, self.resources
         with mock.patch.object(module, "_Level", Traced):
             self.made(variant, seed)
         return found
@@ -109,7 +138,7 @@ def _deviation(lab: np.ndarray) -> float:
 
 
 def run(folder: Path, out: Path, side: int, seeds: dict[str, int]) -> None:
-    """Measure what is not yet in the files: seed after seed over all photos, then traces, then the best seeds."""
+    """Measure what is not yet in the files: seed after seed over all photos, first of what figures 3 and 4 compare."""
     session = Session()
     out.mkdir(parents=True, exist_ok=True)
     photos = []
@@ -118,28 +147,37 @@ def run(folder: Path, out: Path, side: int, seeds: dict[str, int]) -> None:
             photos.append(Photo(path, side, session))
         except (errors.Error, OSError) as error:
             print(f"{path.name}: {error}", file=sys.stderr)
-    for seed in range(max(seeds.values())):
-        for photo in photos:
-            for variant in (v for v in seeds if seed < seeds[v]):
-                measure(photo, variant, seed, out)
-        print(f"seed {seed}", flush=True)
+    for variants in ((BASELINE, "histogram", DEFAULT), MEASURES[1:]):
+        for seed in range(max(seeds[v] for v in variants)):
+            for photo in photos:
+                for variant in (v for v in variants if seed < seeds[v]):
+                    others = (
+                        [m for m in MEASURES[1:] if seed < seeds[m]] if variant in (BASELINE, DEFAULT) else [variant]
+                    )
+                    measure(photo, variant, seed, dict.fromkeys(["histogram", *others]), out)
+            print(f"{', '.join(variants)}: seed {seed}", flush=True)
+        trace(photos, out)
+    for photo in photos:
+        for variant in (v for v in MEASURES if seeds[v]):
+            best = best_seed(rows(out / "costs.csv"), photo.name, variant)
+            measure(photo, variant, best, dict.fromkeys(["histogram", variant]), out)
+
+
+def trace(photos: list[Photo], out: Path) -> None:
+    """Costs after every iteration, where they are not known."""
     followed = {(r["photo"], r["variant"]) for r in rows(out / "traces.csv")}
     for photo in photos:
         for variant in (BASELINE, "histogram"):
             if (photo.name, variant) not in followed:
                 found = photo.traced(variant, 0)
                 append(out / "traces.csv", TRACE_FIELDS, [(photo.name, variant, n, *f) for n, f in enumerate(found, 1)])
-    print("traces", flush=True)
-    for photo in photos:
-        for variant in MEASURES:
-            measure(photo, variant, best_seed(rows(out / "costs.csv"), photo.name, variant), out)
 
 
-def measure(photo: Photo, variant: str, seed: int, out: Path) -> None:
+def measure(photo: Photo, variant: str, seed: int, measures: Iterable[str], out: Path) -> None:
     """One variant's costs, where they are not known."""
     known = {(r["photo"], r["seed"], r["variant"]) for r in rows(out / "costs.csv")}
     if (photo.name, str(seed), variant) not in known:
-        found = photo.costs(variant, seed)
+        found = photo.costs(variant, seed, measures)
         append(out / "costs.csv", FIELDS, [(photo.name, seed, variant, m, c) for m, c in found.items()])
 
 
@@ -178,7 +216,8 @@ def main() -> None:
     for measure in MEASURES[1:]:
         parser.add_argument(f"--{measure}", type=int, help="number of seeds for that measure, if fewer")
     given = parser.parse_args()
-    seeds = {v: getattr(given, v, None) or given.seeds for v in (BASELINE, *MEASURES)}
+    fewer = {m: given.seeds if getattr(given, m) is None else getattr(given, m) for m in MEASURES[1:]}
+    seeds = dict.fromkeys((BASELINE, DEFAULT, "histogram"), given.seeds) | fewer
     run(given.photos, given.out, given.side, seeds)
     plot(given.out)
 

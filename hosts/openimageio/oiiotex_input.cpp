@@ -15,7 +15,9 @@ OIIO_PLUGIN_NAMESPACE_BEGIN
 
 class OiiotexInput final : public ImageInput {
 public:
-    const char* format_name() const override { return "oiiotex"; }
+    // Not "oiiotex": OpenImageIO's writers drop attributes whose prefix names another format, so `oiiotex:seed` would be
+    // lost. The names of the file and of the exported functions follow from the format's.
+    const char* format_name() const override { return "oiiotexfile"; }
 
     // "procedural": the name may have a query after '?', so hosts do not check whether the file exists.
     int supports(string_view feature) const override { return feature == "procedural" || feature == "mipmap"; }
@@ -135,22 +137,9 @@ private:
     }
 };
 
-OIIO_PLUGIN_EXPORTS_BEGIN
-
-OIIO_EXPORT int oiiotex_imageio_version = OIIO_PLUGIN_VERSION;
-
-OIIO_EXPORT const char* oiiotex_imageio_library_version()
-{
-    return "oiiotex " OIIOTEX_VERSION;
-}
-
-OIIO_EXPORT ImageInput* oiiotex_input_imageio_create()
-{
-    return new OiiotexInput;
-}
-
-OIIO_EXPORT const char* oiiotex_input_extensions[] = { "oiiotex", nullptr };
-
-OIIO_PLUGIN_EXPORTS_END
-
 OIIO_PLUGIN_NAMESPACE_END
+
+extern "C" OIIO_EXPORT void* oiiotex_reader_create()
+{
+    return static_cast<OIIO::ImageInput*>(new OIIO::OiiotexInput);
+}

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Label codes, painted plans and levels of zoom, for the live page."""
 
-from ..exemplar.presets import PRESETS
+from ..exemplar.presets import AUTOMATIC, INPAINTED, PRESETS
 from ..labels.legend import code_of, codes_of, color_of
 from ..multiscale.graph import read_graph
 from ..multiscale.synthesizer import MOST_LEVEL
@@ -10,6 +10,8 @@ from ..quilting.painted_plans import changed_box, regridded
 from ..stationarity.measures import MEASURES
 
 __all__ = [
+    "AUTOMATIC",
+    "INPAINTED",
     "MEASURES",
     "MOST_LEVEL",
     "PRESETS",

@@ -45,6 +45,7 @@ def _line(words: list[str]) -> int:
     from .running.line_run import run  # imported here so that signals are handled meanwhile
 
     gc.freeze()
+    gc.set_threshold(10_000)  # imports that follow also allocate many objects
     gc.enable()
     return run(words)
 
@@ -103,7 +104,3 @@ def _failed(words: list[str], text: str) -> int:
 
 def _debugging(words: list[str]) -> bool:
     return any(word in ("--debug", "-debug") for word in words)
-
-
-if __name__ == "__main__":
-    main()

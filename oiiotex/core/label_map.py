@@ -109,3 +109,8 @@ def label_maps(image: Image) -> dict[int, LabelMap]:
     named = ((re.fullmatch(r"label\.([0-9]+)", part.name), part) for part in image.parts)
     maps = (LabelMap(part, int(match[1])) for match, part in named if match)
     return {one.level: one for one in sorted(maps, key=lambda one: one.level)}
+
+
+def opened_level(levels: dict[int, LabelMap]) -> int:
+    """The coarsest level that is not known to have a single label; the coarsest if there is none."""
+    return max((level for level, one in levels.items() if one.count != 1), default=max(levels))

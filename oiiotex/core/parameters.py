@@ -13,7 +13,6 @@ import inspect
 import keyword
 import math
 import re
-import types
 import typing
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -100,7 +99,7 @@ class Parameter:
         if self.kind is None:
             return "1 (the next image on the stack), the name of a part of the first image, or a file name"
         if self.choices:
-            line = ", ".join(str(choice) for choice in self.choices if choice not in ("", None))
+            line = ", ".join(_typed(choice)[0] for choice in self.choices if choice not in ("", None))
             return f"one of {either(line, ', '.join(repr(choice) for choice in self.choices if choice is not None))}"
         if bool in self.kind and len(self.kind) > 1:
             others = " or ".join(_KINDS[k] for k in self.kind if k is not bool)
@@ -134,7 +133,7 @@ class Parameter:
         if self.kind is None:
             return "1"
         if self.choices:
-            return next(str(choice) for choice in self.choices if choice not in ("", None, self.default))
+            return next(_typed(choice)[0] for choice in self.choices if choice not in ("", None, self.default))
         if bool in kinds:
             return "0" if self.default is True else "1"
         if SizeRule in kinds or Size in kinds:
@@ -212,7 +211,7 @@ class Parameter:
         if not text and self.positional and str in (self.kind or ()) and not self.choices:
             return text  # an empty positional text means no value
         for choice in self.choices:
-            if str(choice) == text:
+            if text in _typed(choice):
                 return choice
         for kind in () if self.choices else self.kind or ():
             try:
@@ -347,8 +346,12 @@ def _numbers_in(value: Any) -> tuple[float, ...]:
 
 
 def _kinds(hint: Any) -> tuple[type, ...]:
-    union = typing.get_origin(hint) in (typing.Union, types.UnionType)
-    return tuple(k for k in (typing.get_args(hint) if union else (hint,)) if k is not type(None))
+    return tuple(k for k in typing.get_args(hint) or (hint,) if k is not type(None))
+
+
+def _typed(choice: Any) -> tuple[str, ...]:
+    """A choice as it is typed on the command line; the first way is shown."""
+    return (str(choice),) if not isinstance(choice, bool) else _TRUE if choice else _FALSE
 
 
 def _parse(kind: type, text: str) -> Any:
@@ -375,18 +378,13 @@ def _convert(kind: type, value: Any) -> Any:
     """A Python value converted to `kind`; raises ValueError or TypeError if it cannot be."""
     if kind in (Size, Words) and isinstance(value, (str, bytes)):
         raise TypeError(value)
-    if kind is Words:
-        if not len(value):
-            raise ValueError(value)
-        return Words(_convert(str, piece) for piece in value)
     if kind is Size:
-        width, height = value
-        return Size(_convert(int, width), _convert(int, height))
-    if kind is Numbers:
-        numbers = value if isinstance(value, tuple) or np.ndim(value) else [value]
-        if not len(numbers):
+        return Size(*(_convert(int, side) for side in value))
+    if kind in (Numbers, Words):
+        pieces = value if kind is Words or isinstance(value, tuple) or np.ndim(value) else [value]
+        if not len(pieces):
             raise ValueError(value)
-        return Numbers(_convert(float, n) for n in numbers)
+        return kind(_convert(str if kind is Words else float, piece) for piece in pieces)
     if kind in (int, float):
         if isinstance(value, (bool, str, bytes)) or getattr(value, "dtype", None) == "bool":
             raise TypeError(value)

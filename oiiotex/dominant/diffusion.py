@@ -96,13 +96,13 @@ def dominant_texture(
         side = patch or patch_size(pixels.lab[..., 0], resources.spread)
         texels = texels_of(pixels, side, step or step_for(pixels.seen.shape, side, most), resources)
         nothing = np.full(texels.count, SCATTERED, np.int8), np.zeros(texels.count), np.zeros(texels.count)
-        progress.advance(200, 600)
+        progress.advance(190, 600)
         if not texels.count:
             return Dominance(texels, *nothing, rejected="no patch is opaque")
         with resources.stats.time("kernel and densities"):
             chosen = landmarks(texels, seed)
             kernel = kernel_of(texels, chosen)
-            progress.advance(300, 600)
+            progress.advance(200, 600)
             if kernel is None:
                 alike = np.full(texels.count, DOMINANT, np.int8), np.full(texels.count, float(len(chosen)))
                 return Dominance(texels, *alike, np.zeros(texels.count))
@@ -114,7 +114,7 @@ def dominant_texture(
             density = densities(texels, chosen, kernel.size, euclidean, resources)
         with resources.stats.time("neighbors"):
             squares = neighbor_squares(texels, resources, progress)
-        progress.advance(400, 600)
+        progress.advance(575, 600)
         with resources.stats.time("heat"):
             weights = neighbor_weights(squares, kernel.size, euclidean)
             if mode == "spectral":
@@ -134,7 +134,7 @@ def dominant_texture(
                         joined = joined.maximum(neighbor_weights(far, wide.size, False)).tocsr()
                         again = _classified(texels, wide, density, joined, rule)
                         dominant = dominant if again.rejected else again
-        progress.advance(500, 600)
+        progress.advance(595, 600)
     return dominant
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from ..color.config import as_float
 from ..core.demand import bands
 from ..core.image import Image, Part, channels_of, cropped, dtype_of
-from ..core.label_map import LabelMap, holds_ids, label_maps
+from ..core.label_map import LabelMap, holds_ids, label_maps, opened_level
 from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError, ParameterError, texture_filter
@@ -42,9 +42,9 @@ def label_levels(exemplar: Image, labels: Image | None = None) -> dict[int, Labe
 
 
 def label_map(exemplar: Image, labels: Image | None, level: int | None) -> LabelMap:
-    """The label map of a level, the coarsest where it is None; raises as `label_levels` does, or ParameterError."""
+    """The label map of a level, by default `opened_level`; raises as `label_levels` does, or ParameterError."""
     levels = label_levels(exemplar, labels)
-    level = max(levels) if level is None else level
+    level = opened_level(levels) if level is None else level
     if level not in levels:
         raise ParameterError(parameter="level", value=level, expected=f"one of {', '.join(map(str, levels))}")
     return levels[level]

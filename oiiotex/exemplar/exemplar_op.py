@@ -31,7 +31,7 @@ MASK = "Image that marks the valid source pixels (first channel above half its r
 LABELS = "Label maps of the exemplar, if they are not stored as its parts."
 LABEL = "Id of a label in the exemplar's label maps. Only pixels of that label are used as a source."
 LEVEL = "Level of the label maps: N selects the part label.N. 1 is the finest."
-COARSEST = "the coarsest"
+COARSEST = "the coarsest with several labels"
 SEED = "Seed of the random numbers. The same seed gives the same pixels."
 
 

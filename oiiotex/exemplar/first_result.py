@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 from ..color.config import as_float
 from ..core.demand import MadeRows, first_channels
@@ -17,7 +17,6 @@ from ..patchmatch.optimization import Synthesis
 from ..patchmatch.recipe import Recipe
 from ..quality.fidelity import GOOD, Fidelity, fidelity
 from ..quality.seam_measures import seam_ratio
-from ..session.progress import Progress
 from ..stats import Stats
 from .exemplar_op import ExemplarPixels
 
@@ -45,17 +44,16 @@ def better_of(
     recipe: Recipe,
     other: Recipe | None,
     seen: ExemplarPixels,
-    stages: Iterator[Progress],
     stats: Stats,
 ) -> tuple[Synthesis, Fidelity | None, Recipe]:
     """The result of the first recipe, or of the other one if the first is not good and the other is better."""
-    first = run(recipe, constraints, next(stages))
+    first = run(recipe, constraints)
     with stats.time("fidelity"):
         kept = fidelity_of(seen, first.source, recipe)
     if other is None or kept is None or kept.value >= GOOD:
         return first, kept, recipe
     log.info("%s: %s with %s; trying %s", flag, kept, recipe.scales, other.scales)
-    second = run(other, constraints, next(stages))
+    second = run(other, constraints)
     with stats.time("fidelity"):
         better = fidelity_of(seen, second.source, other)
     if better is None or better.value <= kept.value:

@@ -13,7 +13,7 @@ from ..core.op import Kind, Output
 from ..core.parameters import Size, SizeRule, image, param
 from ..core.source_map import COPIED, ST
 from ..deferred import np
-from ..errors import ParameterError, modifier
+from ..errors import ParameterError, modifier, whole_budget
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import require_memory
 from ..patchmatch.recipe import Recipe
@@ -136,7 +136,8 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """The tile and its source coordinates, as one mapping for each map and variant."""
         from .synthesis_run import SynthesisRun  # not needed for help
 
-        return SynthesisRun(self, session.resources, session.progress).results()
+        with whole_budget(session.resources.budget):  # they are told what is left of it
+            return SynthesisRun(self, session.resources, session.progress).results()
 
     def second_choice(self, recipe: Recipe) -> Recipe | None:
         """The recipe to try if the first result is not faithful; None: no other."""

@@ -11,16 +11,23 @@ from ..core.image import Image, Part
 from ..core.op import Op
 from ..session.progress import Progress
 from ..session.resources import Resources
+from .patch_synthesis import PATCH
 
 if TYPE_CHECKING:
     from .patch_synthesis import PatchSynthesis
 
 _DOMINANT = "--texdominant"
-EVEN, CLEAN, KEEP = PRESETS = "even", "clean", "keep"
+EVEN, CLEAN, KEEP = "even", "clean", "keep"
 CONTRAST = 0.7  # strength of histogram matching
-LARGE_PATCH = 21  # px
-KEEP_SIGMA_SHARE, EVEN_SIGMA_SHARE = 4, 32  # of the longer side
-SMALL_PATCH = 11  # px
+LARGE_PATCH, SMALL_PATCH = 21, 11  # px
+SIGMA_SHARE, PAPER_SIGMA_SHARE, KEEP_SIGMA_SHARE, EVEN_SIGMA_SHARE = 8, 32, 4, 32  # sigma is the longer side / share
+AUTOMATIC: dict[str, float] = {"contrast": CONTRAST, "patch": PATCH, "share": SIGMA_SHARE}  # without a preset
+INPAINTED: dict[str, float] = {"contrast": 0.0, "patch": PATCH, "share": PAPER_SIGMA_SHARE}  # the same, with inpaint
+PRESETS: dict[str, dict[str, float]] = {  # values of modifiers
+    EVEN: {"contrast": CONTRAST, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},
+    CLEAN: {"contrast": 0.0, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},
+    KEEP: {"contrast": CONTRAST, "patch": LARGE_PATCH, "share": KEEP_SIGMA_SHARE},
+}
 PRESET_HELP = (
     f"Values for modifiers that you do not set. keep: large structures are preserved (sigma = longer side /"
     f" {KEEP_SIGMA_SHARE}, patch={LARGE_PATCH}). even: large structures are also evened out (sigma = longer side /"
@@ -34,10 +41,10 @@ def filled(op: PatchSynthesis, preset: str, resources: Resources, progress: Prog
 
     -v logs the equivalent command line.
     """
-    chosen: dict[str, Any] = {}
-    if op.inpaint is None:
-        chosen["contrast"] = 0.0 if preset == CLEAN else CONTRAST
-    chosen["patch"], share = (LARGE_PATCH, KEEP_SIGMA_SHARE) if preset == KEEP else (SMALL_PATCH, EVEN_SIGMA_SHARE)
+    chosen: dict[str, Any] = dict(PRESETS[preset])
+    share = chosen.pop("share")
+    if op.inpaint is not None:
+        del chosen["contrast"]
     if sigma:
         chosen["sigma"] = max(max(op.asked_size) / share, (op.patch or chosen["patch"]) / 4)
     missing: dict[str, Any] = {name: value for name, value in chosen.items() if getattr(op, name) is None}

@@ -21,7 +21,8 @@ from ..patchmatch.optimization import Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
 from ..quality.lost_structure import regularity_of, say_what_was_lost
 from ..quality.report import Look, Quality
-from ..regularity.courses import InCourses
+from ..regularity.courses import Courses, InCourses
+from ..regularity.lattice import Lattice
 from ..regularity.offset_prices import InStep
 from ..wang.atlas import mark_as_atlas, packed
 from ..wang.tiles import edged, edges_of, runs_for, wang_tiles
@@ -29,7 +30,7 @@ from .coarse_looks import coarse_looks
 from .constraint_images import marked_pixels, remade_source, weights_of
 from .first_result import better_of, hint_that_it_tiles, say_fidelity
 from .heights import height_tile
-from .photo_lattice import fitting_size, photo_courses, photo_lattice
+from .photo_lattice import fitting_size, photo_structure
 
 if TYPE_CHECKING:
     from ..core.parameters import Size
@@ -38,15 +39,19 @@ if TYPE_CHECKING:
     from .patch_synthesis import PatchSynthesis
 
 
+_SHARES = 2, 6, 1  # of the time: flattening and reading, synthesis, measures
+
+
 class SynthesisRun:
     """The inputs of a run (photo, lattice and the resulting recipe), and its results."""
 
     def __init__(self, op: PatchSynthesis, resources: Resources, progress: Progress):
         size, quality = op.planned(resources, progress)
-        self._op, self._resources, self._stages = op, resources, progress.stages()
+        self._op, self._resources, self._stages = op, resources, progress.stages(*_SHARES[: 2 + quality.is_asked_for])
         with resources.stats.time("flatten"):
             self._flat, self._drift = op.flattened(resources, next(self._stages))
         self._progress = next(self._stages)
+        self._measuring = next(self._stages, progress)
         self._in_memory, self._budget = op.holds_photo(resources), op.budget_left(resources)
         with resources.stats.time("read and color"):
             self._maps = [self._in_any_order(image.first) for image in self._flat.all_maps()]
@@ -56,10 +61,12 @@ class SynthesisRun:
         self._seen = self._flat.read(resources, self._unmarked, None if weight is None else weight > 0)
         if not self._in_memory:
             resources.cache.forget()  # everything has been read
-        self._lattice = None
+        structure = None
         if op.kept_structure > 0:
             with resources.stats.time("lattice"):
-                self._lattice = self._seen.remembered(resources, photo_lattice, op.flag())
+                structure = self._seen.remembered(resources, photo_structure, op.flag())
+        self._lattice = structure if isinstance(structure, Lattice) else None
+        self._courses = structure if isinstance(structure, Courses) else None
         self._wraps = "x" in op.tiling, "y" in op.tiling
         size = fitting_size(op.flag(), self._lattice, size, op.size is not None or op.sized, self._wraps)
         looks = marked is None and op.variants == 1
@@ -82,10 +89,8 @@ class SynthesisRun:
             recipe = replace(recipe, sigma=float(np.exp(np.log(sigmas).mean())))
         if self._lattice is not None:
             return replace(recipe, in_step=InStep(self._lattice, self._lattice.on_torus(recipe), op.kept_structure))
-        if op.kept_structure > 0:
-            courses = self._seen.remembered(self._resources, photo_courses, op.flag())
-            if courses is not None:
-                return replace(recipe, in_step=InCourses.of(courses, recipe, op.kept_structure))
+        if self._courses is not None:
+            return replace(recipe, in_step=InCourses.of(self._courses, recipe, op.kept_structure))
         return recipe
 
     def _quality_of(self, quality: Quality) -> Quality:
@@ -97,8 +102,9 @@ class SynthesisRun:
             across, down = np.abs(wanted).max(0).tolist()
             quality = replace(quality, cycles=(across, down), lattice=steps)
         return replace(
-            quality, sigma=recipe.sigma, contrast=recipe.contrast, measure=recipe.measure, order=recipe.order
-        )
+            quality, progress=self._measuring, sigma=recipe.sigma, contrast=recipe.contrast, measure=recipe.measure,
+            order=recipe.order,
+        )  # fmt: skip
 
     def results(self) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The tile with all its outputs, as one mapping for each map and variant."""
@@ -143,7 +149,7 @@ class SynthesisRun:
                 hint_that_it_tiles(op.flag(), op.exemplar.first)
             other = op.second_choice(recipe)
             synthesis, kept, recipe = better_of(
-                op.flag(), self._run, self._constraints, recipe, other, self._seen, self._stages, resources.stats
+                op.flag(), self._run, self._constraints, recipe, other, self._seen, resources.stats
             )
             source, lost = synthesis.source, synthesis.lost
             quality = replace(quality, sigma=recipe.sigma)

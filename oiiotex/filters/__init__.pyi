@@ -127,7 +127,7 @@ def atlas(
         0.25 for a height.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -400,7 +400,7 @@ def composite(
         to 100.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -542,7 +542,8 @@ def content(
         Center X,Y of the patch, in the data window. Expected: a number or a sequence of numbers in px.
         Default: the center of the image.
     level : int | None, default None
-        Level of the label map: N of label.N. Expected: an integer >= 1. Default: the coarsest.
+        Level of the label map: N of label.N. Expected: an integer >= 1. Default: the coarsest with
+        several labels.
     patch : int | None, default None
         Side of a patch. Expected: an integer from 4 to 256 px. Default: the power of two nearest to the
         level's scale, from 16 to 256.
@@ -668,7 +669,7 @@ def cut(
         still written, but the exit code is 3.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -752,6 +753,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: Literal[False] = False,
     cryptomatte: Literal[False] = False,
@@ -789,6 +791,9 @@ def decompose(
     radius : float | None, default None
         Radius of the area that is compared as one sample of texture. Increase it for coarse textures.
         Expected: a number from 1 to 512 px. Default: 48; with features=haar, 8.
+    invariant : bool, default False
+        Regard rotated versions of a texture as one texture, and those of a slightly different scale. No
+        effect with features=haar.
     paper : bool, default False
         Settings of the paper (CZF02):
         features=haar:group=cliques:scales=3:search=meanshift:refine=0:assign=neighbors.
@@ -879,6 +884,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: Literal[True],
     cryptomatte: bool | FileName = False,
@@ -908,6 +914,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: bool = False,
     cryptomatte: Literal[True],
@@ -937,6 +944,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: bool = False,
     cryptomatte: bool | FileName = False,
@@ -1715,13 +1723,14 @@ def label(
     persistence: float = 0.95,
     share: float = 0.5,
     coarsest: bool = True,
+    materials: bool = False,
     labels: int | None = None,
     neighbors: int = 256,
     tries: int = 0,
     runs: int = 1,
     minsize: int | None = None,
     seed: int = 0,
-    paper: bool = False,
+    paper: Literal[False, True, 'authors'] = False,
     keep: Literal[True],
     soft: bool = False,
     cryptomatte: bool | FileName = False,
@@ -1752,13 +1761,18 @@ def label(
         Level n uses its nth power. Expected: a number from 0.01 to 0.999.
     coarsest : bool, default True
         Add a coarsest level of subtextures, as `decompose` finds them. The paper has none.
+    materials : bool, default False
+        Add a coarsest level of up to four materials, such as stone and mortar: superpixels are split by
+        color and texture where these have two separate modes. There is no such level where they do not.
     labels : int | None, default None
         Maximum number of subtextures in the coarsest level. Expected: an integer from 1 to 50. Default:
         chosen by the filter.
-    paper : bool, default False
+    paper : Literal[False, True, 'authors'], default False
         Settings of the paper (LSA16):
-        features=moments:persistence=0.95:share=1:coarsest=0:neighbors=256:runs=10:minsize=25, the same
-        persistence at all levels, and labels split wherever a coarser border crosses them.
+        features=moments:persistence=0.95:share=1:coarsest=0:neighbors=256:runs=10:minsize=25:tries=5,
+        the same persistence at all levels, and labels split wherever a coarser border crosses them.
+        authors: the program that the authors published, which has at least two levels, and scales up to
+        30 % of the longer side instead of 20 % of the shorter one.
     keep : bool, default False
         Keep the photo as the first part, before the labels.
     cryptomatte : bool | FileName, default False
@@ -1847,13 +1861,14 @@ def label(
     persistence: float = 0.95,
     share: float = 0.5,
     coarsest: bool = True,
+    materials: bool = False,
     labels: int | None = None,
     neighbors: int = 256,
     tries: int = 0,
     runs: int = 1,
     minsize: int | None = None,
     seed: int = 0,
-    paper: bool = False,
+    paper: Literal[False, True, 'authors'] = False,
     keep: bool = False,
     soft: bool = False,
     cryptomatte: Literal[True],
@@ -1876,13 +1891,14 @@ def label(
     persistence: float = 0.95,
     share: float = 0.5,
     coarsest: bool = True,
+    materials: bool = False,
     labels: int | None = None,
     neighbors: int = 256,
     tries: int = 0,
     runs: int = 1,
     minsize: int | None = None,
     seed: int = 0,
-    paper: bool = False,
+    paper: Literal[False, True, 'authors'] = False,
     keep: bool = False,
     soft: bool = False,
     cryptomatte: bool | FileName = False,
@@ -2001,7 +2017,7 @@ def paint(
         part of the first image, or a file name.
     level : int | None, default None
         Level of the painted labels: N of label.N. Expected: an integer >= 1. Default: the table's
-        level, else the coarsest.
+        level, else the coarsest with several labels.
     table : FileName | None, default None
         JSON table from `palette`, which maps colors to labels.
     size : tuple[int, int] | None, default None
@@ -2229,7 +2245,7 @@ def palette(
         of the first image, or a file name.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -2452,7 +2468,7 @@ def patchmatch(
         0.25 for a height.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -2737,7 +2753,7 @@ def quilt(
         to 100.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -3285,7 +3301,7 @@ def stationarize(
         0.25 for a height.
     level : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
-        Default: the coarsest.
+        Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
     stmap : bool | FileName, default False
@@ -3589,6 +3605,7 @@ def synth(
     stmap: FileName | Literal[False] = False,
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3679,6 +3696,12 @@ def synth(
         Layout of the root exemplar that is kept, so that only finer detail is random. 0: nothing is
         kept. 1: up to the root's resolution. 2 to 60: up to that level. Expected: True, False, or an
         integer from 0 to 60.
+    jitter : float | Sequence[float] | None, default None
+        Randomness of each level, from level 0 on (HRRG08 section 4.3). The last number applies to all
+        further levels. Reduce it where structures break, increase it where the exemplar repeats.
+        Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
+        coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
+        endless zoom and with paper.
     correct : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
@@ -3686,8 +3709,8 @@ def synth(
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in
-        endless zooms.
+        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
+        preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
@@ -3718,6 +3741,7 @@ def synth(
     stmap: Literal[True],
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3746,6 +3770,7 @@ def synth(
     stmap: bool | FileName = False,
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3889,6 +3914,7 @@ def zoom(
     rate: float = 24.0,
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3969,6 +3995,12 @@ def zoom(
         Layout of the root exemplar that is kept, so that only finer detail is random. 0: nothing is
         kept. 1: up to the root's resolution. 2 to 60: up to that level. Expected: True, False, or an
         integer from 0 to 60.
+    jitter : float | Sequence[float] | None, default None
+        Randomness of each level, from level 0 on (HRRG08 section 4.3). The last number applies to all
+        further levels. Reduce it where structures break, increase it where the exemplar repeats.
+        Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
+        coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
+        endless zoom and with paper.
     correct : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
@@ -3976,8 +4008,8 @@ def zoom(
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in
-        endless zooms.
+        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
+        preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None

@@ -78,7 +78,7 @@ class Composite(Reported, Quilted):
         quality = Quality.of_copies(self, resources, progress, size)
         labels = label_map(self.exemplar, self.labels, self.level)
         Sewing(op=self, guide=None, level=self.level, size=size, patch=self.patch).require_memory(resources)
-        stages = progress.stages()
+        stages = progress.stages(1, 10)
         grown = self._grown(labels, size, resources, next(stages))
         guide = Image((grown,), "the grown label map")
         sewing = Sewing(op=self, guide=guide, level=self.level, size=size, patch=self.patch)

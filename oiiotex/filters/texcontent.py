@@ -20,7 +20,7 @@ from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..exemplar.exemplar_masks import label_levels, label_map
-from ..exemplar.exemplar_op import LABELS
+from ..exemplar.exemplar_op import COARSEST, LABELS
 from ..labels.content_scan import Contents, scan_bytes
 from ..labels.content_table import histogram, key_of, patch_side
 from ..session import Session
@@ -72,9 +72,7 @@ class Content(ScanThenMap):
         None, unit="px", unset="the center of the image", example="512,384",
         help="Center X,Y of the patch, in the data window.",
     )  # fmt: skip
-    level: int | None = param(
-        None, example="2", ge=1, unset="the coarsest", help="Level of the label map: N of label.N."
-    )
+    level: int | None = param(None, example="2", ge=1, unset=COARSEST, help="Level of the label map: N of label.N.")
     patch: int | None = param(
         None, ge=4, le=256, unit="px", unset="the power of two nearest to the level's scale, from 16 to 256",
         example="32", help="Side of a patch.",

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -79,6 +80,11 @@ class Label(OnePart, InLab, ScanThenMap):
     coarsest: bool = param(
         True, help="Add a coarsest level of subtextures, as `decompose` finds them. The paper has none."
     )
+    materials: bool = param(
+        False,
+        help="Add a coarsest level of up to four materials, such as stone and mortar: superpixels are split by color"
+        " and texture where these have two separate modes. There is no such level where they do not.",
+    )
     labels: int | None = param(
         None,
         example="5",
@@ -110,10 +116,13 @@ class Label(OnePart, InLab, ScanThenMap):
     seed: int = param(
         0, ge=0, le=2**32 - 1, advanced=True, help="Seed of the random starts. No effect with tries=0 and runs=1."
     )
-    paper: bool = param(
+    paper: bool | str = param(
         False,
+        choices=(False, True, "authors"),
         help="Settings of the paper (LSA16): features=moments:persistence=0.95:share=1:coarsest=0:neighbors=256:runs=10"
-        ":minsize=25, the same persistence at all levels, and labels split wherever a coarser border crosses them.",
+        ":minsize=25:tries=5, the same persistence at all levels, and labels split wherever a coarser border crosses"
+        " them. authors: the program that the authors published, which has at least two levels, and scales up to 30 %"
+        " of the longer side instead of 20 % of the shorter one.",
     )
     keep: bool = param(False, help="Keep the photo as the first part, before the labels.")
     soft: bool = param(
@@ -141,6 +150,7 @@ class Label(OnePart, InLab, ScanThenMap):
         "neighbors": 256,
         "runs": 10,
         "minsize": 25,
+        "tries": 5,
     }
 
     def compute(self, session: Session) -> dict[str, Any]:
@@ -156,14 +166,21 @@ class Label(OnePart, InLab, ScanThenMap):
             neighbors=self.neighbors,
             persistence=self.persistence,
             share=self.share,
-            literal=self.paper,
+            literal=bool(self.paper),
+            authors=self.paper == "authors",
             tries=self.tries,
             seed=self.seed,
         )
-        subtextures = functools.partial(superpixel_subtextures, count=self.labels)
+        from ..segmentation.superpixel_materials import superpixel_materials
+
+        coarsest: list[Callable[..., np.ndarray]] = []
+        if self.coarsest:
+            coarsest.append(functools.partial(superpixel_subtextures, count=self.labels))
+        if self.materials:
+            coarsest.append(superpixel_materials)
         maps = label_maps(
             self.source, lens, session.resources, session.progress, self.features, settings,
-            runs=self.runs, minsize=self.minsize, coarsest=subtextures if self.coarsest else None,
+            runs=self.runs, minsize=self.minsize, coarsest=coarsest,
         )  # fmt: skip
         for n, level in enumerate(maps.levels, 1):
             self.inform("label.%d: %d labels at %.1f px", n, level.count, level.scale)

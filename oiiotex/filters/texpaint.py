@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from ..core.demand import MadeRows, SomeRows
 from ..core.image import Image, Part
+from ..core.label_map import opened_level
 from ..core.op import Kind, Output
 from ..core.parameters import Size, image, param
 from ..core.source_map import COPIED, ST
@@ -61,7 +62,7 @@ class Paint(Reported, Quilted):
         None,
         example="2",
         ge=1,
-        unset="the table's level, else the coarsest",
+        unset="the table's level, else the coarsest with several labels",
         help="Level of the painted labels: N of label.N.",
     )
     table: Path | None = param(
@@ -87,10 +88,10 @@ class Paint(Reported, Quilted):
         quality = Quality.of_copies(self, resources, progress, asked, painted=True)
         table = None if self.table is None else read_table(self.table, self.soft)
         levels = label_levels(self.exemplar, self.labels)
-        level = self.level or (table.level if table else None) or max(levels)
+        level = self.level or (table.level if table else None) or opened_level(levels)
         coarse = self._sewing(level, self.painting, self.size, table, "", resources.budget)
         coarse.require_memory(resources)
-        seen, stages = self.read(resources), progress.stages()
+        seen, stages = self.read(resources), progress.stages(*[1] * (1 + (self.fine is not None)))
         base = coarse.quilt(seen, resources, next(stages))
         layers, sources = {"": base}, base.sources
         if self.fine is not None:

@@ -18,7 +18,17 @@ from ..exemplar.constraint_images import SIGMAMAP, sigmas_of
 from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.patch_synthesis import PATCH, PatchSynthesis
 from ..exemplar.photo_lattice import STRUCTURE
-from ..exemplar.presets import CONTRAST, KEEP_SIGMA_SHARE, LARGE_PATCH, PRESET_HELP, PRESETS, filled
+from ..exemplar.presets import (
+    CLEAN,
+    CONTRAST,
+    KEEP_SIGMA_SHARE,
+    LARGE_PATCH,
+    PAPER_SIGMA_SHARE,
+    PRESET_HELP,
+    PRESETS,
+    SIGMA_SHARE,
+    filled,
+)
 from ..exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from ..io.disk_cache import hash_of
 from ..patchmatch.recipe import Recipe
@@ -27,8 +37,8 @@ from ..session.progress import Progress
 from ..session.resources import Resources
 from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 
-SIGMA_SHARE = 8  # default sigma: longer side / 8
-PAPER_SIGMA_SHARE, PAPER_PATCH = 32, 11
+PAPER_PATCH = 11
+_DOMINANT_SHARE = 1  # time for the mask of preset=clean, relative to the synthesis
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +134,7 @@ True
         """Expand the preset, if any, then synthesize."""
         if self.preset is None:
             return super().compute(session)
-        stages = session.stages()
+        stages = session.stages(_DOMINANT_SHARE if self.preset == CLEAN else 0, 1)
         sigma = self.amount is None and self.sigmamap is None
         first = next(stages)
         op = filled(self, self.preset, first.resources, first.progress, sigma=sigma)

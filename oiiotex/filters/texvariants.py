@@ -55,7 +55,7 @@ class Variants(InLab, Whole):
         """The contact sheet."""
         uses = self._uses()
         panels = []
-        for (caption, use), stage in zip(uses, session.stages(), strict=False):
+        for (caption, use), stage in zip(uses, session.stages(*[1] * len(uses)), strict=True):
             part = use.compute(stage)[use.main().name]
             step = -(-max(part.spec.width, part.spec.height) // self.thumb)
             panels.append((caption, shown_pixels(sampled(part, step), part, session.resources)))

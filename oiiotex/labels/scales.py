@@ -5,7 +5,7 @@ Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest.
 
 1. The paper proceeds to the first scale at which *every* superpixel overlaps two labels, so a single superpixel can end
    the search. Here a `share` of them is enough (1: the paper).
-2. A coarsest level from another method may be given (`label_maps`).
+2. Coarser levels from other methods may be given (`label_maps`).
 3. The walk gets longer from level to level, so that larger patterns have fewer labels: the largest eigenvalue below 1
    decays to `persistence` to the power of the level. In the paper it decays to 0.95 at all levels.
 4. A node has at most n / 13 neighbors: the paper's 256 would be all of n nodes at coarse scales.
@@ -15,15 +15,19 @@ Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest.
    two levels differ slightly. Here a label is a child of the coarser label that contains most of it, and of others that
    contain at least `_PART` of it; a superpixel in none of these takes the most likely child (`literal`: the paper). In
    addition, G is smoothed over neighbors by a Potts step.
+7. A level that equals the next finer one, and a coarsest level of a single label, are dropped.
+8. The factorization has no restarts (`stochastic_nmf`).
 
-`literal` reverts 3, 4 and 6, the floor of the walk's eigenvalue, and the settling of superpixels of large images on
-squares. With share 1 and without a given level, the levels are the paper's.
+`literal` reverts 3, 4, 6, 7 and 8, the floor of the walk's eigenvalue, and the settling of superpixels of large images
+on squares. With share 1 and without a given level, the levels are the paper's. The authors' program (`authors`) differs
+from their text: scales are 2 % to 30 % of the longer side instead of 2 % to 20 % of the shorter, and the coarsest of
+them is a level even if some of its superpixels lie in one label, so there are at least two levels.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,7 +39,7 @@ from ..core.window import Window
 from ..errors import ImageError
 from ..session.progress import Progress
 from ..session.resources import Resources
-from ..superpixels.hierarchy import Hierarchy, hierarchy
+from ..superpixels.hierarchy import COARSEST, Hierarchy, hierarchy, scales
 from ..superpixels.slic import SeedGrid
 from ..superpixels.superpixels import COMPACTNESS, Superpixels, finest_scale, superpixels
 from .affinity_graph import NEIGHBORS, AffinityGraph, similarity_graph
@@ -48,6 +52,7 @@ MOST = 20000  # superpixels up to which all are nodes of the graph
 _PIXEL_BYTES, _EDGE_BYTES = 300, 80  # peak, per pixel of the reduced image and per edge of the graph
 _NEAREST = 6  # sampled superpixels from which another one takes its membership
 _NODES_PER_NEIGHBOR, _FEWEST_NEIGHBORS = 13, 8
+AUTHORS_COARSEST = 0.3  # of the longer side: the coarsest scale of the authors' program
 _PART = 0.25  # least proportion of a label in a coarser one for it to be a child of that
 
 
@@ -60,6 +65,7 @@ class LabelSettings:
     persistence: float = PERSISTENCE
     share: float = 0.5
     literal: bool = False
+    authors: bool = False
     tries: int = 0
     seed: int = 0
 
@@ -121,7 +127,7 @@ def label_maps(
     *,
     runs: int = 1,
     minsize: int | None = None,
-    coarsest: Callable[[Superpixels, SmallLab, Resources], np.ndarray] | None = None,
+    coarsest: Sequence[Callable[[Superpixels, SmallLab, Resources], np.ndarray]] = (),
 ) -> LabelMaps:
     """Label maps of the image's first part.
 
@@ -132,8 +138,8 @@ def label_maps(
         One of `features.KINDS`.
     runs, minsize
         As for `superpixels`.
-    coarsest : callable, optional
-        Gives a separate coarsest level: the label of each superpixel, (n,) int64, 0 to r - 1, none empty.
+    coarsest : sequence of callable
+        Each gives a separate coarser level: the label of each superpixel, (n,) int64, 0 to r - 1, none empty.
 
     Raises
     ------
@@ -142,16 +148,20 @@ def label_maps(
     """
     settings = settings or LabelSettings()
     window = image.first.window
-    seeds = SeedGrid.of(window.width, window.height, finest_scale(window), COMPACTNESS).count
+    side = max(window.size) if settings.authors else min(window.size)
+    sigma = finest_scale(side)
+    sigmas = scales(sigma, (AUTHORS_COARSEST if settings.authors else COARSEST) * side)
+    seeds = SeedGrid.of(window.width, window.height, sigma, COMPACTNESS).count
     _require(resources, window, seeds, settings)  # there will hardly be fewer superpixels: fail before the work
-    total = 2 * runs + 3
+    segmented = 2 * runs + 1  # passes of superpixels, each of which takes as long as 1/8 of describing them
+    described_at, total = segmented + 8, segmented + 8 + 12
 
     def advance(done: int, _: int) -> None:
         progress.advance(done, total)
 
-    with resources.in_background(_import_scipy), resources.stats.time("superpixels"):
-        finest = superpixels(image, lens, resources, runs=runs, minsize=minsize, seed=settings.seed, advance=advance,
-                             literal=settings.literal, powers=features == "moments")  # fmt: skip
+    with resources.stats.time("superpixels"):
+        finest = superpixels(image, lens, resources, sigma=sigma, runs=runs, minsize=minsize, seed=settings.seed,
+                             advance=advance, literal=settings.literal, powers=features == "moments")  # fmt: skip
         if not finest.count:
             raise ImageError(f"{image.source}: alpha is 0 everywhere: expected opaque pixels")
     _require(resources, finest.window, finest.count, settings)
@@ -159,22 +169,19 @@ def label_maps(
     # One BLAS thread: products are thin, waiting threads would spin, and sums must not depend on the number of threads.
     with threadpool_limits(1, "blas"):
         with (
-            resources.in_background(functools.partial(hierarchy, finest, resources)) as tree,
+            resources.in_background(functools.partial(hierarchy, finest, resources, sigmas)) as tree,
             resources.stats.time("describe superpixels"),
         ):
             described = features_of(features, finest, small, resources)
-        progress.advance(total - 1, total)
-        top = (lambda: None) if coarsest is None else functools.partial(coarsest, finest, small, resources)
+        progress.advance(described_at, total)
+
+        def top() -> list[np.ndarray]:
+            return [level(finest, small, resources) for level in coarsest]
+
         with resources.in_background(top) as coarse, resources.stats.time("label superpixels"):
             levels = label_levels(tree(), described, settings, finest.edges, resources, coarse)
     progress.advance(total, total)
     return LabelMaps(finest, levels)
-
-
-def _import_scipy() -> None:
-    """Import scipy, which superpixels need later, while kernels run: it takes a fifth of a second."""
-    import scipy.ndimage
-    import scipy.sparse.csgraph  # noqa: F401
 
 
 def _require(resources: Resources, window: Window, count: int, settings: LabelSettings) -> None:
@@ -190,17 +197,16 @@ def label_levels(
     settings: LabelSettings,
     edges: np.ndarray,
     resources: Resources,
-    coarsest: Callable[[], np.ndarray | None] = lambda: None,
+    coarsest: Callable[[], Sequence[np.ndarray]] = lambda: (),
 ) -> tuple[LabelLevel, ...]:
     """Levels of labels, finest first, as a tree.
 
     `edges` (m, 2) int.
     """
     levels = _bottom_up(hierarchy, features, settings, edges, resources)
-    top = coarsest()
-    if top is not None:
-        levels.append(_given(hierarchy, features, top))
-    return top_down(levels, settings.literal)
+    levels += [_given(hierarchy, features, top) for top in coarsest()]
+    tree = top_down(levels, settings.literal)
+    return tree if settings.literal else distinct(tree)
 
 
 # --- one scale ---
@@ -219,7 +225,7 @@ def labeled(points: np.ndarray, settings: LabelSettings, level: int, resources: 
         persistence = persistence ** (level + 1)
     graph = similarity_graph(points, neighbors, resources)
     walk = Walk(graph, resources, persistence=persistence, slowest=slowest)
-    factors = factored(walk, resources, settings.seed, settings.tries)
+    factors = factored(walk, resources, settings.seed, settings.tries, settings.literal)
     F, G = factors.F[graph.node] / graph.counts[graph.node, None], factors.G[:, graph.node]
     if settings.cluster != "nmf" and F.shape[1] > 1:
         labels = _by_scikit_learn(settings, points, graph, F.shape[1])
@@ -276,7 +282,7 @@ def _bottom_up(
     at = 0
     while True:
         levels.append(_level(hierarchy, features, settings, edges, at, len(levels), resources))
-        following = _next_scale(hierarchy, levels[-1].labels, at, settings.share)
+        following = _next_scale(hierarchy, levels[-1].labels, at, settings.share, settings.authors)
         if following is None:
             return levels
         at = following
@@ -309,12 +315,13 @@ def _given(hierarchy: Hierarchy, features: Features, labels: np.ndarray) -> Labe
     return LabelLevel(scale, groups, labels + 1, count, parents, features(groups), F, G)
 
 
-def _next_scale(hierarchy: Hierarchy, labels: np.ndarray, at: int, share: float) -> int | None:
+def _next_scale(hierarchy: Hierarchy, labels: np.ndarray, at: int, share: float, given: bool) -> int | None:
     """The finest level above `at` at which a proportion `share` of superpixels overlaps two labels.
 
-    Superpixels only merge, and a merged one overlaps all labels of its parts, so bisection applies.
+    Superpixels only merge, and a merged one overlaps all labels of its parts, so bisection applies. `given`: the
+    coarsest level needs no such share.
     """
-    low, high = at, len(hierarchy.sigmas)
+    low, high = at, len(hierarchy.sigmas) - (given and at < len(hierarchy.sigmas) - 1)
     while high - low > 1:
         middle = (low + high) // 2
         if _mixed_share(hierarchy.partition(middle), labels) >= share:
@@ -343,6 +350,22 @@ def top_down(levels: list[LabelLevel], literal: bool = False) -> tuple[LabelLeve
         above = labels.reshape(-1) + 1
         intersected.append(replace(level, labels=above, count=len(pairs), parents=pairs[:, 0]))
     return tuple(reversed(intersected))
+
+
+def distinct(tree: tuple[LabelLevel, ...]) -> tuple[LabelLevel, ...]:
+    """Levels that differ from each other, the coarsest with at least two labels unless there is no such level.
+
+    Of equal levels, which are those of equal counts in a tree, the finest is kept, with the parents of the coarsest.
+    """
+    kept: list[LabelLevel] = []
+    for level in tree:
+        if kept and kept[-1].count == level.count:
+            kept[-1] = replace(kept[-1], parents=level.parents)
+        else:
+            kept.append(level)
+    if len(kept) > 1 and kept[-1].count == 1:
+        kept[-2:] = [replace(kept[-2], parents=np.zeros_like(kept[-2].parents))]
+    return tuple(kept)
 
 
 def _within(above: np.ndarray, level: LabelLevel) -> np.ndarray:

@@ -88,7 +88,7 @@ def ingest(
         digests, unread = digests_of(photos, found, catalog)
         work = _IngestRun(photos, library, recipe, settings, say, display, catalog, run)
         todo = work.plan(found, digests, unread)
-        return work.carry_out(todo, len(found), start)
+        return work.carry_out(todo, start)
 
 
 @dataclass
@@ -106,6 +106,7 @@ class _IngestRun:
     counts: dict[str, int] = field(default_factory=dict)
     made: int = 0
     total: int = 0
+    unchanged: int = 0
 
     def plan(self, found: Sequence[Material], digests: dict[str, str], unread: dict[str, str]) -> list[AssetJob]:
         """The jobs of a run. Questions and unreadable files are recorded; unchanged assets are counted."""
@@ -134,6 +135,7 @@ class _IngestRun:
                 continue
             if before and self._is_made(before, key):
                 self._count(before.status)
+                self.unchanged += 1
                 continue
             todo.append(job)
         if asked:
@@ -155,10 +157,14 @@ class _IngestRun:
     def _count(self, status: str) -> None:
         self.counts[status] = self.counts.get(status, 0) + 1
 
-    def carry_out(self, todo: list[AssetJob], total: int, start: float) -> Tally:
+    def carry_out(self, todo: list[AssetJob], start: float) -> Tally:
         """Run all jobs; wait for those that another run has claimed."""
         later, self.total = list(todo), self.made + len(todo)
+        if todo:
+            names = ", ".join(job.material.name for job in todo[:3]) + ", ..." * (len(todo) > 3)
+            self.say(f"{len(todo)} to make ({names}), {self.unchanged} unchanged")
         self.display.stage("ingest", True)
+        self.display.advance(self.made, self.total)
         while later:
             self.catalog.sweep()
             tried: set[str] = set()
@@ -167,7 +173,7 @@ class _IngestRun:
             if later and not tried:
                 time.sleep(_POLL)
         self.display.stage("ingest", False)
-        return Tally(self.made, total - self.made, self.counts, time.perf_counter() - start)
+        return Tally(self.made, self.unchanged, self.counts, time.perf_counter() - start)
 
     def _claimed(self, jobs: Sequence[AssetJob], tried: set[str]) -> Iterator[AssetJob]:
         """Yield jobs that no other run has made or claimed, claiming each on demand, so that runs share the work."""
@@ -180,6 +186,7 @@ class _IngestRun:
             if asset and self._is_made(asset, self._key(job)):  # by another run, meanwhile
                 self.catalog.release(name, self.name)
                 self._count(asset.status)
+                self.unchanged += 1
                 continue
             there = self._there(job)
             if there is None:

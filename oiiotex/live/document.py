@@ -39,7 +39,7 @@ class _TileRoom(TypedDict):
     structure: Fraction
     seed: Seed
     measure: Annotated[str, Allowed(among=MEASURES)]
-    preset: Annotated[str, Allowed(among=PRESETS)] | None
+    preset: Annotated[str, Allowed(among=tuple(PRESETS))] | None
     patch: Annotated[int, Allowed(among=range(5, 23, 2))] | None
     width: _Side | None
     height: _Side | None
@@ -51,6 +51,22 @@ class _ViewRoom(TypedDict):
     display: _ShortText
     view: _ShortText
     exposure: Annotated[float, Allowed(-20, 20)]
+
+
+_Name = Annotated[
+    str,
+    Allowed(
+        most=120,
+        pattern=r"|[^./\\][^/\\\x00-\x1f]*\.(png|exr|tif|tiff|jpg|jpeg)",
+        words="that names a PNG, EXR, TIFF or JPEG file",
+    ),
+]
+
+
+class _OutputRoom(TypedDict):
+    tile: _Name
+    painted: _Name
+    type: Literal["", "uint8", "uint16", "half", "float"]
 
 
 class _Variant(TypedDict):
@@ -70,6 +86,7 @@ class _Key(TypedDict):
 
 class _ZoomRoom(_Key):
     seed: Seed
+    jitter: Fraction | None
     lock: Annotated[int, Allowed(0, 1)]
     keys: Annotated[list[_Key], Allowed(most=256)]
     frames: Annotated[int, Allowed(2, 1 << 16)]
@@ -91,7 +108,7 @@ class _HistoryRoom(TypedDict):
 
 _ROOMS: dict[str, Any] = {
     "tile": _TileRoom, "view": _ViewRoom, "variants": _VariantsRoom, "zoom": _ZoomRoom, "paint": _PaintRoom,
-    "history": _HistoryRoom,
+    "history": _HistoryRoom, "output": _OutputRoom,
 }  # fmt: skip
 
 
@@ -107,8 +124,9 @@ def default_state(display: str, view: str, side: int) -> Values:
         "tile": tile,
         "view": {"display": display, "view": view, "exposure": 0.0},
         "variants": {"list": []},
-        "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "lock": 0, "keys": [], "frames": 96},
+        "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "jitter": None, "lock": 0, "keys": [], "frames": 96},
         "paint": {"width": 1024, "height": 1024, "layer": "coarse", "label": 1, "finer": 0, "brush": 64.0, "seed": 0},
+        "output": {"tile": "", "painted": "", "type": ""},  # file names and pixel type; "": automatic
         "history": {"step": -1},  # the step of the painting that is shown; -1: the last
     }
 

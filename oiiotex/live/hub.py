@@ -19,10 +19,12 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ..api.files import require_plain
 from ..api.images import Image, Part, Session, Shown, Window, channels_of, shown_by, views, write
+from ..api.painting import AUTOMATIC, INPAINTED, PRESETS
 from ..api.service import BRUSH, EXPORT, Client, LinkError, ResidentSettings, connect, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ParameterError
 from .document import Document
+from .lines import output_name, type_in
 
 SAVE_EVERY = 0.5  # s; at most this much work is lost
 RETRY_EVERY = 2.0  # s, after saving has failed
@@ -46,6 +48,7 @@ class PageSource:
     stem: str  # Stem of output file names
     space: str | None  # Its color space, as named in the config; None if untagged
     side: int  # px; side of the square that zooms start from
+    pixel_type: str  # of files made from it, as -d names it
 
 
 class Page:
@@ -89,6 +92,7 @@ class Hub:
         self._made: dict[str, dict[str, Any]] = {}
         self._pinned: dict[int, bool] = {}  # images being saved; whether to drop them afterwards
         self._restarted = -_PATIENCE
+        self.saved: dict[str, Path] = {}  # files that pages have saved, by name, which they can download
         self.rooms: dict[str, Any] = {}
         self.loop: asyncio.AbstractEventLoop | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -133,7 +137,14 @@ class Hub:
                 self._made[op] = facts["images"][0]
             return self._made[op]
 
-    async def save(self, made: dict[str, Any], name: str) -> None:
+    def output(self, what: str) -> tuple[str, str]:
+        """The file name and the pixel type of a room's output, 'tile', 'painted' or 'zoom'."""
+        chosen = self.document.state["output"]
+        pixel_type = chosen["type"] or self.source.pixel_type
+        name = chosen.get(what) or output_name(self.source.stem, what, pixel_type)
+        return name, chosen["type"] or type_in(name, pixel_type)
+
+    async def save(self, made: dict[str, Any], name: str, pixel_type: str) -> None:
         """Write an image of the resident process to the document's folder, in bands, at the lowest priority.
 
         Parameters
@@ -142,6 +153,8 @@ class Hub:
             'number' and 'parts', from the resident process.
         name : str
             File name; a number is added if the file exists.
+        pixel_type : str
+            As `output` gives it.
         """
         client, facts = await self.client(), made["parts"][0]
 
@@ -155,11 +168,12 @@ class Hub:
         try:
             async with self._saving:
                 path = _free(self.document.path.with_name(name))
-                await asyncio.to_thread(write, Image((part,), str(path)), path, None, advance)
+                await asyncio.to_thread(write, Image((part,), str(path)), path, oiio.TypeDesc(pixel_type), advance)
         finally:
             if self._pinned.pop(number, False):
                 client.drop(number)
-        self.tell({"do": "note", "text": f"Saved as {path.name}"})
+        self.saved[path.name] = path
+        self.tell({"do": "saved", "name": path.name})
 
     def release(self, client: Client, number: int) -> None:
         """Drop an image of the resident process; if it is being saved, afterwards."""
@@ -285,6 +299,8 @@ class Hub:
             "photo": None if spec is None else [spec.width, spec.height],
             "views": views(self.session.resources.color),
             "document": self.document.path.name,
+            "type": self.source.pixel_type,
+            "presets": {"": AUTOMATIC, "inpaint": INPAINTED} | PRESETS,
             "unsaved": self.unsaved,
         }
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 _SUFFIXES = {"uint8": ".png", "uint16": ".png", "half": ".exr", "float": ".exr"}
+_TYPES = {".png": ("uint8", "uint16"), ".exr": ("half", "float"), ".jpg": ("uint8",), ".jpeg": ("uint8",)}
 
 
 def text_of(value: Any) -> str:
@@ -30,11 +32,19 @@ def _quoted(text: str) -> str:
     return f'"{text}"' if ":" in text or "'" in text else text
 
 
-def line(words: Sequence[str]) -> str:
-    """Words quoted for a shell."""
-    return shlex.join(["oiiotex", *words])
+def line(words: Sequence[str], name: str, pixel_type: str) -> str:
+    """The command that runs `words` and writes a file in a pixel type, quoted for a shell."""
+    return shlex.join(["oiiotex", *words, "-d", pixel_type, "-o", name])
 
 
 def output_name(stem: str, what: str, pixel_type: str) -> str:
     """A file name whose format stores a pixel type without loss."""
     return f"{stem}_{what}{_SUFFIXES.get(pixel_type, '.tif')}"
+
+
+def type_in(name: str, pixel_type: str) -> str:
+    """The pixel type of a file: the given one if its format stores it, else the format's most precise one."""
+    types = _TYPES.get(Path(name).suffix.lower(), (pixel_type,))
+    if pixel_type in types:
+        return pixel_type
+    return types[0] if pixel_type == "uint8" else types[-1]

@@ -22,7 +22,7 @@ from ..errors import Error, ImageError, ParameterError
 from .document import KEPT
 from .history import Steps, fine_of, paintings_in
 from .hub import Hub, Page
-from .lines import line, output_name, word_of
+from .lines import line, word_of
 from .palette import COARSE, FINE, LAYERS, LabelPalette, Layers, extended, palette_of, step_facts
 from .sewing import LiveSewing
 
@@ -55,6 +55,8 @@ class PaintRoom:
         if room == "view" and self._pixels is not None:
             self._show_texture()
             self._show_palette()
+        if room == "output" and self._step >= 0:
+            self._tell_line()
         if room == "paint" and names & _OWN:
             self._wanted |= names & _OWN
             if self._layers is not None:
@@ -67,7 +69,7 @@ class PaintRoom:
         if self._hub.source.image is None:
             raise ValueError(do)
         if do == "line":
-            self._hub.tell({"do": "line", "room": "paint", "text": self.line()})
+            self._tell_line(asked=True)
             return
         work, refused = None, ""
         async with self._turn:
@@ -150,6 +152,11 @@ class PaintRoom:
     def _tell_step(self, going: bool = False) -> None:
         facts = {"step": self._step, "last": self._steps.last, "going": going, "change": self._change}
         self._hub.tell({"do": "step", "room": "paint"} | facts)
+        self._tell_line()
+
+    def _tell_line(self, asked: bool = False) -> None:
+        """Show the line next to the button that saves; `asked`: in a dialog, to copy it."""
+        self._hub.tell({"do": "line", "room": "paint", "text": self.line(), "asked": asked})
 
     def _tell_own(self) -> None:
         """Copy the painting's size and seed to the document and the pages, except values set meanwhile."""
@@ -159,12 +166,14 @@ class PaintRoom:
             self._hub.tell({"do": "set", "room": "paint", "values": changed})
 
     async def _new(self, label: int = 0) -> None:
-        """Start a painting filled with one label, by default the largest."""
-        allowed = [entry["id"] for entry in (await self._opened_palette()).labels]
+        """Start a painting filled with one label, by default with the labels of the photo."""
+        palette = await self._opened_palette()
+        allowed = [entry["id"] for entry in palette.labels]
         if label and label not in allowed:
             raise ParameterError(f"label={label}: expected one of {', '.join(map(str, allowed))}")
         paint = self._hub.document.state["paint"]
-        coarse = np.full((paint["height"], paint["width"]), label or allowed[0], np.uint8)
+        width, height = paint["width"], paint["height"]
+        coarse = np.full((height, width), label, np.uint8) if label else palette.photo(width, height)
         await self._add({COARSE: coarse, FINE: np.zeros_like(coarse)}, "New painting")
         self._show_layers()
         await self._settle()
@@ -360,16 +369,11 @@ class PaintRoom:
         if not 1 <= times <= _MOST_TIMES:
             raise ParameterError(f"times={times}: expected an integer from 1 to {_MOST_TIMES}")
         if times == 1:
-            return self._hub.save(self._made, self._name())
+            return self._hub.save(self._made, *self._hub.output("painted"))
         width, height = self._whole.size
         size = times * width, times * height
         before = await asyncio.to_thread(self._steps.enlarged, self._step, times, self._hub.session.resources.budget)
-        return await self._sewing.saving(self._step, self._seed, before, size, self._name())
-
-    def _name(self) -> str:
-        source = self._hub.source
-        assert source.image is not None
-        return output_name(source.stem, "painted", str(source.image.first.spec.format))
+        return await self._sewing.saving(self._step, self._seed, before, size, *self._hub.output("painted"))
 
     def line(self) -> str:
         """The command that renders this texture, from its plan, which fixes all patches."""
@@ -380,5 +384,5 @@ class PaintRoom:
         values |= {"seed": self._seed} if self._seed else {}
         if self._steps.fine(self._step).exists():
             values["fine"] = self._steps.fine(self._step)
-        name, picture = self._name(), str(self._steps.picture(self._step))
-        return line([*source.words, "--texlabel:keep=1", picture, word_of("--texpaint", values), "-o", name])
+        words = [*source.words, "--texlabel:keep=1", str(self._steps.picture(self._step))]
+        return line([*words, word_of("--texpaint", values)], *self._hub.output("painted"))

@@ -14,14 +14,14 @@ from typing import Any
 from ..api.files import read_document, written
 from ..api.images import Image, PieceCache, as_float, channels_of, read, write_indexed
 from ..api.painting import Meaning, Strays, code_of
-from ..api.service import BRUSH, Client
+from ..api.service import BRUSH
 from ..deferred import np
 from ..errors import Error, ImageError
 from .document import LEAST_PAINTED, MOST_PAINTED
-from .hub import Hub, labels_of
+from .hub import Hub
 
 _SWATCH = 48  # px
-_LEAST_LABELS, _MOST_LABELS, _MOST_WITHIN = 4, 24, 6
+_MOST_LABELS, _MOST_WITHIN = 24, 6
 
 _SOFT = 0.2  # default of --texpaint
 _LEGEND, _FACTS = "oiiotex:legend", "oiiotex:step"
@@ -37,11 +37,11 @@ class LabelPalette:
     Coarse numbers are label ids. The finer map can have thousands of labels: only those with a swatch get a number. In
     the fine layer, 0 means none: the coarse label is used.
 
-    `picture` (height, width, channels) float32.
+    `picture` (height, width, channels) float32. `own` (height, width): the label ids of the photo.
     """
 
-    def __init__(self, table: Mapping[str, Any], picture: np.ndarray):
-        self.picture, self.labels = picture, table["labels"]
+    def __init__(self, table: Mapping[str, Any], picture: np.ndarray, own: np.ndarray):
+        self.picture, self.labels, self._own = picture, table["labels"], own
         shown = (entry for entry in table["finer"] if "box" in entry)
         self.finer = [entry | {"number": number} for number, entry in enumerate(shown, 1)]
         self._entries = {
@@ -51,6 +51,15 @@ class LabelPalette:
         self._parents = np.zeros(256, np.uint8)
         for entry in self.finer:
             self._parents[entry["number"]] = entry["parent"]
+
+    def photo(self, width: int, height: int) -> np.ndarray:
+        """The photo's labels, cropped or mirrored to a size; pixels without a swatch get the largest label."""
+        rows, columns = (
+            np.pad(np.arange(own), (0, max(0, n - own)), mode="symmetric")[:n]
+            for own, n in zip(self._own.shape, (height, width), strict=True)
+        )
+        ids = self._own[rows][:, columns]
+        return np.where(np.isin(ids, list(self._entries[COARSE])), ids, self.labels[0]["id"]).astype(np.uint8)
 
     def allows(self, layer: str, numbers: np.ndarray) -> bool:
         """Whether all numbers are labels of that layer."""
@@ -185,7 +194,6 @@ async def palette_of(hub: Hub, table: Path) -> tuple[LabelPalette, Path]:
     made_table = hub.spare / "palette.json"
     made, client = await hub.made("label"), await hub.client()
     values = {
-        "level": await _level(client, made),
         "side": _SWATCH,
         "rows": _MOST_LABELS,
         "children": _MOST_WITHIN,
@@ -194,20 +202,11 @@ async def palette_of(hub: Hub, table: Path) -> tuple[LabelPalette, Path]:
     advance = hub.advancing("Rendering swatches")
     request = client.make("palette", [made["number"]], values, priority=BRUSH, read="", keep=False, on_progress=advance)
     _, (picture,) = await asyncio.wrap_future(request)
-    palette = LabelPalette(read_document(made_table), as_float(picture))
+    table_of_photo = read_document(made_table)
+    name = f"label.{table_of_photo['level']}"
+    _, (own,) = await asyncio.wrap_future(client.read(made["number"], part=name, priority=BRUSH))
+    palette = LabelPalette(table_of_photo, as_float(picture), own[..., 0])
     with contextlib.suppress(Error), written(table) as file:
         file.write(made_table.read_bytes())
         made_table = table
     return palette, made_table
-
-
-async def _level(client: Client, made: dict[str, Any]) -> int:
-    """The coarsest level with at least _LEAST_LABELS labels, else the one with the most."""
-    counts = {}
-    for name in reversed(labels_of(made)):
-        _, (ids,) = await asyncio.wrap_future(client.read(made["number"], part=name, priority=BRUSH))
-        level = int(name.removeprefix("label."))
-        counts[level] = np.count_nonzero(np.bincount(ids.ravel())[1:])
-        if counts[level] >= _LEAST_LABELS:
-            return level
-    return max(counts, key=lambda level: counts[level])

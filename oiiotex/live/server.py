@@ -19,7 +19,7 @@ from ..api.images import TAG, Image, Session, read, usual_view, views
 from ..api.painting import read_graph
 from ..api.service import reserved_folder
 from ..errors import Error, one_line
-from .document import Document, default_state
+from .document import LEAST_PAINTED, Document, default_state
 from .guard import LOOPBACK, Guard, token_for
 
 if TYPE_CHECKING:
@@ -31,12 +31,13 @@ if TYPE_CHECKING:
 
 MOST_UPLOAD = 32 << 20  # bytes of a message from a page
 _MOST_CONNECTIONS = 64
+_PAINTED = 1024  # px, maximum side of a new painting
 _TYPES = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 
 
 def serve(
     image: Image | None, session: Session, words: tuple[str, ...], *, host: str, port: int, token: str, open_page: bool,
-    graph: Path | None, document: Path | None,
+    graph: Path | None, document: Path | None, pixel_type: str = "",
 ) -> None:  # fmt: skip
     """Serve the page of a photo or of an exemplar graph until the process is interrupted.
 
@@ -59,6 +60,8 @@ def serve(
     graph, document : Path or None
         An exemplar graph; the document that keeps parameters and history, by default NAME.texlive.json in the
         current folder.
+    pixel_type : str
+        Of files that are made, as -d names it; '': that of the photo, float for a graph.
 
     Raises
     ------
@@ -73,7 +76,7 @@ def serve(
         raise Error(f"{error.name} is not installed: pip install oiiotex[live]") from error
     token = token_for(host, token)
     listening = _listening(host, port)
-    guarded = Guard(_application(_hub(image, session, words, graph, document)), token, _names(host))
+    guarded = Guard(_application(_hub(image, session, words, graph, document, pixel_type)), token, _names(host))
     for logger in ("uvicorn.error", "asyncio"):
         logging.getLogger(logger).addFilter(_in_one_line)
     config = uvicorn.Config(
@@ -100,8 +103,9 @@ def _in_one_line(record: logging.LogRecord) -> bool:
 
 
 def _hub(
-    image: Image | None, session: Session, words: tuple[str, ...], graph: Path | None, document: Path | None
-) -> Hub:
+    image: Image | None, session: Session, words: tuple[str, ...], graph: Path | None, document: Path | None,
+    pixel_type: str,
+) -> Hub:  # fmt: skip
     """The hub of the document, with its rooms."""
     from .hub import Hub, PageSource
     from .paint_room import PaintRoom
@@ -119,11 +123,14 @@ def _hub(
     stem = Path(name).stem
     side = min(256, 1 << min(first.first.spec.width, first.first.spec.height).bit_length() - 1)
     state = default_state(*usual_view(session.resources.color, space), side)
+    sides = first.first.spec.width, first.first.spec.height
+    state["paint"] |= dict(zip(("width", "height"), (min(max(n, LEAST_PAINTED), _PAINTED) for n in sides), strict=True))
     state["zoom"]["zoom"] = float(side.bit_length() - 1)
+    pixel_type = pixel_type or ("float" if graph is not None else str(first.first.spec.format))
     path = document or Path(f"{stem}.texlive.json")
     spare = reserved_folder(path)
     opened = Document(path, state, name, views(session.resources.color), spare / "document.json")
-    source = PageSource(image, "" if graph is None else str(graph), words, stem, space, side)
+    source = PageSource(image, "" if graph is None else str(graph), words, stem, space, side, pixel_type)
     hub = Hub(source, opened, session, spare)
     hub.rooms = {"tile": TileRoom(hub), "paint": PaintRoom(hub), "zoom": ZoomRoom(hub)}
     return hub
@@ -132,7 +139,7 @@ def _hub(
 def _application(hub: Hub) -> Starlette:
     """The ASGI application: the page's files and its WebSocket."""
     from starlette.applications import Starlette
-    from starlette.responses import Response
+    from starlette.responses import FileResponse, Response
     from starlette.routing import Route, WebSocketRoute
 
     folder = resources.files(__package__) / "page"
@@ -144,6 +151,12 @@ def _application(hub: Hub) -> Starlette:
             return Response(status_code=404)
         return Response(files[name].read_bytes(), media_type=_TYPES[Path(name).suffix])
 
+    async def saved(request: Request) -> Response:
+        """A file that a page has saved, as a download."""
+        name = request.path_params["name"]
+        path = hub.saved.get(name)
+        return Response(status_code=404) if path is None or not path.is_file() else FileResponse(path, filename=name)
+
     @contextlib.asynccontextmanager
     async def while_it_runs(_: Starlette) -> AsyncIterator[None]:
         saving = asyncio.create_task(hub.autosave())
@@ -153,7 +166,12 @@ def _application(hub: Hub) -> Starlette:
             saving.cancel()
             await asyncio.to_thread(hub.close)
 
-    routes = [WebSocketRoute("/wire", hub.attend), Route("/", file), Route("/{name}", file)]
+    routes = [
+        WebSocketRoute("/wire", hub.attend),
+        Route("/", file),
+        Route("/saved/{name}", saved),
+        Route("/{name}", file),
+    ]
     return Starlette(routes=routes, lifespan=while_it_runs)
 
 

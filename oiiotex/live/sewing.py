@@ -52,7 +52,7 @@ class LiveSewing:
         return made
 
     async def saving(
-        self, step: int, seed: int, before: Path, size: tuple[int, int], name: str
+        self, step: int, seed: int, before: Path, size: tuple[int, int], name: str, pixel_type: str
     ) -> Coroutine[Any, Any, None]:
         """A coroutine that saves a step's texture at another size, in the background.
 
@@ -66,6 +66,8 @@ class LiveSewing:
             Width and height in pixels.
         name : str
             File name.
+        pixel_type : str
+            As -d names it.
         """
         client = await self._hub.client()
         labeled, paintings = await self._images(client, step)
@@ -76,7 +78,7 @@ class LiveSewing:
                 request = _asked(client, labeled, paintings, values, EXPORT, self._hub.advancing())
                 facts, _ = await asyncio.wrap_future(request)
                 try:
-                    await self._hub.save(facts["images"][0], name)
+                    await self._hub.save(facts["images"][0], name, pixel_type)
                 finally:
                     client.drop(facts["images"][0]["number"])
             finally:

@@ -4,15 +4,16 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from typing import Any
 
 from ..api.images import Image, as_float, from_array, read, resized, write
 from ..api.painting import codes_of, color_of
-from ..api.service import BRUSH, LOOKS, LinkError, Request
+from ..api.service import BRUSH, LOOKS, LinkError, Request, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ImageError
 from .hub import Hub, Page, labels_of
-from .lines import line, output_name, word_of
+from .lines import line, word_of
 
 MOST_SHOWN = 2048  # px; longest side of an image sent to a page
 THUMBNAIL = 128  # px
@@ -32,6 +33,7 @@ class TileRoom:
         self._tile: tuple[np.ndarray, dict[str, Any]] | None = None  # the last preview, and its facts
         self._measures: dict[str, Any] | None = None
         self._image: dict[str, Any] | None = None  # the finished tile: 'number' and 'parts'
+        self._saves: list[tuple[str, str]] = []  # names and pixel types of files to write when the tile is finished
         self._thumbnails: list[Request] = []
         self._numbers: dict[str, int] = {}  # of brush images in the resident process
         self._photo: np.ndarray | None = None
@@ -49,6 +51,7 @@ class TileRoom:
             self._hub.show(*self._framed(*self._tile), to=page)
         if self._measures is not None:
             self._hub.tell(self._measures)
+        self._tell_line()
         if self._turn == 0:
             await self._begin()
 
@@ -60,20 +63,28 @@ class TileRoom:
             self._show_photo()
             if self._tile is not None:
                 self._hub.show(*self._framed(*self._tile))
+        if room in ("tile", "output"):
+            self._tell_line()
         if room == "tile":
             await self._begin()
+
+    def _tell_line(self, asked: bool = False) -> None:
+        """Show the line next to the button that saves; `asked`: in a dialog, to copy it."""
+        self._hub.tell({"do": "line", "room": "tile", "text": self.line(), "asked": asked})
 
     async def take(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
         """Handle a request of a page."""
         do = asked["do"]
         if do == "line":
-            self._hub.tell({"do": "line", "room": "tile", "text": self.line()})
+            self._tell_line(asked=True)
         elif do == "brush":
             self._take_brush(asked["name"], data, page)
         elif do == "save":
-            if self._image is None:
-                raise Error("the tile is not finished yet: wait before saving")
-            await self._hub.save(self._image, self._name())
+            if self._image is not None:
+                await self._hub.save(self._image, *self._hub.output("tile"))
+            else:
+                self._saves.append(self._hub.output("tile"))
+                self._hub.tell({"do": "note", "text": "The tile will be saved when it is finished"})
         elif do == "seeds":
             await self._seeds(int(asked["first"]), int(asked["count"]))
         elif do == "overlay":
@@ -91,11 +102,13 @@ class TileRoom:
 
     # --- the tile ---
 
-    async def _begin(self) -> None:
+    async def _begin(self, again: Sequence[tuple[str, str]] = ()) -> None:
+        """Synthesize the tile by the document's values; `again`: files of a synthesis whose process has ended."""
         self._turn += 1
         turn, hub = self._turn, self._hub
-        if self._request is not None:
+        if self._request is not None and not self._saves:  # else it ends, and its files are written
             self._request.stop()
+        saves = self._saves = list(again)
         self._stop_thumbnails()
         self._measures = None
         hub.tell({"do": "busy", "room": "tile", "done": 0, "total": 1})
@@ -105,6 +118,8 @@ class TileRoom:
             self._image = None
         number, optional = await self._exemplar()
         if turn != self._turn:
+            if saves:
+                raise Error("not saved: the parameters have changed since")
             return
         loop = asyncio.get_running_loop()
         self._request = request = client.make(
@@ -118,19 +133,25 @@ class TileRoom:
             return
         except Error as error:
             if turn == self._turn and isinstance(error, LinkError) and hub.tries_again():
-                await self._begin()
+                await self._begin(saves)
             elif turn == self._turn:
                 hub.tell({"do": "busy", "room": "tile", "done": 1, "total": 1})
                 raise
             return
-        if turn != self._turn:
-            client.drop(facts["images"][0]["number"])
-        else:
-            self._image = facts["images"][0]
+        made = facts["images"][0]
+        if turn == self._turn:
+            self._image = made
             lines = [[level, text.removeprefix(f"{_FLAG}: ")] for level, text in facts["log"]]
-            self._measures = {"do": "measures", "room": "tile", "lines": lines}
+            chosen = spec_of(made["parts"][0]).get_string_attribute("oiiotex:chosen")
+            self._measures = {"do": "measures", "room": "tile", "lines": lines, "chosen": chosen}
             hub.tell(self._measures)
             hub.tell({"do": "busy", "room": "tile", "done": 1, "total": 1})
+        try:
+            for output in saves:
+                await hub.save(made, *output)
+        finally:
+            if made is not self._image:
+                hub.release(client, made["number"])
 
     def _looked(self, turn: int, pixels: np.ndarray, whole: bool) -> None:
         if turn != self._turn:
@@ -152,8 +173,10 @@ class TileRoom:
         values = {name: tile[name] for name in ("flatten", "sigma", "amount", "contrast", "preset", "patch")}
         if tile["amount"] is not None:
             values["sigma"] = None
-        if tile["width"] and tile["height"]:
-            values["size"] = f"{tile['width']}x{tile['height']}"
+        if tile["width"] or tile["height"]:
+            assert self._hub.source.image is not None
+            photo = self._hub.source.image.first.spec
+            values["size"] = f"{tile['width'] or photo.width}x{tile['height'] or photo.height}"
         values |= {"structure": tile["structure"]} if tile["structure"] != 0.5 else {}
         values |= {"measure": tile["measure"]} if tile["measure"] != "histogram" else {}
         values |= {"seed": tile["seed"]} if tile["seed"] else {}
@@ -200,12 +223,7 @@ class TileRoom:
             words.append("--texlabel:keep=1")
         if tile["inpaint"]:
             images["inpaint"] = str(self._hub.document.beside(_BRUSHES["inpaint"]))
-        return line([*words, word_of(_FLAG, images | self._values()), "-o", self._name()])
-
-    def _name(self) -> str:
-        source = self._hub.source
-        assert source.image is not None
-        return output_name(source.stem, "tile", str(source.image.first.spec.format))
+        return line([*words, word_of(_FLAG, images | self._values())], *self._hub.output("tile"))
 
     # --- seeds ---
 

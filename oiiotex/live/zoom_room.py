@@ -16,7 +16,7 @@ from ..deferred import np
 from ..errors import Error, ParameterError
 from .document import PLACE_BITS
 from .hub import Hub, Page
-from .lines import line, output_name, text_of, word_of
+from .lines import line, text_of, word_of
 
 SIDE = 256  # px of a tile
 _MOST_WANTED = 256  # tiles per page
@@ -35,14 +35,14 @@ class ZoomRoom:
         self._wanted: dict[Page, list[TilePlace]] = {}
         self._asked: dict[TilePlace, Request | None] = {}
         self._tiles: OrderedDict[TilePlace, np.ndarray] = OrderedDict()
-        self._turn = 0  # changes with seed and lock, which invalidate tiles
+        self._turn = 0  # changes with seed, jitter and lock, which invalidate tiles
 
     async def greet(self, page: Page) -> None:
         """Nothing to send: a page requests the tiles it shows."""
 
     async def changed(self, room: str, names: set[str]) -> None:
         """Discard tiles after a change of the plane, and tell pages when tiles look different."""
-        if room == "zoom" and names & {"seed", "lock"}:
+        if room == "zoom" and names & {"seed", "jitter", "lock"}:
             self._turn += 1
             self._tiles.clear()
             self._drop(set(self._asked))
@@ -54,10 +54,10 @@ class ZoomRoom:
         """Handle a request of a page."""
         do = asked["do"]
         if do == "tiles":
-            level, places = int(asked["level"]), asked["tiles"]
-            if not 0 <= level <= MOST_LEVEL or len(places) > _MOST_WANTED:
-                raise ValueError(level)
-            self._wanted[page] = [(level, int(x), int(y)) for x, y in places]
+            places = [(int(level), int(x), int(y)) for level, x, y in asked["tiles"][: _MOST_WANTED + 1]]
+            if len(places) > _MOST_WANTED or not all(0 <= level <= MOST_LEVEL for level, *_ in places):
+                raise ValueError(places)
+            self._wanted[page] = places
             self._drop({tile for tile in self._asked if not self._is_wanted(tile)})
             self._ask()
         elif do == "line":
@@ -142,7 +142,7 @@ class ZoomRoom:
     def _use(self, level: int, left: int, top: int, width: int, height: int) -> tuple[str, dict[str, Any]]:
         """The op and the modifiers that render a window of a level."""
         zoom = self._hub.document.state["zoom"]
-        same = {"seed": zoom["seed"] or None, "lock": zoom["lock"] or None}
+        same = {"seed": zoom["seed"] or None, "jitter": zoom["jitter"], "lock": zoom["lock"] or None}
         if self._hub.source.graph:
             window = f"{width}x{height}{left:+d}{top:+d}"
             return "synth", _given({"graph": self._hub.source.graph, "level": level, "window": window} | same)
@@ -166,7 +166,7 @@ class ZoomRoom:
         level = round(zoom["zoom"])
         left, top = (int(n * 2**level) - size // 2 for n, size in zip(self._middle(zoom), (width, height), strict=True))
         op, values = self._use(level, left, top, width, height)
-        return self._line(word_of(f"--tex{op}", values), self._output("zoom"))
+        return self._line(word_of(f"--tex{op}", values))
 
     def path(self) -> str:
         """The command that renders the path, from the zoom of the first keyframe to the last keyframe."""
@@ -182,18 +182,15 @@ class ZoomRoom:
         values = {
             "graph": self._hub.source.graph or None, "level": round(first["zoom"], 9),
             "speed": round((last["zoom"] - first["zoom"]) / (frames - 1), 9), "at": self._numbers(aim),
-            "size": f"{_FRAME[0]}x{_FRAME[1]}", "seed": zoom["seed"] or None, "lock": zoom["lock"] or None,
+            "size": f"{_FRAME[0]}x{_FRAME[1]}", "seed": zoom["seed"] or None, "jitter": zoom["jitter"],
+            "lock": zoom["lock"] or None,
         }  # fmt: skip
-        stem, _, suffix = self._output("zoom").rpartition(".")
-        return self._line("--frames", f"1-{frames}", word_of("--texzoom", values), f"{stem}.%04d.{suffix}")
+        return self._line("--frames", f"1-{frames}", word_of("--texzoom", values), number=".%04d")
 
-    def _line(self, *words: str) -> str:
-        *before, name = words
-        return line([*self._hub.source.words, *before, "-o", name])
-
-    def _output(self, what: str) -> str:
-        image = self._hub.source.image
-        return output_name(self._hub.source.stem, what, "float" if image is None else str(image.first.spec.format))
+    def _line(self, *words: str, number: str = "") -> str:
+        name, pixel_type = self._hub.output("zoom")
+        stem, _, suffix = name.rpartition(".")
+        return line([*self._hub.source.words, *words], f"{stem}{number}.{suffix}", pixel_type)
 
 
 def _given(values: dict[str, Any]) -> dict[str, Any]:

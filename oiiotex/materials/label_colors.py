@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from ..core.image import Image
-from ..core.label_map import holds_ids, label_maps
+from ..core.label_map import holds_ids, label_maps, opened_level
 from ..deferred import np
 from ..session.resources import Resources
 from .preview import lab_of, linear_of
@@ -23,12 +23,12 @@ def label_colors(labels: Image, color: Image, resources: Resources) -> list[tupl
     Returns
     -------
     list of (str, float, list of float)
-        Labels of the coarsest level: name, share of the pixels (0 to 1), mean color in CIE Lab D65.
+        Labels of the coarsest level with several: name, share of the pixels (0 to 1), mean color in CIE Lab D65.
     """
     maps = label_maps(labels)
     if not maps:
         return []
-    coarsest, photo = maps[max(maps)], color.first if holds_ids(labels.first) else labels.first
+    coarsest, photo = maps[opened_level(maps)], color.first if holds_ids(labels.first) else labels.first
     ids = coarsest.ids.astype(np.int64)
     if ids.shape != (photo.spec.height, photo.spec.width):
         return []

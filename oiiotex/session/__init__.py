@@ -61,6 +61,6 @@ class Session:
         """A session with the same resources and another progress."""
         return Session.of(self.resources, progress)
 
-    def stages(self) -> Iterator[Session]:
+    def stages(self, *shares: float) -> Iterator[Session]:
         """A session for each stage, as `Progress.stages`."""
-        return map(self.telling, self.progress.stages())
+        return map(self.telling, self.progress.stages(*shares))

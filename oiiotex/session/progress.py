@@ -12,6 +12,7 @@ from ..errors import Interrupted
 if TYPE_CHECKING:
     import numpy as np
 
+WHOLE = 10_000  # steps of an op with several stages
 Tell = Callable[[int, int], bool | None]
 Onlooker = Callable[["np.ndarray", bool], object]
 Say = Callable[[str], object]
@@ -50,15 +51,20 @@ class Progress:
         if self.tell is not None and self.tell(done, total) is False:
             raise Interrupted("stopped by the progress callback")
 
-    def stages(self) -> Iterator[Progress]:
-        """Progress for consecutive stages of an op: each continues where the last one ended."""
-        begun = ended = 0
+    def stages(self, *shares: float) -> Iterator[Progress]:
+        """Progress for consecutive stages of an op, each with its share of the expected time.
 
-        def tell(done: int, total: int) -> bool | None:
-            nonlocal ended
-            ended = begun + done
-            return None if self.tell is None else self.tell(ended, begun + total)
+        The whole is always `WHOLE` steps, so that the time left can be told from the first stage on.
+        """
+        before, every = 0.0, sum(shares)
 
-        while True:
-            yield replace(self, tell=tell)
-            begun = ended
+        def within(share: float, before: float) -> Tell:
+            def tell(done: int, total: int) -> bool | None:
+                part = before + share * done / max(total, 1)
+                return None if self.tell is None else self.tell(round(WHOLE * part / every), WHOLE)
+
+            return tell
+
+        for share in shares:
+            yield replace(self, tell=within(share, before))
+            before += share

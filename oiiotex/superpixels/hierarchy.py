@@ -62,13 +62,12 @@ class Hierarchy:
         return int(np.abs(self.sigmas - sigma).argmin())
 
 
-def scales(finest: float, shorter_side: int) -> np.ndarray:
+def scales(finest: float, coarsest: float) -> np.ndarray:
     """sigma_1 .. sigma_Gamma, px: LSA16 section 3.4.
 
     Every 3 px as in the paper up to 128 levels, which is up to about 2100 px. Beyond that, the same number of
     levels in geometric progression: 3 px at a scale of 200 px make no difference.
     """
-    coarsest = COARSEST * shorter_side
     if (coarsest - finest) / STEP < MOST_LEVELS:
         return finest + STEP * np.arange(max(1, math.floor((coarsest - finest) / STEP + 1e-9) + 1))
     return finest * (coarsest / finest) ** (np.arange(MOST_LEVELS) / (MOST_LEVELS - 1))
@@ -85,7 +84,7 @@ def hierarchy(superpixels: Superpixels, resources: Resources, sigmas: np.ndarray
     """
     window = superpixels.window
     if sigmas is None:
-        sigmas = scales(superpixels.sigma, min(window.width, window.height))
+        sigmas = scales(superpixels.sigma, COARSEST * min(window.width, window.height))
     levels = blurred_sums(superpixels, sigmas.tolist(), resources)
     return merged(superpixels.sizes, superpixels.positions, superpixels.edges, sigmas, levels)
 

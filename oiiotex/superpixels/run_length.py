@@ -210,18 +210,20 @@ def _overlaps(upper: np.ndarray, lower: np.ndarray, width: int, rows: int) -> tu
 
 
 def _united(a: np.ndarray, b: np.ndarray, count: int) -> tuple[int, np.ndarray]:
-    """Sets of 0 .. count - 1 where a[i] and b[i] are connected, by first members: their number, and each one's."""
-    from scipy.sparse import coo_array  # slow to import
-    from scipy.sparse.csgraph import connected_components
+    """Sets of 0 .. count - 1 where a[i] and b[i] are connected, by first members: their number, and each one's.
 
-    if count == 0:
-        return 0, np.zeros(0, np.int32)
-    sets, of = connected_components(coo_array((np.ones(len(a), bool), (a, b)), (count, count)), directed=False)
-    first = np.full(sets, count)
-    np.minimum.at(first, of, np.arange(count))
-    rank = np.empty(sets, np.int32)
-    rank[np.argsort(first)] = np.arange(sets)
-    return sets, rank[of]
+    As scipy.sparse.csgraph.connected_components, which takes .2 s to import and 1 to 2 times as long.
+    """
+    root = np.arange(count, dtype=np.int32)
+    while len(a):
+        a, b = root[a], root[b]
+        apart = a != b
+        a, b = a[apart], b[apart]
+        np.minimum.at(root, np.maximum(a, b), np.minimum(a, b))
+        while not np.array_equal(root, above := root[root]):
+            root = above
+    first = root == np.arange(count)
+    return int(np.count_nonzero(first)), (np.cumsum(first, dtype=np.int32) - 1)[root]
 
 
 def without_small(pieces: Pieces, least: float) -> Pieces:

@@ -90,9 +90,9 @@ class Superpixels:
         return float(color + (compactness / self.sigma) ** 2 * place)
 
 
-def finest_scale(window: Window) -> float:
-    """sigma_1, px: LSA16 section 3.4, but at least `LEAST_SIGMA`."""
-    return max(LEAST_SIGMA, FINEST * min(window.width, window.height))
+def finest_scale(side: int) -> float:
+    """sigma_1, px, for an image with that shorter side: LSA16 section 3.4, but at least `LEAST_SIGMA`."""
+    return max(LEAST_SIGMA, FINEST * side)
 
 
 def superpixels(
@@ -140,7 +140,7 @@ def superpixels(
         NaN or Inf, or it does not fit the budget.
     """
     part = image.first
-    sigma = finest_scale(part.window) if sigma is None else sigma
+    sigma = finest_scale(min(part.window.size)) if sigma is None else sigma
     # a superpixel is 16 to 32 squares wide, whatever the image's size
     side = min(1 << max(0, int(math.log2(sigma / 16))), WIDEST)
     on_squares = side > 1 and not literal

@@ -15,6 +15,7 @@ from .link.service.messages import Link
 
 _START = 60  # s; timeout for the start of the process
 _PROGRAM = "import sys; from oiiotex.cli.main import main; sys.exit(main())"
+_SET = "set Python in the extension's preferences to the one where oiiotex is installed"
 CHANNELS = {1: ["Y"], 3: ["R", "G", "B"], 4: ["R", "G", "B", "A"]}
 
 
@@ -40,7 +41,7 @@ class Process:
         folders = [folder for folder in os.environ.get("PATH", "").split(os.pathsep) if os.path.isabs(folder)]
         self._python = python if os.path.isabs(python) else shutil.which(python, path=os.pathsep.join(folders))
         if self._python is None or not os.path.isabs(self._python):
-            raise Failed(f"{python} is not in $PATH; set Python in the extension's preferences")
+            raise Failed(f"{python or 'Python'} is not in $PATH; {_SET}")
 
     def begin(self, op, maps, values, parts=None) -> Job:
         """Start an op.
@@ -69,10 +70,9 @@ class Process:
             )
             answer = json.loads(done.stdout)
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise Failed(f"{self._python} cannot be started; set Python in the extension's preferences") from error
+            raise Failed(f"{self._python} cannot be started; {_SET}") from error
         except ValueError as error:
-            said = done.stderr.strip().splitlines() or ["no error message"]
-            raise Failed(f"{self._python} cannot start oiiotex: {said[-1]}") from error
+            raise Failed(_sentence(self._python, done.stderr, done.returncode)) from error
         if "error" in answer:
             raise Failed(answer["error"])
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -167,13 +167,13 @@ class Line:
     progress, warnings = 0.0, ()
 
     def __init__(self, words):
-        self._stopped = False
+        self._python, self._stopped = words[0], False
         try:
             self._program = subprocess.Popen(
                 words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
             )
         except OSError as error:
-            raise Failed(f"{words[0]} cannot be started; set Python in the extension's preferences") from error
+            raise Failed(f"{words[0]} cannot be started; {_SET}") from error
 
     @property
     def done(self) -> bool:
@@ -191,11 +191,19 @@ class Line:
 
     def result(self) -> None:
         """Return None; raise Failed if the program has failed."""
-        said = self._program.communicate()[1].strip().splitlines()
+        said = self._program.communicate()[1]
         if self._stopped:
             raise Failed("canceled")
         if self._program.returncode:
-            raise Failed(said[-1] if said else f"the program ended with exit code {self._program.returncode}")
+            raise Failed(_sentence(self._python, said, self._program.returncode))
+
+
+def _sentence(python: str, said: str, code: int) -> str:
+    """Why a program has failed: its error, the reason in words if it is another Python, or its exit code."""
+    if "No module named 'oiiotex'" in said:
+        return f"{python} has no oiiotex; {_SET}"
+    lines = said.strip().splitlines() or [f"{python} cannot start oiiotex: exit code {code}"]
+    return lines[-1]
 
 
 def _wanted(image, parts) -> list[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from ... import __version__
 from ...errors import ParameterError
 from ..vocabulary import LANGUAGE
-from .report import declarations, described, find, overview, page
+from .report import columns, declarations, described, find, overview, page
 
 _SCREEN = """\
 oiiotex {version}: textures from photos, on command lines as oiiotool has them
@@ -72,8 +72,8 @@ def _with_modifier(name: str) -> str:
                 flags.setdefault(described(one, find(flag)), []).append(flag)
     if not flags:
         return _search(f":{name}")
-    fill = textwrap.TextWrapper(110, break_on_hyphens=False)
-    indented = textwrap.TextWrapper(110, initial_indent="    ", subsequent_indent="    ")
+    fill = textwrap.TextWrapper(columns(), break_on_hyphens=False)
+    indented = textwrap.TextWrapper(columns(), initial_indent="    ", subsequent_indent="    ")
     entries = (f"{fill.fill(', '.join(found))}:\n{indented.fill(text)}" for text, found in flags.items())
     return "\n\n".join((f":{name}=", *entries))
 
@@ -89,17 +89,14 @@ def _search(name: str) -> str:
         known |= {flag.lstrip("-").lower(): flag, flag.removeprefix("--tex").lstrip("-").lower(): flag}
     for _, modifiers in summaries.values():
         known = {one.name.lower(): f":{one.name}" for one in modifiers} | known
+    word = re.compile(rf"\b{re.escape(bare.removesuffix('s'))}", re.IGNORECASE)
+    hits = [flag for flag, (text, _) in summaries.items() if bare and word.search(f"{flag} {text}")][:_MOST_HITS]
+    rows = [row for row in _how_to().splitlines() if bare and word.search(row)]
+    pages = [f"docs/how-to/{file}" for row in rows for file in re.findall(r"\(([\w-]+\.md)\)", row)][:_MOST_HITS]
+    if bare not in known and (pages or hits):
+        return "\n".join((f"'{name}' occurs in:", *(f"  {place}" for place in (*pages, *hits))))
     close = difflib.get_close_matches(bare, known, 1, 0.8)
-    if close:
-        hint = f"did you mean --help {known[close[0]]}?"
-    else:
-        word = re.compile(rf"\b{re.escape(bare.removesuffix('s'))}", re.IGNORECASE)
-        hits = [flag for flag, (text, _) in summaries.items() if bare and word.search(f"{flag} {text}")][:_MOST_HITS]
-        rows = [row for row in _how_to().splitlines() if bare and word.search(row)]
-        pages = [f"docs/how-to/{file}" for row in rows for file in re.findall(r"\(([\w-]+\.md)\)", row)][:_MOST_HITS]
-        if pages or hits:
-            return "\n".join((f"'{name}' occurs in:", *(f"  {place}" for place in (*pages, *hits))))
-        hint = "oiiotex --help all lists everything"
+    hint = f"did you mean --help {known[close[0]]}?" if close else "oiiotex --help all lists everything"
     raise ParameterError(f"--help {name}: expected a group, an op, OP:MODIFIER or :MODIFIER", hint=hint)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ...errors import Error
 
-_NAME = "oiiotex.imageio.so"
+_NAME = "oiiotexfile.imageio.so"
 
 
 def plugin_path() -> str:

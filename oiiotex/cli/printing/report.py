@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import shutil
 import textwrap
 from collections.abc import Iterator, Sequence
 
@@ -15,6 +16,8 @@ from ...errors import ParameterError
 from ...stats import Stats
 from ..language.parse import Option, Refused, names_of
 from ..vocabulary import LANGUAGE
+
+_WIDEST = 110  # columns: longer lines are hard to read
 
 
 def declarations() -> Iterator[tuple[str, tuple[str, ...], str, tuple[Parameter, ...]]]:
@@ -65,8 +68,8 @@ def page(name: str) -> str:
     if colon:
         return _modifier_page(declaration, modifier)
     if isinstance(declaration, Option):
-        rows = _modifier_rows(declaration.parameters())
-        return "\n".join([declaration.call, "", f"{declaration.help}.", *(["", *rows] if rows else [])])
+        rows = _modifier_rows(declaration.parameters(), declaration)
+        return "\n".join([declaration.call, "", _filled(f"{declaration.help}."), *(["", *rows] if rows else [])])
     return _op_page(declaration)
 
 
@@ -80,7 +83,7 @@ def _modifier_page(declaration: type[Op] | Option, name: str) -> str:
         raise ParameterError(f"{flag} has no modifier '{name}'{nearest(name, known)}", hint=hint)
     one = known[name]
     example = f"\n\nExample: {flag}:{name}={one.sample}" if one.sample else ""
-    return f"{flag}:{name}=\n\n{textwrap.fill(described(one, declaration), 110)}{example}"
+    return f"{flag}:{name}=\n\n{textwrap.fill(described(one, declaration), columns())}{example}"
 
 
 def described(modifier: Parameter, declaration: type[Op] | Option | Refused) -> str:
@@ -92,14 +95,14 @@ def _op_page(op: type[Op]) -> str:
     images = " ".join(i.name for i in op.images())
     further = op.further_images()
     images += f" {further.name}" if further else ""
-    lines = [f"{call(op)}  ({images} -> {op.main().name})", "", description(op)]
+    paragraphs = on_a_line(description(op), op).split("\n\n")
+    lines = [f"{call(op)}  ({images} -> {op.main().name})", "", "\n\n".join(map(_filled, paragraphs))]
     if op.arguments():
-        lines += ["", "Arguments:", *(_entry(p.name.upper(), p) for p in op.arguments())]
-    lines += ["", *(_modifier_rows(op.modifiers()) or ["Modifiers: none"])]
+        lines += ["", "Arguments:", *(_entry(p.name.upper(), described(p, op)) for p in op.arguments())]
+    lines += ["", *(_modifier_rows(op.modifiers(), op) or ["Modifiers: none"])]
     if len(op.outputs) > 1 or op.prefix == Op.prefix:
-        lines += ["", "Outputs:", *(f"  {o.name:12s} {o.text}" for o in op.outputs)]
-    lines += ["", f"Works in {op.space.value}; {op.reach}."]
-    return on_a_line("\n".join(lines), op)
+        lines += ["", "Outputs:", *(_entry(o.name, on_a_line(o.text, op)) for o in op.outputs)]
+    return "\n".join([*lines, "", _filled(f"Works in {op.space.value}; {op.reach}.")])
 
 
 def summary(op: type[Op]) -> str:
@@ -130,15 +133,24 @@ def description(op: type[Op]) -> str:
     return f"{head}\n{textwrap.dedent(rest)}".strip()
 
 
-def _modifier_rows(modifiers: Sequence[Parameter]) -> list[str]:
+def _modifier_rows(modifiers: Sequence[Parameter], declaration: type[Op] | Option) -> list[str]:
     """Their help, the advanced ones last."""
-    common = [_entry(f":{p.name}", p) for p in modifiers if not p.advanced]
-    advanced = [_entry(f":{p.name}", p) for p in modifiers if p.advanced]
+    common = [_entry(f":{p.name}", described(p, declaration)) for p in modifiers if not p.advanced]
+    advanced = [_entry(f":{p.name}", described(p, declaration)) for p in modifiers if p.advanced]
     return [*(["Modifiers:", *common] if common else []), *(["Advanced modifiers:", *advanced] if advanced else [])]
 
 
-def _entry(name: str, p: Parameter) -> str:
-    return textwrap.fill(p.described(p.help), 110, initial_indent=f"  {name:12s} ", subsequent_indent=" " * 15)
+def _entry(name: str, text: str) -> str:
+    return textwrap.fill(text, columns(), initial_indent=f"  {name:12s} ", subsequent_indent=" " * 15)
+
+
+def _filled(text: str) -> str:
+    return textwrap.fill(text, columns())
+
+
+def columns() -> int:
+    """Columns of the terminal, at most 110; 110 where the output is not a terminal."""
+    return min(shutil.get_terminal_size((_WIDEST, 0)).columns, _WIDEST)
 
 
 def time_table(stats: Stats, wall: float) -> str:

@@ -43,9 +43,11 @@ def show(chain: Chain, given: LiveModifiers) -> None:
         return
     from ...live.server import serve
 
+    pixel_type = str(chain.settings["-d"][0]) if "-d" in chain.settings else ""
     serve(
         image, chain.session, tuple(words[:end]), host=given.host, port=given.port, token=given.token,
         open_page=given.open, graph=given.graph, document=given.document,
+        pixel_type=pixel_type,
     )  # fmt: skip
 
 

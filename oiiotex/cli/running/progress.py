@@ -30,7 +30,7 @@ class Display:
         self._owner = threading.get_ident()
         self._stages: list[str] = []
         self._prefix = ""
-        self._done = self._total = 0
+        self._first = self._done = self._total = 0  # steps: at the begin, now, at the end
         self._begun = self._start = self._last_line = time.monotonic()
         self._bar: tqdm | None = None
         self._lock = threading.RLock()
@@ -45,19 +45,21 @@ class Display:
                 self._stages.append(name)
             elif name in self._stages:
                 del self._stages[len(self._stages) - 1 - self._stages[::-1].index(name) :]
-            self._restart(0)
+            if len(self._stages) <= begins:  # an op begins or ends; its own stages are parts of its progress
+                self._restart()
             if not self._stages:
                 self.clear()
 
     def advance(self, done: int, total: int) -> None:
-        """Set the number of finished steps of the stage."""
+        """Set the number of finished steps. Another total, or fewer steps than before, restart the estimate."""
         with self._lock:
-            if total != self._total or done < self._done:
-                self._restart(total)
-            self._done = done
+            if done < self._done or (self._total and total != self._total):
+                self._restart(done)
+            self._done, self._total = done, total
 
-    def _restart(self, total: int) -> None:
-        self._done, self._total, self._begun = 0, total, time.monotonic()
+    def _restart(self, done: int = 0) -> None:
+        self._first = self._done = done
+        self._total, self._begun = 0, time.monotonic()
 
     def frame(self, number: int, count: int) -> None:
         """Set the current frame of a sequence, from 1 to `count`."""
@@ -122,9 +124,11 @@ class Display:
             return
         self._last_line = now
         text = f"{self._text()} {now - self._start:.0f} s"
-        if self._total and self._done:
-            left = (now - self._begun) * (self._total - self._done) / self._done
-            text += f", {100 * self._done / self._total:.0f} %, {left:.0f} s left"
+        if self._total:
+            text += f", {100 * self._done / self._total:.0f} %"
+        if self._done > self._first:
+            left = (now - self._begun) * (self._total - self._done) / (self._done - self._first)
+            text += f", {left:.0f} s left"
         with contextlib.suppress(OSError):  # stderr is closed
             print(text, file=sys.stderr, flush=True)
 

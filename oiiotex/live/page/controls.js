@@ -3,6 +3,16 @@
 
 let numbers = 0;
 
+/** The number in a field, or null if it is empty. A number out of range is refused: the page says what is expected. */
+function numberIn(field, name, low, high, integer) {
+  if (field.value === "" && !field.validity.badInput) return null;
+  const value = Number(field.value);
+  if (!field.validity.badInput && value >= low && value <= high && (!integer || Number.isInteger(value))) return value;
+  const expected = `${name}: ${field.value || "not a number"}: expected ${integer ? "an integer" : "a number"} from ${low} to ${high}`;
+  field.dispatchEvent(new CustomEvent("refused", { bubbles: true, detail: expected }));
+  return undefined;
+}
+
 /** An element with properties and children. */
 export function make(tag, properties = {}, ...children) {
   const element = document.createElement(tag);
@@ -22,7 +32,7 @@ export function section(title, ...children) {
 /**
  * A slider with a number field.
  *
- * `automatic` returns the value to show where the parameter is null (automatic).
+ * `automatic` returns the value in effect where the parameter is null; null if the parameter has no effect then.
  */
 export function slider(name, { title, low, high, step, log = false, reset, automatic = null, digits = 2, change }) {
   const id = `c${numbers++}`;
@@ -43,17 +53,21 @@ export function slider(name, { title, low, high, step, log = false, reset, autom
     change(now);
   });
   number.addEventListener("change", () => {
-    const now = number.value === "" ? reset : Math.min(high, Math.max(low, Number(number.value)));
-    set(now);
-    change(now);
+    const given = numberIn(number, name, low, high, false);
+    if (given !== undefined) last = given ?? reset;
+    set(last, true);
+    if (given !== undefined) change(last);
   });
   label.addEventListener("dblclick", () => { set(reset); change(reset); });
-  function set(v) {
+  let last = reset;
+  function set(v, typed = false) {
     const unset = v === null;
+    last = v;
     row.classList.toggle("auto", unset);
-    const seen = unset ? automatic?.() ?? low : v;
-    if (document.activeElement !== number) number.value = unset ? "" : shown(seen);
-    number.placeholder = unset ? "auto" : "";
+    const effective = unset ? automatic?.() ?? null : v;
+    const seen = effective ?? low;
+    if (typed || document.activeElement !== number) number.value = unset ? "" : shown(seen);
+    number.placeholder = effective === null ? "off" : shown(seen);
     range.value = position(Math.min(high, Math.max(low, seen)));
   }
   row.set = set;
@@ -75,17 +89,33 @@ export function choice(name, { title, options, change }) {
   return row;
 }
 
-/** An integer field. */
-export function whole(name, { title, low, high, change, extra = [] }) {
+/** An integer field. `automatic` returns the value in effect where the parameter is null. */
+export function whole(name, { title, low, high, change, automatic = null, extra = [] }) {
   const id = `c${numbers++}`;
   const number = make("input", { type: "number", id, min: low, max: high, step: 1, title });
   const row = make("div", { className: "row" }, make("label", { textContent: name, htmlFor: id }), make("span", { className: "buttons", style: "margin:0" }, number, ...extra));
   row.lastChild.classList.add("wide");
   number.addEventListener("change", () => {
-    if (number.value === "") return change(null);
-    change(Math.min(high, Math.max(low, Math.round(Number(number.value)))));
+    const given = numberIn(number, name, low, high, true);
+    if (given !== undefined) change(given);
+    else row.set(last);
   });
-  row.set = (value) => { number.value = value ?? ""; number.placeholder = value === null ? "auto" : ""; };
+  let last = null;
+  row.set = (value) => {
+    last = value;
+    number.value = value ?? "";
+    number.placeholder = value === null ? String(automatic?.() ?? "") : "";
+  };
+  return row;
+}
+
+/** A text field; `field` is the element. */
+export function words(name, { title, change }) {
+  const id = `c${numbers++}`;
+  const field = make("input", { type: "text", id, title, spellcheck: false, className: "wide" });
+  const row = make("div", { className: "row" }, make("label", { textContent: name, htmlFor: id }), field);
+  field.addEventListener("change", () => change(field.value.trim()));
+  row.field = field;
   return row;
 }
 

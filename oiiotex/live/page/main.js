@@ -29,7 +29,9 @@ export const shell = {
     $("place").textContent = text;
   },
   progress(done, total) {
-    $("progress").value = total ? done / total : 0;
+    const busy = done < total;
+    $("progress").value = busy ? done / total : 0;
+    $("progress").classList.toggle("idle", !busy);
     document.body.dataset.busy = String(done < total);
   },
 };
@@ -138,7 +140,7 @@ async function showLine(text) {
 
 addEventListener("keydown", (event) => {
   if (document.querySelector("dialog[open]")) return;
-  const typing = event.target.matches("input[type=number], textarea, select");
+  const typing = event.target.matches("input[type=number], input[type=text], textarea, select");
   if (event.key === "?") return help();
   if (typing && !event.ctrlKey) return;
   if (["1", "2", "3"].includes(event.key)) return open(Object.keys(rooms)[Number(event.key) - 1]);
@@ -184,10 +186,14 @@ on("message", (message) => {
     showUnsaved(message.text);
   } else if (message.do === "note") {
     shell.status(message.text);
+  } else if (message.do === "saved") {
+    shell.status(`Saved as ${message.name}`);
+    for (const room of Object.values(rooms)) room.output?.offer(message.name);
   } else if (message.do === "error") {
     shell.status(message.text, true);
   } else if (message.do === "line") {
-    if (message.room === current) showLine(message.text);
+    if (message.asked === false) rooms[message.room]?.output?.show(message.text);
+    else if (message.room === current) showLine(message.text);
   } else {
     rooms[message.room]?.hear?.(message);
   }
@@ -198,6 +204,7 @@ on("link", (there) => {
   $("link").classList.toggle("wrong", !there);
 });
 
+addEventListener("refused", (event) => shell.status(event.detail, true));
 addEventListener("pagehide", () => rooms[current]?.hide?.());
 $("copy").addEventListener("click", copyLine);
 $("help").addEventListener("click", help);

@@ -4,6 +4,7 @@
 // the next finer map (0: none), each confined to the coarse label that contains it.
 
 import { button, make, section, segments, slider, whole } from "./controls.js";
+import { Output } from "./output.js";
 import { Viewer, drawBrush, stroke } from "./viewer.js";
 import { canvasOf } from "./wire.js";
 
@@ -57,10 +58,12 @@ export class PaintRoom {
     this.times = segments("Output size", [[1, "1 ×", "Size of the painting: exactly these pixels"], [4, "4 ×", "Four times the size, synthesized around the patches shown"], [16, "16 ×", "Sixteen times the size, synthesized around the patches shown"]], () => {});
     this.times.set(1);
     this.fact = make("p", { className: "hint" });
+    this.output = new Output(this.shell, "painted", [button("Save", "Write the texture to the document's folder, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times]);
     const panel = make("aside", {},
       section("Labels", this.palette),
       section("Tool", make("div", { className: "buttons", style: "margin:0 0 6px" }, this.tools), this.brush, make("div", { className: "buttons" }, this.undo, this.redo), this.fact),
-      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Save", "Write the texture to the document's folder, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times, button("Open", "Open an image as a painting: palette colors or label ids, in the folder of the photo or the document", () => this.shell.ask("paint", { do: "paintings" })), button("New", "Fill the whole canvas with the chosen label. Can be undone", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
+      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Open", "Open an image as a painting: palette colors or label ids, in the folder of the photo or the document", () => this.shell.ask("paint", { do: "paintings" })), button("New", "Fill the whole canvas with the chosen label. Can be undone", () => this.ask({ do: "new", label: this.shell.state.paint.label })))),
+      this.output.element);
     this.opening = make("dialog", { ariaLabel: "Open a painting" });
     this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.planView.element, this.textureView.element)), panel, this.opening);
   }
@@ -93,6 +96,7 @@ export class PaintRoom {
     if (all && this.open && this.ask({ do: "open" })) for (const stroke of this.unsent.splice(0)) this.ask(...stroke);
     for (const [name, control] of Object.entries(this.controls)) control.set(paint[name]);
     this.brush.set(paint.brush);
+    this.output.refresh();
     for (const group of this.palette.children) {
       const chosen = Number(group.dataset.label) === paint.label;
       group.classList.toggle("chosen", chosen);

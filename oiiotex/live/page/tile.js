@@ -2,13 +2,15 @@
 // Room Tile: the photo next to its tile.
 
 import { button, choice, make, section, segments, slider, whole } from "./controls.js";
+import { measuresOf } from "./measures.js";
+import { Output } from "./output.js";
 import { drawPlane, mipmaps } from "./plane.js";
 import { Viewer, drawBrush, stroke } from "./viewer.js";
 import { canvasOf } from "./wire.js";
 
 const LET_GO = 60; // ms from the last change of a slider to the message to the server
 const SEEDS = 8;
-const GOOD = 0.8; // fidelity from which a tile looks like its photo
+const PATCHES = [5, 7, 9, 11, 13, 15, 17, 19, 21]; // px
 
 export class TileRoom {
   constructor(shell) {
@@ -65,19 +67,19 @@ export class TileRoom {
 
   panel() {
     const set = (values) => this.set(values);
-    const longer = () => Math.max(...(this.size[0] ? this.size : this.shell.facts?.photo ?? [512, 512]));
+    const effective = (name) => this.chosen?.[name] ?? this.planned()[name];
     this.controls = {
       flatten: slider("Flatten", { title: "Fraction of the photo's gradients and stains to remove before synthesis. 0 copies the photo's pixels unchanged", low: 0, high: 1, step: 0.05, reset: null, automatic: () => (this.shell.state?.tile.inpaint ? 0 : 1), change: (flatten) => set({ flatten }) }),
-      sigma: slider("Sigma", { title: "Scale, in pixels, above which the result is statistically uniform (MJH17)", low: 1, high: 512, log: true, reset: null, automatic: () => longer() / ({ keep: 4, even: 32, clean: 32 }[this.shell.state?.tile.preset] ?? 8), change: (sigma) => set({ sigma, amount: null }) }),
-      amount: slider("Amount", { title: "Perceived uniformity, an alternative to sigma: the matching sigma is measured on this photo (MJH17 section 4.4)", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.5, change: (amount) => set({ amount, sigma: null }) }),
-      contrast: slider("Contrast", { title: "Weight of matching the photo's overall histogram", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.7, change: (contrast) => set({ contrast }) }),
+      sigma: slider("Sigma", { title: "Scale, in pixels, above which the result is statistically uniform (MJH17)", low: 1, high: 512, log: true, reset: null, automatic: () => effective("sigma"), change: (sigma) => set({ sigma, amount: null }) }),
+      amount: slider("Amount", { title: "Perceived uniformity, an alternative to sigma: the matching sigma is measured on this photo (MJH17 section 4.4)", low: 0, high: 1, step: 0.05, reset: null, change: (amount) => set({ amount, sigma: null }) }),
+      contrast: slider("Contrast", { title: "Weight of matching the photo's overall histogram", low: 0, high: 1, step: 0.05, reset: null, automatic: () => effective("contrast"), change: (contrast) => set({ contrast }) }),
       structure: slider("Structure", { title: "Weight of preserving a regular structure of the photo (courses, weaves)", low: 0, high: 1, step: 0.05, reset: 0.5, change: (structure) => set({ structure }) }),
       seed: whole("Seed", { title: "Random seed. The same seed gives the same pixels", low: 0, high: 4294967295, change: (seed) => set({ seed: seed ?? 0 }), extra: [button("Next", "Next seed (S)", () => this.nextSeed())] }),
       measure: choice("Measure", { title: "Statistics that are made uniform", options: [["histogram", "Histogram"], ["moments", "Moments"], ["steerable", "Steerable"]], change: (measure) => set({ measure }) }),
       preset: choice("Preset", { title: "Keep: large structures are preserved. Even: structures larger than sigma are evened out. Clean: objects are removed", options: [[null, "None"], ["even", "Even"], ["clean", "Clean"], ["keep", "Keep"]], change: (preset) => set({ preset }) }),
-      patch: choice("Patch", { title: "Patch size: detail up to this scale is copied unchanged", options: [[null, "Automatic"], ...[5, 7, 9, 11, 13, 15, 17, 19, 21].map((n) => [n, `${n} px`])], change: (patch) => set({ patch }) }),
-      width: whole("Width", { title: "Width of the tile, in pixels. Empty: the photo's width", low: 16, high: 16384, change: (width) => this.setSize("width", width) }),
-      height: whole("Height", { title: "Height of the tile, in pixels. Empty: the photo's height", low: 16, high: 16384, change: (height) => this.setSize("height", height) }),
+      patch: choice("Patch", { title: "Patch size: detail up to this scale is copied unchanged", options: [], change: (patch) => set({ patch }) }),
+      width: whole("Width", { title: "Width of the tile, in pixels. Empty: the photo's width", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[0], change: (width) => set({ width }) }),
+      height: whole("Height", { title: "Height of the tile, in pixels. Empty: the photo's height", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[1], change: (height) => set({ height }) }),
       mask: choice("Source", { title: "Valid source pixels: the part of the photo that patches are copied from", options: [["", "Whole photo"], ["dominant", "Dominant texture"], ["brush", "Painted mask"]], change: (mask) => this.setMask(mask) }),
       inpaint: choice("Replace", { title: "Part of the photo that is resynthesized", options: [["", "Everything"], ["brush", "Painted area"]], change: (inpaint) => set({ inpaint }) }),
     };
@@ -86,17 +88,30 @@ export class TileRoom {
     this.diameter = slider("Size", { title: "Brush diameter, in pixels of the photo ([ and ])", low: 2, high: 400, log: true, reset: 48, digits: 0, change: (diameter) => { this.brush.diameter = diameter; } });
     this.diameter.set(48);
     this.tools.set("");
-    this.measures = make("div", { className: "measures", role: "log", ariaLabel: "Measures" }, make("p", { className: "stale", textContent: "Measured when the tile is finished." }));
+    this.measures = make("div", { className: "measures", ariaLive: "polite" }, make("p", { className: "stale", textContent: "Measured when the tile is finished." }));
+    this.output = new Output(this.shell, "tile", [button("Save", "Write the tile to the document's folder, in the background", () => { this.tell(); this.shell.ask("tile", { do: "save" }); })]);
     return make("aside", {},
       section("Texture", this.controls.preset, this.controls.flatten, this.controls.sigma, this.controls.amount, this.controls.contrast, this.controls.structure, this.controls.measure, this.controls.patch),
       section("Result", this.controls.seed, this.controls.width, this.controls.height,
-        make("div", { className: "buttons" }, button("Keep variant", "Add these parameters to the variants below (V)", () => this.keep()), button("Save", "Write the tile to the document's folder, in the background", () => this.shell.ask("tile", { do: "save" })), button("Show seeds", "Preview eight more seeds at low resolution", () => this.askSeeds()))),
+        make("div", { className: "buttons" }, button("Keep variant", "Add these parameters to the variants below (V)", () => this.keep()), button("Show seeds", "Preview eight more seeds at low resolution", () => this.askSeeds()))),
       section("Measures", this.measures),
+      this.output.element,
       section("Regions", this.controls.mask, this.controls.inpaint, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
         make("div", { className: "buttons" }, this.erase, button("Clear", "Erase everything painted", () => this.fill(0)), button("Invert", "Invert the painted mask", () => this.fill(null)))));
   }
 
+  /** Values in effect where the photo decides, before its result is known. */
+  planned() {
+    const { tile } = this.shell.state;
+    const { share, ...values } = this.shell.facts.presets[tile.preset ?? (tile.inpaint ? "inpaint" : "")];
+    const [width, height] = this.shell.facts.photo;
+    const patch = tile.patch ?? values.patch;
+    if (tile.inpaint) values.contrast = 0;
+    return { ...values, patch, sigma: Math.max(Math.max(tile.width ?? width, tile.height ?? height) / share, patch / 4) };
+  }
+
   set(values) {
+    this.chosen = null;
     Object.assign(this.shell.state.tile, values);
     this.refresh(false);
     Object.assign(this.waiting, values);
@@ -110,15 +125,6 @@ export class TileRoom {
     const told = this.waiting;
     this.waiting = {};
     if (Object.keys(told).length) this.shell.set("tile", told);
-  }
-
-  setSize(name, value) {
-    const { width, height } = this.shell.state.tile;
-    const other = name === "width" ? height : width;
-    const both = { [name]: value };
-    if (value !== null && other === null) both[name === "width" ? "height" : "width"] = value;
-    if (value === null) both[name === "width" ? "height" : "width"] = null;
-    this.set(both);
   }
 
   setMask(mask) {
@@ -150,6 +156,10 @@ export class TileRoom {
       }
       control.set(tile[name]);
     }
+    const patch = this.chosen?.patch ?? this.planned().patch;
+    this.controls.patch.offer([[null, `Automatic (${patch} px)`], ...PATCHES.map((n) => [n, `${n} px`])]);
+    this.controls.patch.set(tile.patch);
+    this.output.refresh();
     if (all) {
       this.photoView.empty.hidden = true;
       this.showStrip();
@@ -181,6 +191,8 @@ export class TileRoom {
       this.drawPlane();
       this.element.dataset.turn = String(facts.turn);
       this.element.dataset.tile = facts.whole ? "whole" : "coarse";
+      if (this.keeping) this.keep();
+      else if (facts.whole) this.showThumbnail();
     } else if (facts.kind === "seed") {
       this.seeds.set(facts.seed, canvasOf(facts, bytes));
       this.showStrip();
@@ -198,25 +210,23 @@ export class TileRoom {
   /** A preview is drawn at the size of the last finished tile, unless its aspect ratio differs. */
   sizeWhileCoarse(size) {
     const { width, height } = this.shell.state.tile;
-    if (width && height) return [width, height];
+    const [wide, high] = this.shell.facts.photo;
+    if (width || height) return [width ?? wide, height ?? high];
     const like = Math.abs(size[0] / size[1] - this.size[0] / this.size[1]) < 0.05;
     return like ? this.size : this.shell.facts.photo;
   }
 
   hear(message) {
     if (message.do !== "measures") return;
-    const shown = message.lines.filter(([level]) => level !== "debug");
-    const rows = shown.map(([, text]) => measured(text));
-    const cells = (tag, row) => row.map((text) => make(tag, { textContent: text }));
-    const table = make("table", {}, make("tr", {}, ...cells("th", ["", "Photo", "Tile"])),
-      ...rows.filter((row) => row).map(({ name, photo, tile, title }) => make("tr", { title }, ...cells("td", [name, photo, tile]))));
-    const others = shown.filter((_, n) => !rows[n]).map(([level, text]) => make("p", { className: faithful(text) ?? level, textContent: text }));
-    this.measures.replaceChildren(table, ...others);
+    this.measures.replaceChildren(...measuresOf(message.lines));
+    this.chosen = Object.fromEntries(message.chosen.split(":").filter(Boolean).map((word) => [word.split("=")[0], Number(word.split("=")[1])]));
+    this.refresh(false);
   }
 
   busy(message) {
     if (message.done === 0) {
-      for (const line of this.measures.children) line.className = "stale";
+      this.chosen = null;
+      for (const line of this.measures.querySelectorAll("p, table")) line.className = "stale";
     }
   }
 
@@ -318,11 +328,7 @@ export class TileRoom {
   }
 
   strokeFrom(x, y, event) {
-    this.history ??= { mask: { past: [], future: [] }, inpaint: { past: [], future: [] } };
-    const { past } = this.history[this.brush.name];
-    past.push(this.plane().slice());
-    if (past.length > 50) past.shift();
-    this.history[this.brush.name].future = [];
+    this.remember();
     this.last = [x, y];
     this.strokeTo(x, y, event);
   }
@@ -339,26 +345,39 @@ export class TileRoom {
     this.sendBrush(this.brush.name);
   }
 
-  sendBrush(name) {
+  /** Send a painted plane, and what the parameter of that name becomes: "brush", or its value before the first stroke. */
+  sendBrush(name, value = "brush") {
+    const other = this.shell.state.tile[name] !== value;
+    if (other && value !== "brush") { // first, because nothing can be made of an empty mask
+      this.set({ [name]: value });
+      this.tell();
+    }
     this.shell.ask("tile", { do: "brush", name }, this.planes[name]);
     this.tintStale = true;
     this.photoView.redraw();
-    const values = this.shell.state.tile;
-    if (values[name] !== "brush") this.set({ [name]: "brush" });
+    if (other && value === "brush") this.set({ [name]: value });
   }
 
   fill(value) {
     if (!this.brush.name) return this.shell.status("First choose what to paint: Source or Replace");
-    this.strokeHistory();
+    this.remember();
     const plane = this.plane();
     if (value === null) for (let n = 0; n < plane.length; n++) plane[n] = 255 - plane[n];
     else plane.fill(value);
     this.sendBrush(this.brush.name);
   }
 
-  strokeHistory() {
+  /** Keep the painted plane, and whether it was used, for undo. */
+  remember() {
     this.history ??= { mask: { past: [], future: [] }, inpaint: { past: [], future: [] } };
-    this.history[this.brush.name].past.push(this.plane().slice());
+    const history = this.history[this.brush.name];
+    history.past.push(this.painted());
+    if (history.past.length > 50) history.past.shift();
+    history.future = [];
+  }
+
+  painted() {
+    return { plane: this.plane().slice(), value: this.shell.state.tile[this.brush.name] };
   }
 
   undo(forward) {
@@ -366,9 +385,10 @@ export class TileRoom {
     const [from, to] = forward ? ["future", "past"] : ["past", "future"];
     const steps = this.history?.[name];
     if (!name || !steps?.[from].length) return;
-    steps[to].push(this.planes[name].slice());
-    this.planes[name] = steps[from].pop();
-    this.sendBrush(name);
+    steps[to].push(this.painted());
+    const { plane, value } = steps[from].pop();
+    this.planes[name] = plane;
+    this.sendBrush(name, value);
   }
 
   // --- seeds and variants ---
@@ -380,13 +400,28 @@ export class TileRoom {
     this.shell.ask("tile", { do: "seeds", first: this.shell.state.tile.seed + 1, count: SEEDS });
   }
 
+  /** Add a variant with what is shown. A coarse picture is replaced when the tile is finished. */
   keep() {
-    if (!this.tile || !this.whole) return this.shell.status("The tile is not finished yet");
+    this.keeping = !this.tile;
+    if (this.keeping) return this.shell.status("The variant will be kept when its first preview is there");
+    const list = [...this.shell.state.variants.list, { tile: { ...this.shell.state.tile }, thumbnail: this.thumbnail() }].slice(-64);
+    this.shell.set("variants", { list });
+    this.showStrip();
+  }
+
+  thumbnail() {
     const canvas = make("canvas", { width: 84, height: 84 });
     const side = Math.min(this.tile.width, this.tile.height);
     canvas.getContext("2d").drawImage(this.tile, 0, 0, side, side, 0, 0, 84, 84);
-    const list = [...this.shell.state.variants.list, { tile: { ...this.shell.state.tile }, thumbnail: canvas.toDataURL("image/jpeg", 0.8) }].slice(-64);
-    this.shell.set("variants", { list });
+    return canvas.toDataURL("image/jpeg", 0.8);
+  }
+
+  /** Show the finished tile in the last variant, if it has these parameters. */
+  showThumbnail() {
+    const { list } = this.shell.state.variants;
+    const last = list.at(-1);
+    if (!last || JSON.stringify(last.tile) !== JSON.stringify(this.shell.state.tile)) return;
+    this.shell.set("variants", { list: [...list.slice(0, -1), { ...last, thumbnail: this.thumbnail() }] });
     this.showStrip();
   }
 
@@ -446,18 +481,4 @@ export class TileRoom {
   keyUp(key) {
     if (key === " ") this.photoView.space = this.tileView.space = false;
   }
-}
-
-/** The CSS class of a line about fidelity, green or amber; null for other lines. */
-function faithful(text) {
-  const found = /^fidelity ([\d.]+)/.exec(text);
-  return found && (Number(found[1]) >= GOOD ? "good" : "warning");
-}
-
-/** A line of -v, "NAME PHOTO -> TILE UNIT (description)" or "NAME TILE UNIT (description)", as a row; else null. */
-function measured(text) {
-  const found = /^([a-z][a-z -]*?) (-?[\d.]+)(?: -> (-?[\d.]+))?( %)?.*\(/.exec(text);
-  if (!found) return null;
-  const [, name, first, second, unit = ""] = found;
-  return { name, photo: second === undefined ? "" : first + unit, tile: (second ?? first) + unit, title: text };
 }

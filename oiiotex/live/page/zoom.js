@@ -2,13 +2,14 @@
 // Room Zoom: an unbounded plane. Positions are BigInts in units of 1/2^96 root pixel, so sixty octaves need no rounding.
 // Drawing uses distances from the center of the view, for which doubles are exact enough.
 
-import { button, make, section, whole } from "./controls.js";
+import { button, make, section, slider, whole } from "./controls.js";
 import { canvasOf } from "./wire.js";
 
 const BITS = 96n;
 const SIDE = 256;
 const MOST = 60;
 const KEPT = 700; // tiles
+const COARSER = 3; // octaves; a tile of that level stands for 64
 const AHEAD = 400; // ms from a move to the message to the server
 
 const big = (n) => BigInt(Math.round(n));
@@ -18,6 +19,15 @@ const floorDivide = (a, b) => (a - (((a % b) + b) % b)) / b;
 function linkedPlace() {
   const found = /^#zoom\/(\d{1,3}(?:\.\d*)?)\/(-?\d{1,60})\/(-?\d{1,60})$/.exec(location.hash);
   return found && [Math.min(MOST, Number(found[1])), BigInt(found[2]), BigInt(found[3])];
+}
+
+/** The mean color of a tile, as CSS. */
+function meanColor(tile) {
+  const context = make("canvas", { width: 1, height: 1 }).getContext("2d");
+  context.imageSmoothingQuality = "high";
+  context.drawImage(tile, 0, 0, 1, 1);
+  const [red, green, blue] = context.getImageData(0, 0, 1, 1).data;
+  return `rgb(${red}, ${green}, ${blue})`;
 }
 
 export class ZoomRoom {
@@ -34,9 +44,11 @@ export class ZoomRoom {
     this.canvas = make("canvas", { role: "img", ariaLabel: "Unbounded texture", tabIndex: 0 });
     this.view = make("div", { className: "view" }, this.canvas);
     const bar = make("div", { className: "bar" }, make("span", { className: "title", textContent: "Plane" }), this.where = make("span", { className: "fact" }));
-    this.view.append(bar);
+    this.empty = make("div", { className: "empty", textContent: "Synthesizing the plane ..." });
+    this.view.append(bar, this.empty);
     this.controls = {
       seed: whole("Seed", { title: "Random seed. The same seed gives the same plane", low: 0, high: 4294967295, change: (seed) => this.set({ seed: seed ?? 0 }) }),
+      jitter: slider("Jitter", { title: "Randomness of all levels (HRRG08 section 4.3). Reduce it where structures break, increase it where the exemplar repeats", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.6, change: (jitter) => this.set({ jitter }) }),
       frames: whole("Frames", { title: "Number of frames of the path", low: 2, high: 65536, change: (frames) => this.set({ frames: frames ?? 96 }) }),
     };
     this.lock = button("Lock exemplar", "No jitter up to the exemplar's own resolution: the photo is kept and only finer detail is added", () => this.set({ lock: this.shell.state.zoom.lock ? 0 : 1 }));
@@ -44,7 +56,7 @@ export class ZoomRoom {
     const panel = make("aside", {},
       section("Position", make("div", { className: "buttons" }, button("Home", "Return to the start (F)", () => this.home()), button("In", "Zoom in by one octave (Page Down)", () => this.fly(1)), button("Out", "Zoom out by one octave (Page Up)", () => this.fly(-1))),
         make("p", { className: "hint", textContent: "Drag to pan, scroll to zoom. The address of the page is a permanent link to this position." })),
-      section("Plane", this.controls.seed, make("div", { className: "buttons" }, this.lock)),
+      section("Plane", this.controls.seed, this.controls.jitter, make("div", { className: "buttons" }, this.lock)),
       section("Path", this.keys, this.controls.frames, make("div", { className: "buttons" }, button("Add keyframe", "Add this position to the path (K)", () => this.addKey()), button("Clear", "Remove all keyframes", () => this.set({ keys: [] })), button("Copy path command", "Copy the command that renders the path (P)", () => this.shell.ask("zoom", { do: "path" })))));
     this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.view)), panel);
     new ResizeObserver(() => this.resized()).observe(this.view);
@@ -98,7 +110,7 @@ export class ZoomRoom {
   }
 
   hide() {
-    this.shell.ask("zoom", { do: "tiles", level: 0, tiles: [] });
+    this.shell.ask("zoom", { do: "tiles", tiles: [] });
     this.asked = "";
   }
 
@@ -199,11 +211,11 @@ export class ZoomRoom {
   drawNow() {
     if (this.element.hidden || !this.started) return;
     const context = this.canvas.getContext("2d");
-    context.fillStyle = "#141414";
+    context.fillStyle = this.ground ?? "#141414";
     context.fillRect(0, 0, this.canvas.width, this.canvas.height);
     context.imageSmoothingQuality = "high";
     const { level, scale, tiles } = this.sight();
-    const missing = [];
+    const missing = [], coarse = new Map(); // coarse tiles that are asked first, where nothing can be shown
     for (const tile of tiles) {
       const side = SIDE * scale;
       const [x0, y0, x1, y1] = [Math.floor(tile.left), Math.floor(tile.top), Math.ceil(tile.left + side), Math.ceil(tile.top + side)];
@@ -214,15 +226,20 @@ export class ZoomRoom {
         else context.drawImage(own, x0, y0, x1 - x0, y1 - y0);
       } else {
         missing.push(tile);
-        this.drawInstead(context, level, tile, x0, y0, x1 - x0, y1 - y0);
+        if (!this.drawInstead(context, level, tile, x0, y0, x1 - x0, y1 - y0) && level) {
+          const shift = BigInt(Math.min(level, COARSER));
+          const place = [level - Number(shift), String(tile.x >> shift), String(tile.y >> shift)];
+          coarse.set(place.join("/"), place);
+        }
       }
     }
-    const wanted = missing.map((tile) => [String(tile.x), String(tile.y)]);
-    const asked = `${level} ${wanted.join(" ")}`;
+    const wanted = [...coarse.values(), ...missing.map((tile) => [level, String(tile.x), String(tile.y)])];
+    const asked = wanted.join(" ");
     if (asked !== this.asked) {
       this.asked = asked;
-      this.shell.ask("zoom", { do: "tiles", level, tiles: wanted.slice(0, 256) });
+      this.shell.ask("zoom", { do: "tiles", tiles: wanted.slice(0, 256) });
     }
+    this.empty.hidden = tiles.length > coarse.size && this.tiles.size > 0;
     this.shell.progress(tiles.length - missing.length, tiles.length);
     this.element.dataset.missing = String(missing.length);
     this.where.textContent = `${this.zoom.toFixed(2)} octaves`;
@@ -230,18 +247,32 @@ export class ZoomRoom {
     this.shell.place(`level ${level}  ${column}, ${row}`);
   }
 
-  /** Draw a tile from a coarser level, enlarged, until its own pixels arrive. */
+  /** Draw a tile from a coarser level, enlarged with sharp pixels, or from finer ones; false if there are none. */
   drawInstead(context, level, tile, x, y, width, height) {
-    for (let up = 1; up <= 6 && up <= level; up++) {
+    for (let up = 1; up <= level; up++) {
       const shift = BigInt(up);
       const [px, py] = [tile.x >> shift, tile.y >> shift];
       const coarser = this.tiles.get(`${level - up}/${px}/${py}`);
       if (!coarser) continue;
       const part = SIDE / 2 ** up;
       const [sx, sy] = [Number(tile.x - (px << shift)) * part, Number(tile.y - (py << shift)) * part];
+      context.imageSmoothingEnabled = false;
       context.drawImage(coarser, sx, sy, part, part, x, y, width, height);
-      return;
+      context.imageSmoothingEnabled = true;
+      return true;
     }
+    let drawn = false;
+    for (let down = 1; down <= 2; down++) {
+      const [shift, count] = [BigInt(down), 2 ** down];
+      for (let n = 0; n < count * count; n++) {
+        const [i, j] = [n % count, Math.floor(n / count)];
+        const finer = this.tiles.get(`${level + down}/${(tile.x << shift) + BigInt(i)}/${(tile.y << shift) + BigInt(j)}`);
+        if (!finer) continue;
+        drawn = true;
+        context.drawImage(finer, x + (i * width) / count, y + (j * height) / count, width / count, height / count);
+      }
+    }
+    return drawn;
   }
 
   touch(key, tile) {
@@ -250,7 +281,9 @@ export class ZoomRoom {
   }
 
   frame(facts, bytes) {
-    this.touch(`${facts.level}/${facts.x}/${facts.y}`, canvasOf(facts, bytes));
+    const tile = canvasOf(facts, bytes);
+    this.touch(`${facts.level}/${facts.x}/${facts.y}`, tile);
+    this.ground = meanColor(tile); // where nothing is known yet
     while (this.tiles.size > KEPT) this.tiles.delete(this.tiles.keys().next().value);
     this.redraw();
   }

@@ -47,7 +47,7 @@ def make(picture: str, line: str, folder: Path) -> None:
     if not (folder / words[0]).is_file():
         print(f"no {words[0]}: its picture stays as it is")
         return
-    command = [sys.executable, "-m", "oiiotex.cli.main", "--noprogress", "-v", *words]
+    command = [sys.executable, "-m", "oiiotex", "--noprogress", "-v", *words]
     subprocess.run(command, cwd=folder, check=True)
     photo, tile = (oiio.ImageBuf(str(folder / name)) for name in (words[0], words[-1]))
     sheet = beside(pixels(shrunk(photo, SIDE)), twice(pixels(shrunk(tile, SIDE // 2))))

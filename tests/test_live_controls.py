@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page's controls: what they save, refuse, undo and show, at the sizes of small and large screens."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
+
+from tests import pictures
+from tests.browser import Served, chromium, end_resident
+from tests.conftest import load, oiiotex, save
+from tests.test_live import wait
+
+STATE = "import('./main.js').then(({{ shell }}) => shell.state.{})"
+
+
+@pytest.fixture(scope="module")
+def folder() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="oxc") as name:
+        path = Path(name)
+        save(pictures.pebbles(64, 80, seed=2), path / "photo.exr", "half", "lin_rec709_scene")
+        yield path
+        end_resident(path)
+
+
+@pytest.fixture(scope="module")
+def page(folder) -> Iterator[object]:
+    server = Served(folder, "photo.exr", runtime=folder)
+    with contextlib.closing(server_end(server)), chromium() as browser:
+        opened = browser.new_page(viewport={"width": 800, "height": 600})
+        opened.set_default_timeout(90000)
+        opened.goto(server.url)
+        opened.wait_for_selector("[data-tile=whole]")
+        yield opened
+
+
+def server_end(server: Served) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        server.end()
+
+
+def state(page, name: str) -> object:
+    return page.evaluate(STATE.format(name))
+
+
+def test_a_file_that_is_saved_while_it_is_made_equals_its_line_in_the_type_that_is_chosen(page, folder):
+    wait(page, "document.querySelector('.measures p.good')")
+    assert page.locator("#progress").evaluate("(one) => getComputedStyle(one).visibility") == "hidden"
+    for name, pixel_type in (("", "half"), ("wall.exr", "float")):
+        page.fill("input[type=text] >> nth=0", name)
+        page.locator("input[type=text] >> nth=0").blur()
+        page.get_by_label("Type").first.select_option('""' if pixel_type == "half" else f'"{pixel_type}"')
+        page.keyboard.press("s")
+        page.keyboard.press("v")
+        page.get_by_role("button", name="Save", exact=True).first.click()
+        wait(page, "document.getElementById('status').textContent.startsWith('The tile will be saved')")
+        wait(page, "document.getElementById('status').textContent.startsWith('Saved as')")
+        line = shlex.split(page.input_value(".line >> nth=0"))
+        assert line[-4:] == ["-d", pixel_type, "-o", name or "photo_tile.exr"]
+        saved = load(folder / line[-1])
+        (folder / line[-1]).unlink()
+        done = oiiotex(*line[1:], cwd=folder)
+        assert done.returncode == 0, done.stderr
+        np.testing.assert_array_equal(load(folder / line[-1]), saved)
+    assert len(state(page, "variants.list")) == 2
+    with page.expect_download() as waiting:
+        page.click("a.download >> nth=0")
+    assert Path(waiting.value.path()).read_bytes() == (folder / "wall.exr").read_bytes()
+    page.fill("input[type=text] >> nth=0", "../wall.exr")
+    page.locator("input[type=text] >> nth=0").blur()
+    assert "expected a name without a folder" in page.inner_text("#status.wrong")
+    assert state(page, "output.tile") == "wall.exr"
+
+
+def test_numbers_out_of_range_are_refused_and_automatic_values_are_those_in_effect(page):
+    width, height = page.get_by_label("Width").first, page.get_by_label("Height").first
+    assert (width.get_attribute("placeholder"), height.get_attribute("placeholder")) == ("80", "64")
+    width.fill("3")
+    width.blur()
+    assert page.inner_text("#status.wrong") == "Width: 3: expected an integer from 16 to 16384"
+    assert width.input_value() == "" and state(page, "tile.width") is None
+    width.fill("48")
+    width.blur()
+    assert state(page, "tile.height") is None and height.get_attribute("placeholder") == "64"
+    wait(page, "document.querySelector('.line').value.includes('size=48x64')")
+    patch = page.locator("select[title^='Patch size'] option").first
+    for preset, shown in (("keep", "21 px"), ("even", "11 px"), (None, "13 px")):
+        page.select_option("select[title^='Keep:']", f'"{preset}"' if preset else "null")
+        assert patch.inner_text() == f"Automatic ({shown})"
+
+
+def test_undo_of_the_first_stroke_removes_the_mask(page):
+    page.keyboard.press("b")
+    view = page.locator("canvas[aria-label=Photo]").bounding_box()
+    page.mouse.move(view["x"] + view["width"] / 2, view["y"] + view["height"] / 2)
+    page.mouse.down()
+    page.mouse.up()
+    assert state(page, "tile.mask") == "brush"
+    page.keyboard.press("Control+z")
+    assert state(page, "tile.mask") == ""
+    wait(page, "!document.querySelector('.line').value.includes('mask')")
+    page.keyboard.press("Control+Shift+Z")
+    assert state(page, "tile.mask") == "brush"
+    page.keyboard.press("Control+z")
+    page.wait_for_timeout(300)
+    assert "mask" not in page.inner_text("#status")
+
+
+def test_all_controls_can_be_reached_and_nothing_overflows(page):
+    for width, height in ((800, 600), (1280, 720), (1920, 1080)):
+        page.set_viewport_size({"width": width, "height": height})
+        for tab in ("paint", "zoom", "tile"):
+            page.click(f"#tab-{tab}")
+            if tab == "paint":
+                page.wait_for_selector("[data-step]")
+            panel = page.locator(".room:not([hidden]) aside")
+            wide = panel.evaluate("(one) => [one.scrollWidth, one.clientWidth]")
+            assert wide[0] <= wide[1], (tab, wide)
+            for control in panel.locator("button:visible, select:visible, input:visible").all():
+                control.scroll_into_view_if_needed()
+                box = control.bounding_box()
+                inside = box["x"] >= 0 and box["y"] >= 38 and box["x"] + box["width"] <= width
+                assert inside and box["y"] + box["height"] <= height - 23, (tab, width, box)
+
+
+def test_axe_finds_nothing_serious(page):
+    axe = pytest.importorskip("axe_playwright_python", reason="NOT RUN: pip install oiiotex[test]")
+    script = (Path(axe.__file__).parent / "axe.min.js").read_text()
+    for tab in ("tile", "paint", "zoom"):
+        page.click(f"#tab-{tab}")
+        page.evaluate(script)
+        found = page.evaluate("axe.run().then((all) => all.violations)")
+        serious = {one["id"]: one["nodes"][0]["html"] for one in found if one["impact"] in ("serious", "critical")}
+        assert not serious, (tab, serious)
