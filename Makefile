@@ -67,7 +67,7 @@ benchmark: $(VENV)/test  # and renew their tables: benchmarks/README.md
 	$(BIN)/python -m benchmarks kernels
 
 tilebench: $(VENV)/test  # all ways to make a tile, compared: benchmarks/tilebench/README.md
-	$(BIN)/python -m benchmarks.tilebench
+	$(BIN)/python -m benchmarks.tilebench.compare
 
 fuzz: $(VENV)/test  # break every kind of input: make fuzz MINUTES=60
 	$(BIN)/python -m tests.fuzz_all --minutes $(MINUTES)

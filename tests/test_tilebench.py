@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 
-from benchmarks.tilebench import __main__ as bench
+from benchmarks.tilebench import compare as bench
 from benchmarks.tilebench import votes
 from benchmarks.tiles import drifts
 from benchmarks.tiles.first_tile import measured
