@@ -232,7 +232,7 @@ def test_a_given_level_is_the_coarsest_and_everything_lies_in_it():
     picture, truth = quarters(128)
     image, resources = from_buffer(buffer(picture)), Session().resources
     given = image, lens_of(image, resources), resources, Progress()
-    maps = label_maps(*given, coarsest=lambda found, *_: (found.positions[:, 0] > 64).astype(np.int64))
+    maps = label_maps(*given, coarsest=[lambda found, *_: (found.positions[:, 0] > 64).astype(np.int64)])
     require_a_tree(maps)
     assert maps.levels[-1].count == 2 and set(maps.levels[-2].parents) == {1, 2}
 

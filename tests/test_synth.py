@@ -258,5 +258,8 @@ def test_paper_is_hrrg08_by_the_letter(folder):
     photo = oiio.ImageBuf(str(folder / "photo.png"))
     six = filters.synth(photo, size=(40, 30), seed=2, paper=True).get_pixels(oiio.FLOAT)
     assert not np.array_equal(six, filters.synth(photo, size=(40, 30), seed=2).get_pixels(oiio.FLOAT))
+    for jitter, is_the_same in ((0.6, True), ((0, 0.6, 0.1), False)):  # the letter jitters all levels
+        other = filters.synth(photo, size=(40, 30), seed=2, paper=True, jitter=jitter).get_pixels(oiio.FLOAT)
+        assert np.array_equal(six, other) == is_the_same
     with pytest.raises(errors.ParameterError, match="dims=12: conflicts with paper=True: expected dims=6"):
         filters.synth(photo, dims=12, paper=True)

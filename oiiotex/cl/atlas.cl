@@ -67,12 +67,12 @@ static inline long distance16(const __global int *looks, int pixel, looks16 want
 }
 
 // For each of the `chosen` pixels the best source: one that a neighbor's copy continues with, or a random one.
-// `table` holds of each pixel the row of its neighbors in `beside` and `rests`, -1 where those of its face apply.
+// `table` holds of each pixel the row of its neighbors in `neighbors` and `rests`, -1 where those of its face apply.
 // `reaches`: pairs (distance, bits) of random candidates, within distance / 2^bits px.
 __kernel void atlas_choose(const __global int *restrict chosen, const __global uint *restrict spots,
                            const __global int *restrict face, const __global int2 *restrict moves,
                            const __global short2 *restrict steps, const __global int *restrict table,
-                           const __global int *restrict beside, const __global short2 *restrict rests,
+                           const __global int *restrict neighbors, const __global short2 *restrict rests,
                            const __global int *restrict index, const __global int2 *restrict source,
                            const __global int *restrict snap, const __global short *restrict color,
                            const __global int *restrict looks, const __global int *restrict basis,
@@ -85,7 +85,7 @@ __kernel void atlas_choose(const __global int *restrict chosen, const __global u
 #pragma unroll
   for (int k = 0; k < AROUND; k++) {
     int2 move = moves[AT(on, k, AROUND)];
-    int there = row < 0 ? index[AT(y + move.y, x + move.x, atlas_width)] : beside[AT(row, k, AROUND)];
+    int there = row < 0 ? index[AT(y + move.y, x + move.x, atlas_width)] : neighbors[AT(row, k, AROUND)];
     short2 rest = row < 0 ? steps[AT(on, k, AROUND)] : rests[AT(row, k, AROUND)];
     shown[k] = source[there] - convert_int2(rest);
   }

@@ -1723,6 +1723,7 @@ def label(
     persistence: float = 0.95,
     share: float = 0.5,
     coarsest: bool = True,
+    materials: bool = False,
     labels: int | None = None,
     neighbors: int = 256,
     tries: int = 0,
@@ -1760,6 +1761,9 @@ def label(
         Level n uses its nth power. Expected: a number from 0.01 to 0.999.
     coarsest : bool, default True
         Add a coarsest level of subtextures, as `decompose` finds them. The paper has none.
+    materials : bool, default False
+        Add a coarsest level of up to four materials, such as stone and mortar: superpixels are split by
+        color and texture where these have two separate modes. There is no such level where they do not.
     labels : int | None, default None
         Maximum number of subtextures in the coarsest level. Expected: an integer from 1 to 50. Default:
         chosen by the filter.
@@ -1857,6 +1861,7 @@ def label(
     persistence: float = 0.95,
     share: float = 0.5,
     coarsest: bool = True,
+    materials: bool = False,
     labels: int | None = None,
     neighbors: int = 256,
     tries: int = 0,
@@ -1886,6 +1891,7 @@ def label(
     persistence: float = 0.95,
     share: float = 0.5,
     coarsest: bool = True,
+    materials: bool = False,
     labels: int | None = None,
     neighbors: int = 256,
     tries: int = 0,
