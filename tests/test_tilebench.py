@@ -26,6 +26,11 @@ def test_a_tool_is_added_by_four_lines(tmp_path):
     assert (tmp_path / "tile.png").read_bytes() == (tmp_path / "photo.png").read_bytes()
 
 
+def test_our_line_makes_a_tile(tmp_path, photo):
+    tool = bench.ours("ours", "--flip")
+    assert bench.made(tool, photo, tmp_path / "tile.png", 8) > 0
+
+
 def test_names_of_tools_differ_and_can_be_file_names():
     names = [tool.name for tool in bench.tools()]
     assert len(names) == len(set(names)) and all(re.fullmatch(r"[\w-]+", name) and "--" not in name for name in names)

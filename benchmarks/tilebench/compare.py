@@ -43,7 +43,7 @@ SEED = 1
 
 def ours(name: str, words: str) -> Tool:
     """oiiotex with a line, as a tool."""
-    line = [sys.executable, "-m", "oiiotex.cli.main"]
+    line = [sys.executable, "-m", "oiiotex"]
     return Tool(
         name, "pip install oiiotex[cpu]", lambda: True, lambda photo, out, _: [*line, str(photo), words, "-o", str(out)]
     )
