@@ -31,7 +31,7 @@ class EstimateHeight(Whole):
 
     A photo cannot tell from which of two opposite sides the light comes. Light from above is assumed, or from the left
     if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side, or
-    `invert`. Bright joints, as of mortar, are refused without `light`, `overcast` or `invert`: their depth cannot
+    `invert`. Bright joints, as of mortar, are refused without `light` or `overcast`: their depth cannot
     be seen.
     Heights are stored as 0 to 1; the attribute oiiotex:heightpx contains the height, in pixels, of the value 1.
     """
@@ -104,12 +104,12 @@ class EstimateHeight(Whole):
         progress.advance(1, 2)
         is_data = self.data or color_space(self.source, resources.color, session.settings.autocc) is None
         seen = values[..., 0] / np.float32(100) if is_data else luminance(values[..., 0])
-        guessed = self.light is None and not self.overcast and not self.invert
+        guessed = self.light is None and not self.overcast
         if guessed and has_bright_joints(values[..., 0], opaque, sigma):
             raise ImageError(
                 f"{self.source.source} has bright joints, as of mortar, whose depth is not visible",
-                hint=f"set {modifier(invert=True)} if bright is deep,"
-                f" {modifier(overcast=True)} if dark is deep, or light",
+                hint=f"set {modifier(overcast=True)} if dark is deep, also {modifier(invert=True)} if bright is deep,"
+                " or light",
             )
         found = relief(seen, opaque, sigma, self.light, self.overcast, self.elevation, wraps)
         if self.invert:
