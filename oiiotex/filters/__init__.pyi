@@ -2388,9 +2388,10 @@ def patchmatch(
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
         Axes along which the result tiles. Default: xy; with inpaint, none.
     variants : int, default 1
-        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles
-        with two edge colors, which fit where the colors agree; 16 is the complete set. Part names and
-        the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to 64.
+        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
+        which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
+        names and the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to
+        64.
     pack : Literal['atlas'] | None, default None
         Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its
         borders, so that renderers can filter it without padding. Requires variants=4, 16 or 64.
@@ -3199,9 +3200,10 @@ def stationarize(
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
         Axes along which the result tiles. Default: xy; with inpaint, none.
     variants : int, default 1
-        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles
-        with two edge colors, which fit where the colors agree; 16 is the complete set. Part names and
-        the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to 64.
+        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
+        which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
+        names and the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to
+        64.
     pack : Literal['atlas'] | None, default None
         Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its
         borders, so that renderers can filter it without padding. Requires variants=4, 16 or 64.
