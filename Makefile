@@ -67,7 +67,7 @@ benchmark: $(VENV)/test  # and renew their tables: benchmarks/README.md
 	$(BIN)/python -m benchmarks kernels
 
 tilebench: $(VENV)/test  # all ways to make a tile, compared: benchmarks/tilebench/README.md
-	$(BIN)/python -m benchmarks.tilebench
+	$(BIN)/python -m benchmarks.tilebench.compare
 
 fuzz: $(VENV)/test  # break every kind of input: make fuzz MINUTES=60
 	$(BIN)/python -m tests.fuzz_all --minutes $(MINUTES)
@@ -77,8 +77,8 @@ platforms: $(VENV)/release/made  # install and try the wheel on every Python and
 
 dist: $(VENV)/release/made  # wheel and source archive of the last commit, built twice, into dist/
 	PATH="$(abspath $(RELEASE)):$$PATH" $(RELEASE)/python -m tools.dist
-	$(RELEASE)/twine check --strict dist/*.whl dist/*.tar.gz
-	$(RELEASE)/check-wheel-contents dist/*.whl
+	$(RELEASE)/twine check --strict dist/oiiotex-*
+	$(RELEASE)/check-wheel-contents dist/oiiotex-*.whl
 
 plugin-wheel: $(VENV)/release/made  # the plugin of OpenImageIO as a wheel, into dist/
 	$(RELEASE)/python -m build --installer uv --wheel --outdir dist hosts/openimageio

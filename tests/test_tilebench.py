@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 
-from benchmarks.tilebench import __main__ as bench
+from benchmarks.tilebench import compare as bench
 from benchmarks.tilebench import votes
 from benchmarks.tiles import drifts
 from benchmarks.tiles.first_tile import measured
@@ -24,6 +24,11 @@ def test_a_tool_is_added_by_four_lines(tmp_path):
     save(np.zeros((8, 9, 3), np.uint8), tmp_path / "photo.png")
     assert tool.available() and bench.made(tool, tmp_path / "photo.png", tmp_path / "tile.png", 8) >= 0
     assert (tmp_path / "tile.png").read_bytes() == (tmp_path / "photo.png").read_bytes()
+
+
+def test_our_line_makes_a_tile(tmp_path, photo):
+    tool = bench.ours("ours", "--flip")
+    assert bench.made(tool, photo, tmp_path / "tile.png", 8) > 0
 
 
 def test_names_of_tools_differ_and_can_be_file_names():

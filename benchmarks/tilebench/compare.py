@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every installed tool makes a tile of every photo: one table, and a page where people vote.
 
-python -m benchmarks.tilebench OUT [--side 256] [--photos N] [--tools NAME ...] [--drift gradient+stain]
+python -m benchmarks.tilebench.compare OUT [--side 256] [--photos N] [--tools NAME ...] [--drift gradient+stain]
 
 A known gradient and stain (benchmarks/tiles/drifts.py) are added to textures whose clean form is known. A good tile has
 the energies of the clean texture, and none of what was added. Photos are made by code, or come with scikit-image (CC0),
 so everything in OUT may be published. Tiles that are there are not made again.
 
-OUT receives table.md, and OUT/tiles the photos, the tiles, results.json and vote.html. The README explains the columns,
-how to add a tool, and how TexTile judges.
+OUT receives table.md. OUT/tiles receives the photos, the tiles, results.json and vote.html. README.md explains the
+columns, how to add a tool, and how TexTile judges.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ SEED = 1
 
 def ours(name: str, words: str) -> Tool:
     """oiiotex with a line, as a tool."""
-    line = [sys.executable, "-m", "oiiotex.cli.main"]
+    line = [sys.executable, "-m", "oiiotex"]
     return Tool(
         name, "pip install oiiotex[cpu]", lambda: True, lambda photo, out, _: [*line, str(photo), words, "-o", str(out)]
     )
