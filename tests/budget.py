@@ -47,10 +47,13 @@ def read() -> dict[str, dict[str, float]]:
 
 
 def write(spent: Mapping[str, Mapping[str, float]]) -> None:
-    """Renew the kinds that were run."""
-    text = "# CPU seconds on two quiet cores (AMD EPYC, Zen 4), kernels compiled: tests/budget.py\n"
-    for kind, own in (read() | {kind: files for kind, files in spent.items() if files}).items():
-        text += f"\n[{kind}]\n" + "".join(f"{file} = {own[file]:.1f}\n" for file in sorted(own))
+    """Renew the files that were run, and forget those that are gone."""
+    text, old = "# CPU seconds on two quiet cores (AMD EPYC, Zen 4), kernels compiled: tests/budget.py\n", read()
+    for kind in KINDS:
+        files = {
+            file: value for file, value in (old[kind] | spent[kind]).items() if FILE.with_name(f"{file}.py").exists()
+        }
+        text += f"\n[{kind}]\n" + "".join(f"{file} = {files[file]:.1f}\n" for file in sorted(files))
     FILE.write_text(text)
 
 

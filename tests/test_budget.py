@@ -24,11 +24,13 @@ def test_a_run_of_a_few_files_is_not_compared():
     assert budget.above({"test_c": 90.0}, OWN) == budget.above({}, OWN) == []
 
 
-def test_the_file_is_renewed_by_kinds(monkeypatch, tmp_path):
+def test_the_file_is_renewed_by_files(monkeypatch, tmp_path):
     monkeypatch.setattr(budget, "FILE", tmp_path / "budget.toml")
+    for file in ("test_a", "test_b"):
+        (tmp_path / f"{file}.py").touch()
     budget.write({"fast": OWN, "slow": {"test_a": 5.0}})
     budget.write({"fast": {"test_b": 1.0}, "slow": {}})
-    assert budget.read() == {"fast": {"test_b": 1.0}, "slow": {"test_a": 5.0}}
+    assert budget.read() == {"fast": {"test_a": 30.0, "test_b": 1.0}, "slow": {"test_a": 5.0}}
 
 
 def test_the_budget_names_files_that_are_there():

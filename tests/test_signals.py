@@ -86,8 +86,10 @@ print("went on")
 STUCK = {"out.jxl": ["-o"], "out.webp": ["--compression", "lossless:100", "-o"], "out.tx": ["-otex"]}
 
 
-@pytest.mark.parametrize("name", ["out.jxl", slow("out.webp"), slow("out.tx")])
-@pytest.mark.parametrize(("number", "code"), [ENDS[1], slow(*ENDS[0]), slow(*ENDS[2])])
+@pytest.mark.parametrize(
+    ("name", "number", "code"),
+    [("out.jxl", *ENDS[1]), slow("out.webp", *ENDS[0]), slow("out.tx", *ENDS[2])],
+)
 def test_a_signal_is_heard_while_a_format_encodes_for_seconds(tmp_path, name, number, code):
     """OpenImageIO's own code keeps the main thread, so that Python's handlers do not run."""
     side = 6000 if name == "out.tx" else 2500

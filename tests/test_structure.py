@@ -72,6 +72,13 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 tree_of = functools.cache(lambda path: ast.parse(path.read_text()))
 
 
+@pytest.fixture(scope="module", autouse=True)
+def trees_of_this_module():
+    """A million nodes are not left for the garbage collector to look through in all further tests."""
+    yield
+    tree_of.cache_clear()
+
+
 def room_of(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 

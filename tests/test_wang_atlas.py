@@ -18,10 +18,10 @@ from oiiotex.io.reading import read
 from oiiotex.service.texture_file import read_texture_file
 from oiiotex.service.textures import OpenTexture
 from oiiotex.session import Session
-from oiiotex.wang.atlas import COUNTS, atlas_edges, atlas_numbers, first_tile
+from oiiotex.wang.atlas import atlas_edges, atlas_numbers, first_tile
 from oiiotex.wang.cut import depths
 from oiiotex.wang.plane import CELLS, index_image, plane_of
-from oiiotex.wang.tiles import edges_of
+from oiiotex.wang.tiles import COUNTS, edges_of
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex
@@ -99,30 +99,24 @@ def test_the_index_image_is_the_first_period_of_an_endless_texture(tmp_path):
     np.testing.assert_array_equal(further, plane)
 
 
-def test_mip_levels_have_no_seams_down_to_a_pixel_a_tile(atlas, tmp_path):
-    """Level by level as -otex writes it."""
+def test_mip_levels_join_down_to_a_pixel_a_tile(atlas, tmp_path):
+    """Level by level as -otex writes it, compared with tiles in an order in which neighbors do not share edges."""
     done = oiiotex(atlas, "-otex", "a.tx", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     tx, index = oiio.ImageInput.open(str(tmp_path / "a.tx")), index_image(16, 0)
-    fine = load(atlas)
+    fine, numbers = load(atlas), np.random.default_rng(2).permutation(16)
+    tiles = fine.reshape(4, 32, 4, 32, 3).swapaxes(1, 2).reshape(16, 32, 32, 3)
+    shuffled = tiles[numbers].reshape(4, 4, 32, 32, 3).swapaxes(1, 2).reshape(128, 128, 3)
+    place = np.argsort(numbers)[index[..., 2]]
+    seam = border_steps(shuffled, np.stack([place % 4, place // 4], -1), 4)
+    assert seam > 4 / 255
     for level in range(6):
         texels = tx.read_image(0, level, 0, 3, oiio.FLOAT)
         assert texels.shape[:2] == (128 >> level,) * 2
         means = fine.reshape(128 >> level, 1 << level, 128 >> level, 1 << level, 3).mean((1, 3))
         np.testing.assert_allclose(texels, means, atol=2e-3)
         # texels up to the width of the strip belong to the edge; larger ones are means of tiles, which differ
-        assert border_steps(texels, index, 4) < (1e-3 if 1 << level <= SMALL["patch"] else 2 / 255), level
-
-
-def test_a_level_of_separate_tiles_has_seams(atlas):
-    """The measure sees what the atlas cures: tiles in an order in which neighbors do not share edges."""
-    numbers = np.random.default_rng(2).permutation(16)
-    texels = load(atlas).reshape(4, 32, 4, 32, 3).swapaxes(1, 2).reshape(16, 32, 32, 3)
-    shuffled = texels[numbers].reshape(4, 4, 32, 32, 3).swapaxes(1, 2).reshape(128, 128, 3)
-    index = index_image(16, 0)
-    place = np.argsort(numbers)[index[..., 2]]
-    index = np.stack([place % 4, place // 4, place], -1)
-    assert border_steps(shuffled, index, 4) > 4 / 255
+        assert border_steps(texels, index, 4) < (1e-3 if 1 << level <= SMALL["patch"] else seam / 2), level
 
 
 def test_the_reference_sampler_reads_the_plane(atlas):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import shutil
 import subprocess
 from pathlib import Path
@@ -43,7 +44,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert image.write(str(path / f"{role}.png"))
     maps = [f"{role}={path / role}.png" for role in ROLES]
     given = ["--name", "a wall", "--seed", "3", "--size", "2x0.5", "--relief", "0.25", "--normals", "directx"]
+    log = logging.getLogger("oiiotex")
+    level = log.level
     assert run(["wang", str(path / "out"), *maps, *given]) == 0
+    log.setLevel(level)  # which the program sets, for all tests that follow
     return path
 
 

@@ -126,7 +126,7 @@ class Photo:
                 given = resources.device, tile, self.lab, field, 11, torus, 1, resources.budget
                 found.append((cost, match_patches(*given, passes=0)[1], _deviation(self.lab)))
 
-        sigma, resources = self.sigma, self.resources
+        sigma, resources = self.sigma, self.session.resources
         with mock.patch.object(module, "_Level", Traced):
             self.made(variant, seed)
         return found

@@ -4,8 +4,9 @@
 python -m benchmarks.tiles.wang [NAME ...] [--side 192] [--seed 1]
 
 Two photos without a lattice, two with one and a procedural wall (all when none is named). The tile is also made with
-the memory of the atlas, four times as wide. Planes have 12 x 12 tiles of the atlas, at level 0. Repetition: highest
-normalized autocorrelation of lightness at offsets of half a tile or more, without a lattice. Sharpness: mean
+the memory of the atlas, four times as wide. Planes have 12 x 12 tiles of the atlas, at level 0. Repetition, without a
+lattice: highest normalized autocorrelation of 32 x 32 tiles, at a quarter of their size, at offsets of half a tile or
+more. Sharpness: mean
 |L - blurred L|, over the photo's. Structure: the least autocorrelation peak over its floor at the first vectors of the
 photo's lattice, over the photo's. Then the root mean square steps of samples at borders of tiles, level by level. Then
 the costs: RGBA8 with MIP levels for tiles of 256 px, and texture reads and SPIR-V instructions of a sample, as glslang
@@ -42,7 +43,7 @@ from tests.reference.wang import border_steps
 
 PLAIN = ("moss_grass_stones_ground", "rust_barrel_side")
 REGULAR = ("marble_tiles_4x4", "facade_tiles", "procedural bricks")
-ACROSS = 12  # tiles of a plane
+ACROSS, FAR = 12, 32  # tiles of a plane; of one that is looked at for repetition
 
 
 def photo_of(name: str, side: int) -> oiio.ImageBuf:
@@ -55,6 +56,28 @@ def photo_of(name: str, side: int) -> oiio.ImageBuf:
 def lab_of(pixels: np.ndarray, session: Session) -> np.ndarray:
     """CIE Lab of sRGB pixels, 0 to 1."""
     return np.ascontiguousarray(working_values(from_buffer(buffer(pixels)), session.resources)[0][..., :3])
+
+
+def coarse(pixels: np.ndarray) -> np.ndarray:
+    """Pixels at a quarter of their size, (height, width, 3)."""
+    height, width = pixels.shape[0] // 4, pixels.shape[1] // 4
+    return pixels[: 4 * height, : 4 * width].reshape(height, 4, width, 4, 3).mean((1, 3))
+
+
+def covered(ways: tuple[np.ndarray, np.ndarray, np.ndarray], across: int, seed: int) -> dict[str, np.ndarray]:
+    """Planes of as many tiles by way, from a tile, one of four times its size and an atlas of tiles of its size."""
+    tile, large, atlas = ways
+    height, width = tile.shape[:2]
+    index = index_image(16, seed)[:across, :across].astype(int)
+    cells = atlas.reshape(4, height, 4, width, 3).swapaxes(1, 2)[index[..., 1], index[..., 0]]
+    shape = across * height, across * width
+    return {
+        "one tile": np.tile(tile, (across, across, 1)),
+        "one tile, memory of the atlas": np.tile(large, (across // 4, across // 4, 1)),
+        "hex tiling": hex_tiled(tile, across, max(shape))[: shape[0], : shape[1]],
+        "hex tiling, memory of the atlas": hex_tiled(large, across // 4, max(shape))[: shape[0], : shape[1]],
+        "Wang tiles": cells.swapaxes(1, 2).reshape(*shape, 3),
+    }
 
 
 def repetition(light: np.ndarray, tile: tuple[int, int]) -> float:
@@ -103,22 +126,13 @@ def rows(name: str, side: int, seed: int, session: Session) -> tuple[list[str], 
 
     atlas = made(1, variants=16, pack="atlas")
     tile, large = made(1), made(4)
-    index = index_image(16, seed)[:ACROSS, :ACROSS].astype(int)
-    cells = atlas.reshape(4, size[1], 4, size[0], 3).swapaxes(1, 2)[index[..., 1], index[..., 0]]
-    shape = ACROSS * size[1], ACROSS * size[0]
-    longest = max(shape)
-    planes = {
-        "one tile": np.tile(tile, (ACROSS, ACROSS, 1)),
-        "one tile, memory of the atlas": np.tile(large, (ACROSS // 4, ACROSS // 4, 1)),
-        "hex tiling": hex_tiled(tile, ACROSS, longest)[: shape[0], : shape[1]],
-        "hex tiling, memory of the atlas": hex_tiled(large, ACROSS // 4, longest)[: shape[0], : shape[1]],
-        "Wang tiles": cells.swapaxes(1, 2).reshape(*shape, 3),
-    }
+    planes = covered((tile, large, atlas), ACROSS, seed)
+    far = {} if lattice else covered((coarse(tile), coarse(large), coarse(atlas)), FAR, seed)
     sharp = sharpness(np.ascontiguousarray(own[..., 0]))
     found = []
     for way, plane in planes.items():
         lab = lab_of(plane, session)
-        repeated = f"{repetition(lab[..., 0], size[::-1]):.2f}" if lattice is None else ""
+        repeated = f"{repetition(far[way].mean(-1), (side // 4, side // 4)):.2f}" if far else ""
         kept = f"{structure(lab, own, lattice, size):.2f}" if lattice else ""
         found.append(f"| {name} | {way} | {repeated} | {sharpness(lab[..., 0]) / sharp:.2f} | {kept} |")
     return found, [] if lattice else steps(name, atlas, seed)

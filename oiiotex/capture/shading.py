@@ -9,6 +9,7 @@ integrability in shape from shading algorithms, PAMI 10(4), 1988).
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -23,6 +24,8 @@ _BRIGHTEST = 3.0  # shading above which a pixel is a highlight
 _LIGHTEST = 1e6  # limit of |L|: 6e11 times white, whose sums are finite
 _FINE = math.pi / 4  # radians per px: finer detail is not used to find the light
 _LEVEL = 10.0  # degrees
+_CONTRAST = 10.0  # L; smaller differences are not two materials
+_VALLEY = 0.6  # times the lower of two modes, below which they are two materials
 _DIRECTED = 1.4  # ratio of power along and across, above which light has a direction; 3 for isotropic relief
 
 
@@ -99,6 +102,28 @@ def relief(
     heights = heights[: luminance.shape[0], : luminance.shape[1]].astype(np.float32)
     seen = heights if opaque is None else heights[opaque]
     return Relief(heights - seen.mean(dtype=np.float64).astype(np.float32), light)
+
+
+def has_bright_joints(lightness: np.ndarray, opaque: np.ndarray | None, sigma: float) -> bool:
+    """Whether lightness (height, width) has two modes, the brighter one of fewer pixels.
+
+    Dark joints are as shading shows recesses. Bright ones are another material, whose depth is not seen.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    fine = gaussian_filter(lightness, 1.5) - gaussian_filter(lightness, sigma)
+    seen = fine if opaque is None else fine[opaque]
+    low, high = np.quantile(seen, (0.005, 0.995))
+    if high - low < _CONTRAST:
+        return False
+    density = gaussian_filter(np.histogram(seen, 64, (low, high))[0].astype(float), 2.5)
+    peaks = np.flatnonzero((density[1:-1] >= density[:-2]) & (density[1:-1] > density[2:])) + 1
+    for first, second in itertools.pairwise(peaks):
+        valley = first + int(density[first : second + 1].argmin())
+        two = density[valley] < _VALLEY * min(density[first], density[second])
+        if two and density[valley:].sum() < density[:valley].sum():
+            return True
+    return False
 
 
 def integrated(slope: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.ndarray:

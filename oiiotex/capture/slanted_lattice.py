@@ -38,6 +38,10 @@ _UPRIGHT = math.radians(35)  # greatest angle between a side of the cell and the
 # and tiles rotated by up to 30, get their natural sides
 # turned by up to 30, have their own sides
 _LEAN = 2
+_VIEW = 512  # px; longer side of the rectified photo in which joints are looked for
+_STRONGEST = 0.9  # quantile of the gradients that are taken for joints
+_SHARP = 2.0  # times the mean density of directions, from which a direction is one of joints
+_ASIDE = 10  # degrees between a joint and the side of the cell that it follows
 _STEPS = 64  # positions along each side of the lattice at which a rectangle may begin
 
 
@@ -308,3 +312,37 @@ def largest_rectangle(lattice: SlantedLattice, size: tuple[int, int]) -> tuple[n
     left, top, right, bottom = corners
     sides = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
     return lattice.points_at(sides), (round(right - left), round(bottom - top))
+
+
+def is_sheared(values: SomeRows, lattice: SlantedLattice, corners: np.ndarray, cells: tuple[int, int]) -> bool:
+    """Whether joints of the rectified photo follow one side of the lattice's cells, and cross the other obliquely.
+
+    In a bond that shifts each course by a third, the cell is oblique; as a rectangle, it shears the stones.
+
+    Parameters
+    ----------
+    values : (height, width, 3 or more) float32
+        CIE Lab.
+    corners, cells
+        As `largest_rectangle` returns them.
+    """
+    from scipy.ndimage import gaussian_filter, map_coordinates
+
+    sides = np.linalg.norm(lattice.cell, axis=1) * cells
+    width, height = np.maximum(8, sides * min(1.0, _VIEW / sides.max())).astype(int)
+    first, last = lattice.cells_at(corners[[0, 2]])
+    across, down = (first[a] + (last[a] - first[a]) * (np.arange(n) + 0.5) / n for a, n in ((0, width), (1, height)))
+    points = lattice.points_at(np.stack(np.meshgrid(across, down), -1).reshape(-1, 2)) - 0.5
+    light = map_coordinates(np.asarray(values[..., 0], np.float64), points.T[::-1], order=1, mode="nearest")
+    light = gaussian_filter(light.reshape(height, width), max(1.0, min(width / cells[0], height / cells[1]) / 24))
+    rise, run = np.gradient(light)
+    power = rise**2 + run**2
+    strong = power > np.quantile(power, _STRONGEST)
+    turns = np.degrees(np.arctan2(rise[strong], run[strong])) % 180
+    density = np.bincount(np.rint(turns).astype(int) % 180, power[strong], 180)
+    density = gaussian_filter(density, 3.0, mode="wrap") / max(density.mean(), 1e-12)
+    peaks = np.flatnonzero((density >= np.roll(density, 1)) & (density > np.roll(density, -1)) & (density >= _SHARP))
+    away = [np.abs((peaks - axis + 90) % 180 - 90) for axis in (0, 90)]
+    along = [bool((one <= _ASIDE).any()) for one in away]
+    oblique = bool((np.minimum(*away) > _ASIDE).any())
+    return oblique and along[0] != along[1]

@@ -7,6 +7,7 @@
 #define SIDE (2 * REACH + 1)
 #define AROUND (SIDE * SIDE)
 #define OWN (AROUND / 2)
+#define CLOSE 9   // neighbors whose copies are tried
 #define ONE 256
 #define BASIS_BITS 12
 
@@ -58,12 +59,22 @@ static inline long rounded(long value, int bits) {   // value / 2^bits, halves t
 }
 
 static inline long distance16(const __global int *looks, int pixel, looks16 wanted) {
+#if LANES > 1
   wide16 apart = __builtin_convertvector(*(const __global looks16 *)(looks + AT(pixel, 0, 16)), wide16) -
                  __builtin_convertvector(wanted, wide16);
   wide16 squares = apart * apart;
   long sum = 0;
   for (int d = 0; d < 16; d++) sum += squares[d];
   return sum;
+#else
+  long sum = 0;
+#pragma unroll
+  for (int d = 0; d < 16; d++) {
+    long apart = (long)looks[AT(pixel, d, 16)] - wanted[d];
+    sum += apart * apart;
+  }
+  return sum;
+#endif
 }
 
 // For each of the `chosen` pixels the best source: one that a neighbor's copy continues with, or a random one.
@@ -80,32 +91,30 @@ __kernel void atlas_choose(const __global int *restrict chosen, const __global u
                            int atlas_width, int width, int height, int first, int tries, uint seed, uint step) {
   int j = get_global_id(0);
   if (j >= count) return;
-  int i = chosen[j], row = table[i], on = face[i], x = corner_x(spots[i]), y = corner_y(spots[i]);
-  int2 shown[AROUND];   // places whose colors the neighbors' copies show here
-#pragma unroll
-  for (int k = 0; k < AROUND; k++) {
-    int2 move = moves[AT(on, k, AROUND)];
-    int there = row < 0 ? index[AT(y + move.y, x + move.x, atlas_width)] : neighbors[AT(row, k, AROUND)];
-    short2 rest = row < 0 ? steps[AT(on, k, AROUND)] : rests[AT(row, k, AROUND)];
-    shown[k] = source[there] - convert_int2(rest);
-  }
-  int2 own = shown[OWN];
+  int i = chosen[j], row = table[i], x = corner_x(spots[i]), y = corner_y(spots[i]);
+  // of each neighbor the pixel, and the step from the offset to its center
+  const __global int *there = row < 0 ? index + AT(y, x, atlas_width) : neighbors + AT(row, 0, AROUND);
+  const __global short2 *rest = row < 0 ? steps + AT(face[i], 0, AROUND) : rests + AT(row, 0, AROUND);
+  moves += AT(face[i], 0, AROUND);
+// The place whose color the copy of neighbor k shows here.
+#define SHOWN(k) (source[there[row < 0 ? moves[k].y * (long)atlas_width + moves[k].x : (k)]] - convert_int2(rest[k]))
+// The place with which the copy of neighbor k, at (u, v), continues here.
+#define CONTINUED(k, u, v) (SHOWN(k) - (int2)(u, v) * ONE)
+  int2 own = SHOWN(OWN);
   int pixel = taken(&own, snap, width, height), torn = first;
-#pragma unroll
-  for (int v = -1; v <= 1; v++)
-#pragma unroll
-    for (int u = -1; u <= 1; u++) {
-      int2 place = shown[OWN + v * SIDE + u] - (int2)(u, v) * ONE;
-      torn |= taken(&place, snap, width, height) != pixel;
-    }
+  for (int n = 0; n < CLOSE && !torn; n++) {
+    int u = n % 3 - 1, v = n / 3 - 1;
+    int2 place = CONTINUED(OWN + v * SIDE + u, u, v);
+    torn = taken(&place, snap, width, height) != pixel;
+  }
   if (!torn) {
     better[j] = own;
     return;
   }
   sum16 sum = 0;
-#pragma unroll
   for (int k = 0; k < AROUND; k++) {
-    const __global short *at = color + AT(pixel_at(shown[k], width, height), 0, CHANNELS);
+    const __global short *at = color + AT(pixel_at(SHOWN(k), width, height), 0, CHANNELS);
+#pragma unroll 1
     for (int c = 0; c < CHANNELS; c++)
       sum += (sum_t)at[c] * __builtin_convertvector(
                                 *(const __global looks16 *)(basis + AT(k * CHANNELS + c, 0, 16)), sum16);
@@ -114,14 +123,14 @@ __kernel void atlas_choose(const __global int *restrict chosen, const __global u
 #pragma unroll
   for (int d = 0; d < 16; d++) wanted[d] = (int)rounded((long)sum[d], BASIS_BITS);
   long least = LONG_MAX;
-#pragma unroll
-  for (int v = -1; v <= 1; v++)
-#pragma unroll
-    for (int u = -1; u <= 1; u++) {
-      int2 place = shown[OWN + v * SIDE + u] - (int2)(u, v) * ONE;
-      long cost = 5 * distance16(looks, taken(&place, snap, width, height), wanted);
-      if (cost < least) least = cost, own = place;
-    }
+#pragma unroll 1
+  for (int n = 0; n < CLOSE; n++) {
+    int u = n % 3 - 1, v = n / 3 - 1;
+    int2 place = CONTINUED(OWN + v * SIDE + u, u, v);
+    long cost = 5 * distance16(looks, taken(&place, snap, width, height), wanted);
+    if (cost < least) least = cost, own = place;
+  }
+#pragma unroll 1
   for (int n = 0; n < tries; n++) {
     uint chance = hash_at(seed, step + (uint)n, y, x);
     int2 place = source[i];

@@ -1227,6 +1227,7 @@ def estimateheight(
     light: float | None = None,
     overcast: bool = False,
     elevation: float = 45.0,
+    invert: bool = False,
     sigma: float | None = None,
     strength: float = 1.0,
     convention: Literal['opengl', 'directx'] = 'opengl',
@@ -1245,7 +1246,9 @@ def estimateheight(
     scan has a height map, use that instead.
 
     A photo cannot tell from which of two opposite sides the light comes. Light from above is assumed, or from the left
-    if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side.
+    if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side, or
+    `invert`. Bright joints, as of mortar, are refused without `light` or `overcast`: their depth cannot
+    be seen.
     Heights are stored as 0 to 1; the attribute oiiotex:heightpx contains the height, in pixels, of the value 1.
 
     Parameters
@@ -1263,6 +1266,8 @@ def estimateheight(
     elevation : float, default 45.0
         Elevation of the light above the surface. Lower values give flatter relief. Expected: a number
         from 1 to 89 degrees.
+    invert : bool, default False
+        Swap raised and recessed parts. For overcast light, this means that bright is deep.
     sigma : float | None, default None
         Scale above which variation is taken as color or uneven light, not relief. Expected: a number
         from 1 to 1000000 px. Default: longer side / 8.
@@ -1315,6 +1320,7 @@ def estimateheight(
     light: float | None = None,
     overcast: bool = False,
     elevation: float = 45.0,
+    invert: bool = False,
     sigma: float | None = None,
     strength: float = 1.0,
     convention: Literal['opengl', 'directx'] = 'opengl',
@@ -1334,6 +1340,7 @@ def estimateheight(
     light: float | None = None,
     overcast: bool = False,
     elevation: float = 45.0,
+    invert: bool = False,
     sigma: float | None = None,
     strength: float = 1.0,
     convention: Literal['opengl', 'directx'] = 'opengl',
@@ -2388,9 +2395,10 @@ def patchmatch(
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
         Axes along which the result tiles. Default: xy; with inpaint, none.
     variants : int, default 1
-        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles
-        with two edge colors, which fit where the colors agree; 16 is the complete set. Part names and
-        the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to 64.
+        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
+        which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
+        names and the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to
+        64.
     pack : Literal['atlas'] | None, default None
         Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its
         borders, so that renderers can filter it without padding. Requires variants=4, 16 or 64.
@@ -3199,9 +3207,10 @@ def stationarize(
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
         Axes along which the result tiles. Default: xy; with inpaint, none.
     variants : int, default 1
-        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles
-        with two edge colors, which fit where the colors agree; 16 is the complete set. Part names and
-        the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to 64.
+        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
+        which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
+        names and the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to
+        64.
     pack : Literal['atlas'] | None, default None
         Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its
         borders, so that renderers can filter it without padding. Requires variants=4, 16 or 64.

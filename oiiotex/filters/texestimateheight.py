@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -30,7 +30,9 @@ class EstimateHeight(Whole):
     scan has a height map, use that instead.
 
     A photo cannot tell from which of two opposite sides the light comes. Light from above is assumed, or from the left
-    if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side.
+    if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side, or
+    `invert`. Bright joints, as of mortar, are refused without `light` or `overcast`: their depth cannot
+    be seen.
     Heights are stored as 0 to 1; the attribute oiiotex:heightpx contains the height, in pixels, of the value 1.
     """
 
@@ -63,6 +65,9 @@ class EstimateHeight(Whole):
         unit="degrees",
         help="Elevation of the light above the surface. Lower values give flatter relief.",
     )
+    invert: bool = param(
+        False, help="Swap raised and recessed parts. For overcast light, this means that bright is deep."
+    )
     sigma: float | None = param(
         None, ge=1, le=1e6, unit="px", unset="longer side / 8", example="128",
         help="Scale above which variation is taken as color or uneven light, not relief.",
@@ -78,6 +83,7 @@ class EstimateHeight(Whole):
         """Heights, and normals if requested."""
         from ..capture.shading import (  # not needed to parse the command line
             BYTES,
+            has_bright_joints,
             luminance,
             normals_of,
             padded_size,
@@ -98,7 +104,16 @@ class EstimateHeight(Whole):
         progress.advance(1, 2)
         is_data = self.data or color_space(self.source, resources.color, session.settings.autocc) is None
         seen = values[..., 0] / np.float32(100) if is_data else luminance(values[..., 0])
+        guessed = self.light is None and not self.overcast
+        if guessed and has_bright_joints(values[..., 0], opaque, sigma):
+            raise ImageError(
+                f"{self.source.source} has bright joints, as of mortar, whose depth is not visible",
+                hint=f"set {modifier(overcast=True)} if dark is deep, also {modifier(invert=True)} if bright is deep,"
+                " or light",
+            )
         found = relief(seen, opaque, sigma, self.light, self.overcast, self.elevation, wraps)
+        if self.invert:
+            found = replace(found, heights=-found.heights)
         progress.advance(2, 2)
         side = "an overcast sky" if found.light is None else f"{found.light:.0f} degrees"
         low = float(found.heights.min())

@@ -130,7 +130,7 @@ class Rectify(Gather):
             corners = np.array(self.corners, float).reshape(4, 2)
             require_quadrangle(corners)
             return corners, None
-        from ..capture.slanted_lattice import largest_rectangle, slanted_lattice  # only without corners
+        from ..capture.slanted_lattice import is_sheared, largest_rectangle, slanted_lattice  # only without corners
 
         spec = self.source.first.spec
         session.resources.require(
@@ -146,6 +146,12 @@ class Rectify(Gather):
                 hint="set corners=x,y,x,y,x,y,x,y of a rectangle",
             )
         corners, cells = largest_rectangle(lattice, (spec.width, spec.height))
+        if is_sheared(values, lattice, corners, cells):
+            raise ImageError(
+                "has joints that would not meet at right angles: its lattice is oblique",
+                subject=self.source.source,
+                hint="set corners=x,y,x,y,x,y,x,y of a rectangle",
+            )
         corners = corners + np.array([spec.x - spec.full_x, spec.y - spec.full_y])
         return np.round(corners, 2), cells  # as logged for other maps
 
