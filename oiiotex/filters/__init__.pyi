@@ -1220,6 +1220,7 @@ def estimateheight(
     light: float | None = None,
     overcast: bool = False,
     elevation: float = 45.0,
+    invert: bool = False,
     sigma: float | None = None,
     strength: float = 1.0,
     convention: Literal['opengl', 'directx'] = 'opengl',
@@ -1238,7 +1239,9 @@ def estimateheight(
     scan has a height map, use that instead.
 
     A photo cannot tell from which of two opposite sides the light comes. Light from above is assumed, or from the left
-    if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side.
+    if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side, or
+    `invert`. Bright joints, as of mortar, are refused without `light` or `overcast`: their depth cannot
+    be seen.
     Heights are stored as 0 to 1; the attribute oiiotex:heightpx contains the height, in pixels, of the value 1.
 
     Parameters
@@ -1256,6 +1259,8 @@ def estimateheight(
     elevation : float, default 45.0
         Elevation of the light above the surface. Lower values give flatter relief. Expected: a number
         from 1 to 89 degrees.
+    invert : bool, default False
+        Swap raised and recessed parts. For overcast light, this means that bright is deep.
     sigma : float | None, default None
         Scale above which variation is taken as color or uneven light, not relief. Expected: a number
         from 1 to 1000000 px. Default: longer side / 8.
@@ -1308,6 +1313,7 @@ def estimateheight(
     light: float | None = None,
     overcast: bool = False,
     elevation: float = 45.0,
+    invert: bool = False,
     sigma: float | None = None,
     strength: float = 1.0,
     convention: Literal['opengl', 'directx'] = 'opengl',
@@ -1327,6 +1333,7 @@ def estimateheight(
     light: float | None = None,
     overcast: bool = False,
     elevation: float = 45.0,
+    invert: bool = False,
     sigma: float | None = None,
     strength: float = 1.0,
     convention: Literal['opengl', 'directx'] = 'opengl',
