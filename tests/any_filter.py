@@ -9,23 +9,26 @@ import pytest
 
 from oiiotex import filters
 from oiiotex.core.op import Kind, Op, Space
-from oiiotex.core.parameters import Numbers
+from oiiotex.core.parameters import Numbers, Size
 from oiiotex.session import Session
 from tests import pictures
 
 # fewer rounds and small places, where beauty does not matter
-SMALL = {"iterations": 4, "threshold": 0.9, "radius": 16, "height": 64}
+SMALL = {"iterations": 4, "threshold": 0.9, "radius": 16, "height": 64, "tries": 1}
 
 
 def settings(op: type[Op], **more: object) -> dict[str, object]:
     """Cheap parameters that the op has."""
     names = {p.name for p in op.parameters()}
-    found = {name: value for name, value in {**SMALL, **more}.items() if name in names}
+    found = {name: value for name, value in SMALL.items() if name in names}
     found |= {"n": 3} if op.name == "sigmas" else {"filter": "quilt", "seeds": 2} if op.name == "variants" else {}
     found |= {"corners": Numbers((3, 2, 66, 5, 70, 60, 1, 62))} if op.name == "rectify" else {}
+    found |= {"side": 32} if op.name == "palette" else {}
     found |= {"fail": "none"} if op.name == "checkmaterial" else {}
-    found |= {"mesh": pictures.cube_file()} if op.name == "atlas" else {}
-    return {**found, "labels": quarters()} if op.name in LABELED else found
+    found |= {"mesh": pictures.cube_file(), "size": Size(48, 40)} if op.name == "atlas" else {}
+    found |= {"size": Size(56, 48)} if op.name == "cut" else {}
+    found |= {"labels": quarters()} if op.name in LABELED else {}
+    return found | {name: value for name, value in more.items() if name in names}
 
 
 def ids(values: np.ndarray, **attributes: float) -> oiio.ImageBuf:

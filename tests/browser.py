@@ -9,7 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -24,6 +24,13 @@ FLAGS = [
     "--disable-component-update",
     "--disable-sync",
 ]
+DRAWING = (
+    *(flag for flag in FLAGS if flag != "--disable-gpu"),
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--enable-unsafe-webgpu",
+    "--use-webgpu-adapter=swiftshader",
+)  # on the CPU
 TOKEN = "0123456789abcdef"
 
 
@@ -80,13 +87,13 @@ def end_resident(runtime: Path) -> None:
 
 
 @contextlib.contextmanager
-def chromium() -> Iterator[object]:
+def chromium(flags: Sequence[str] = FLAGS) -> Iterator[object]:
     """A browser of Playwright's; tests are skipped, loudly, where there is none."""
     path = shutil.which("chromium")
     if path is None:
         pytest.skip("NOT RUN: there is no Chromium (apt-get install chromium)")
     playwright = pytest.importorskip("playwright.sync_api", reason="NOT RUN: no playwright (pip install oiiotex[test])")
     with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, headless=True, args=FLAGS)
+        browser = driver.chromium.launch(executable_path=path, headless=True, args=list(flags))
         yield browser
         browser.close()

@@ -16,7 +16,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.opencl import device as devices
-from tests import forked, pictures, skips
+from tests import budget, forked, pictures, skips
 from tests.kernel_options import require_known
 
 
@@ -58,6 +58,12 @@ def device() -> devices.Device:
 @pytest.fixture(scope="session")
 def narrow_device(device: devices.Device) -> devices.Device:
     return device if device.lanes == 1 else NarrowDevice(devices.choose())
+
+
+@pytest.fixture(scope="session")
+def all_lanes(device: devices.Device, narrow_device: devices.Device) -> list[devices.Device]:
+    """The same two in one test, whose oracle costs more than the device."""
+    return [device, narrow_device]
 
 
 @pytest.fixture(params=["wide", "narrow"])
@@ -153,10 +159,36 @@ def data_folder() -> Path:
 
 
 _begun = time.monotonic()
+_cpu = pytest.StashKey[float]()
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--budget", action="store_true", help="write tests/budget.toml from this run")
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[None]:
+    """With the last report of a test go the CPU seconds since its beginning."""
+    if call.when == "teardown":
+        item.user_properties.append(("cpu", budget.seconds() - item.stash[_cpu]))
+    return (yield)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Name the files that take more than their share of the run."""
+    ended = [report for reports in terminalreporter.stats.values() for report in reports]
+    spent = budget.of_reports([report for report in ended if getattr(report, "when", "") == "teardown"])
+    if config.getoption("--budget"):
+        budget.write(spent)
+    for kind, seconds in spent.items():
+        for line in budget.above(seconds, budget.read()[kind]):
+            terminalreporter.write_line(line)
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Where time is short ($OIIOTEX_SLOW_UNTIL, seconds from the start) slow tests are left out by then, and said."""
+    item.stash[_cpu] = budget.seconds()
     until = os.environ.get("OIIOTEX_SLOW_UNTIL")
     if until and item.get_closest_marker("slow") and time.monotonic() - _begun > float(until):
         pytest.skip("LEFT OUT: the time for slow tests is over")

@@ -16,26 +16,31 @@ from multiprocessing import get_context
 from pathlib import Path
 
 FORKS = get_context("forkserver")
+spent = 0.0  # CPU seconds of all lines
 _LOADED = ["tests.forked", "tests.loaded"]
 
 
 def run(words: list[str], folder: Path, timeout: float) -> subprocess.CompletedProcess:
     """Run `oiiotex WORDS` in `folder`, as `subprocess.run` does with `capture_output` and `text`."""
+    global spent
     FORKS.set_forkserver_preload(_LOADED)
     with tempfile.TemporaryDirectory() as outputs:
-        files = [Path(outputs, name) for name in ("out", "error")]
-        process = FORKS.Process(target=_line, args=(words, str(folder), dict(os.environ), list(map(str, files))))
+        *files, seconds = (Path(outputs, name) for name in ("out", "error", "seconds"))
+        process = FORKS.Process(
+            target=_line, args=(words, str(folder), dict(os.environ), list(map(str, files)), str(seconds))
+        )
         process.start()
         process.join(timeout)
         if process.is_alive():
             process.kill()
             process.join()
             raise subprocess.TimeoutExpired(words, timeout)
+        spent += float(seconds.read_text()) if seconds.exists() else 0.0
         printed = [file.read_bytes().decode(errors="surrogateescape") if file.exists() else "" for file in files]
     return subprocess.CompletedProcess(["oiiotex", *words], process.exitcode, *printed)
 
 
-def _line(words: list[str], folder: str, environment: dict[str, str], files: list[str]) -> None:
+def _line(words: list[str], folder: str, environment: dict[str, str], files: list[str], seconds: str) -> None:
     """In the fork: what a shell sets up, then the program."""
     from oiiotex.cli.main import main
 
@@ -51,3 +56,4 @@ def _line(words: list[str], folder: str, environment: dict[str, str], files: lis
     finally:
         atexit._run_exitfuncs()  # as at the end of a program; a fork ends without
         sys.stdout.flush()
+        Path(seconds).write_text(str(sum(os.times()[:4])))

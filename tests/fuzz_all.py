@@ -2,8 +2,8 @@
 """Fuzzing by time: `python -m tests.fuzz_all --minutes 10` breaks every kind of input in turn until the time is over.
 
 Lines, image files, documents, and messages to the resident process and to the page's server. The numbers of the cases
-follow from the date, so that every day tries others; `--begin` repeats those of another day.
-Exit status 1: a case failed.
+follow from the date, so that every day tries others; `--begin` repeats those of another day. The exit status is 1 if a
+case failed.
 """
 
 from __future__ import annotations

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from oiiotex.cli.running.line_run import run
 from tests import pictures
-from tests.conftest import oiiotex, save
+from tests.conftest import save
 
 FOLDER = Path(__file__).parents[1] / "golden"
 
@@ -166,8 +167,7 @@ def make(name: str, folder: Path) -> Path:
         save(case.second(), folder / "second.exr", "float")
     if case.mesh is not None:
         (folder / "mesh.obj").write_text(case.mesh())
-    done = oiiotex("in.exr", *words, "-o", f"{name}.exr", cwd=folder)
-    assert done.returncode == 0, done.stderr
+    assert run(["in.exr", *words, "-o", f"{name}.exr"], folder) == 0
     return folder / f"{name}.exr"
 
 

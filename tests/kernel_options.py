@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import combinations, product
 
 from oiiotex.exemplar.materials import _MOST_CHANNELS
 from oiiotex.exemplar.patch_synthesis import _PATCHES
@@ -20,6 +20,7 @@ TABLES = {"SKEWNESSES": [SKEWNESSES], "KURTOSES": [KURTOSES], "SCORES": [SCORES]
 # file in cl/: macro: the values that it may have
 OPTIONS: dict[str, dict[str, object]] = {
     "affinity": {},
+    "atlas": {"CHANNELS": CHANNELS},
     "candidates": {"RUN": [1, 16]},
     "factorization": {},
     "features": {},
@@ -45,9 +46,14 @@ COMPILED = {"CHANNELS": [3, 6, CHANNELS[-1]], "PATCH": [_PATCHES[0], 11, _PATCHE
 
 
 def compiled(stem: str) -> list[dict[str, int]]:
-    """The sets of macros with which a file is compiled for GPUs."""
-    macros = OPTIONS[stem]
-    return [dict(zip(macros, values, strict=True)) for values in product(*(COMPILED.get(m, macros[m]) for m in macros))]
+    """The sets of macros with which a file is compiled for GPUs: every pair of values of two macros is in one."""
+    macros, seen, chosen = OPTIONS[stem], set(), []
+    for values in product(*(COMPILED.get(macro, macros[macro]) for macro in macros)):
+        pairs = set(combinations(enumerate(values), 2)) or {values}
+        if not pairs <= seen:
+            seen |= pairs
+            chosen.append(dict(zip(macros, values, strict=True)))
+    return chosen
 
 
 def require_known(stem: str, macros: dict[str, int]) -> None:

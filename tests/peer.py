@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ import pytest
 from oiiotex.cli.running.line_run import run
 from oiiotex.errors import Error
 
-OIIOTOOL = Path(sys.executable).parent / "oiiotool"
+OIIOTOOL = Path(oiio.__file__).parent / "bin" / "oiiotool"  # the script of this name starts a Python first
 # what names the program that wrote a file, and when
 _OWN = ("Software", "DateTime", "Exif:ImageHistory", "capDate")
 
@@ -52,13 +51,14 @@ def chains(table: str) -> list[str]:
     return found
 
 
-def refused(folder: Path, chain: str, says: str) -> None:
+def refused(folder: Path, chain: str, says: str) -> str:
     """Run a chain that would write 'o.exr' in `folder`: it fails in one line that says so, and leaves nothing."""
     with pytest.raises(Error) as caught:
         run(shlex.split(chain), folder)
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not (folder / "o.exr").exists()
+    return str(caught.value)
 
 
 def assert_same_file(ours: Path, theirs: Path, tolerance: float = 0.0) -> None:

@@ -60,7 +60,7 @@ def test_every_table_has_its_command_and_its_date(page):
     assert len(set(front.commands(page))) == len(found), "a command stands twice"
     for entry in found:
         head, _, body = entry.partition("\n")
-        assert re.search(r", 20\d\d-\d\d-\d\d\)$", head), head
+        assert re.search(r", 20\d\d-\d\d-\d\d(, inputs [0-9a-f]{8})?\)$", head), head
         assert body.strip(), f"{head}: nothing below it"
 
 

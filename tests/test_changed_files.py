@@ -51,7 +51,7 @@ def test_a_file_that_vanishes_between_frames_ends_its_frame_alone(tmp_path):
         save(np.zeros((8, 8, 3)), tmp_path / f"f.{number:04d}.png")
     run = start(
         tmp_path, "--frames", "1-3", "--skip-bad-frames",
-        "f.#.png", "--pattern", "noise", "1200x1200", "3", "--blur", "9x9", "-o", "o.#.png",
+        "f.#.png", "--pattern", "noise", "900x900", "3", "--blur", "9x9", "-o", "o.#.png",
     )  # fmt: skip
     wait_for(lambda: half_files(tmp_path), run)
     (tmp_path / "f.0002.png").unlink()
@@ -61,7 +61,7 @@ def test_a_file_that_vanishes_between_frames_ends_its_frame_alone(tmp_path):
     assert sorted(path.name for path in tmp_path.glob("o.*")) == ["o.0001.png", "o.0003.png"]
 
 
-def striped(path: Path, side: int = 3600) -> np.ndarray:
+def striped(path: Path, side: int = 2400) -> np.ndarray:
     """More pixels than are kept in memory with a small --cache."""
     pixels = np.zeros((side, side, 3), np.uint8)
     pixels[..., 0], pixels[..., 1] = (np.arange(side) % 251)[:, None], np.arange(side) % 241
@@ -105,7 +105,7 @@ from oiiotex.core.demand import PieceCache
 from oiiotex.core.window import Window
 
 part = read(sys.argv[1], PieceCache(1)).first
-part.read(Window(0, 3500, 3600, 3600))
+part.read(Window(0, 2300, 2400, 2400))
 how = sys.argv[2]
 if how == "replaced":
     shutil.copy(sys.argv[1], "new"), os.replace("new", sys.argv[1])
@@ -114,7 +114,7 @@ elif how == "removed":
 else:
     os.truncate(sys.argv[1], 10_000)
 try:
-    part.read(Window(0, 0, 3600, 100))
+    part.read(Window(0, 0, 2400, 100))
 except Error as error:
     print(error)
 """

@@ -14,8 +14,8 @@ import pytest
 
 from tests import pictures
 from tests.conftest import load, oiiotex, save
+from tests.peer import OIIOTOOL
 
-OIIOTOOL = Path(sys.executable).parent / "oiiotool"
 QUICK = ":size=64x64:iterations=4"
 
 

@@ -93,7 +93,7 @@ def test_a_row_costs_by_its_distance_from_a_joint():
     np.testing.assert_array_equal(moved.table[wanted_at:-7], prices.table[wanted_at + 7 :])
 
 
-@pytest.mark.parametrize("rows", [True, False])
+@pytest.mark.parametrize("rows", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_a_tile_keeps_its_joints_straight(device, rows):
     picture, joints = ashlar(144, 144, 3, heights=(13, 28))
     is_joint = (np.abs(np.arange(144)[:, None] + 0.5 - joints).min(1) < 1.5)[:, None] & np.ones((144, 144), bool)

@@ -16,7 +16,8 @@ from oiiotex.core.image import Part, from_pixels
 from oiiotex.core.window import Window
 from oiiotex.io.cryptomatte import covered, hashed
 from tests.conftest import load, oiiotex, save
-from tests.test_label_parts import OIIOTOOL, ids_of, parts_of
+from tests.peer import OIIOTOOL
+from tests.test_label_parts import ids_of, parts_of
 from tests.test_labels import quarters
 
 UNNAMED = ["--subimage", "cryptomatte", "--eraseattrib", "name", "--eraseattrib", "oiio:subimagename"]

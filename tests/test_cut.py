@@ -203,8 +203,7 @@ def test_a_torus_has_no_border():
     assert across(True) < 0.5 * across(False)
 
 
-@pytest.mark.parametrize("size", [(40, 36), (150, 100)])
-@pytest.mark.parametrize("tile", ["xy", "none", "x"])
+@pytest.mark.parametrize(("size", "tile"), [((40, 36), "xy"), ((110, 84), "none"), ((84, 110), "x")])
 def test_only_allowed_pixels_are_used_and_what_the_others_look_like_is_not_looked_at(size, tile):
     mask = (np.indices((96, 112)).sum(0) % 37 < 14)[..., None] * 1.0  # thin: no patch lies inside
     other = np.random.default_rng(0).random(PHOTO.shape)
@@ -340,9 +339,9 @@ def test_what_is_wrong_is_said(tmp_path):
     assert done.returncode == 1 and "would overwrite exemplar, an input image" in done.stderr
 
 
-@pytest.mark.parametrize("wraps", [(False, False), (True, False), (True, True)])
+@pytest.mark.parametrize("wraps", [(False, False), (True, False)])
 def test_waves_do_not_touch_and_are_what_one_after_the_other_makes(wraps):
-    whole = gc.Layout(150, 130, *wraps, patch=24, passes=1, seed=4)
+    whole = gc.Layout(130, 110, *wraps, patch=24, passes=1, seed=4)
     squares = [(y, x, 24) for y, x in whole.sites()]
     waves = gc.waves(whole, squares)
     assert sorted(n for wave in waves for n in wave) == list(range(len(squares)))
@@ -352,7 +351,7 @@ def test_waves_do_not_touch_and_are_what_one_after_the_other_makes(wraps):
         for m, (other_y, other_x, _) in enumerate(squares[:n]):
             away = [abs(y - other_y), abs(x - other_x)]
             away = [
-                min(d, size - d) if wrap else d for d, size, wrap in zip(away, (130, 150), wraps[::-1], strict=True)
+                min(d, size - d) if wrap else d for d, size, wrap in zip(away, (110, 130), wraps[::-1], strict=True)
             ]
             assert max(away) > side or number[m] < number[n]
     lab = (PHOTO * 90 - 10).astype(np.float32)

@@ -214,6 +214,8 @@ def test_regions_merge_by_textons_interleaving_and_size():
     small = np.zeros((64, 64))
     small[:6, :6] = 1
     assert evidence(0.95, small) < evidence(0.95, apart)
+    costs = [region_merging.naming_cost(n) for n in (2, 3, 10)]
+    assert costs == sorted(costs) and costs[0] < 0 == costs[1]  # the last merges need more evidence
 
 
 def test_merging_goes_on_from_the_likeliest_pair_and_leaves_what_is_unseen_alone():
@@ -227,6 +229,16 @@ def test_merging_goes_on_from_the_likeliest_pair_and_leaves_what_is_unseen_alone
     assert three[10, 5] == three[10, 20] and len(np.unique(three[10, [5, 40, 60]])) == 3
     assert (region_merging.merged(values, regions, 4, 0.0, Session().resources) == 0).all()
     assert len(np.unique(region_merging.merged(values, regions, 4, 1.0, Session().resources)[5:])) == 4
+
+
+def test_turned_versions_are_one_texture_only_when_asked():
+    y, x = np.mgrid[0:192, 0:192]
+    waves = 0.3 * np.sign(np.sin(2 * np.pi * y / 7))
+    noise = np.random.default_rng(0).normal(0, 0.05, (192, 192))
+    picture = np.clip(np.where(x < 96, waves, waves.T) + noise + 0.5, 0, 1)[..., None].repeat(3, -1)
+    apart, alike = ids_of(picture), ids_of(picture, invariant=True)
+    assert score((x < 96) + 1, apart, apart).rand > 0.8
+    assert np.bincount(alike.ravel()).max() > 0.9 * alike.size
 
 
 def test_cliques_are_joined_by_their_mean_weight():

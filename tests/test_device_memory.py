@@ -122,13 +122,13 @@ def swept(run, scarce: Scarce, name: str, points: int) -> None:
 
 @pytest.mark.parametrize("name", RUNS)
 def test_a_command_that_finds_no_memory_is_no_internal_error(run, scarce, name):
-    swept(run, scarce, name, 4)
+    swept(run, scarce, name, 2)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_no_command_that_finds_no_memory_is_an_internal_error(run, scarce, name):
-    swept(run, scarce, name, 24)
+    swept(run, scarce, name, 8)
 
 
 def test_an_image_lies_on_a_device_in_smaller_pieces_until_they_fit():

@@ -6,7 +6,6 @@ from __future__ import annotations
 import ast
 import pickle
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,9 +27,10 @@ OF_LINES = ("cli", "farm", "host", "library", "live", "recipes", "service")
 FOREIGN = {"library/runs.py": "SQLite has no code for a table that is missing"}
 
 
-def trees() -> Iterator[tuple[str, ast.Module]]:
-    for path in sorted(PACKAGE.rglob("*.py")):
-        yield path.relative_to(PACKAGE).as_posix(), ast.parse(path.read_text())
+@pytest.fixture(scope="module")
+def trees() -> list[tuple[str, ast.Module]]:
+    paths = sorted(PACKAGE.rglob("*.py"))
+    return [(path.relative_to(PACKAGE).as_posix(), ast.parse(path.read_text())) for path in paths]
 
 
 # --- no prose as protocol ---
@@ -88,14 +88,14 @@ def test_the_scan_sees_who_reads_the_text_of_an_error(line):
     assert matched(ast.parse(f"try:\n    work()\nexcept Error as error:\n    {line}\n"))
 
 
-def test_no_module_reads_the_text_of_an_error():
-    assert {path: lines for path, tree in trees() if path not in FOREIGN and (lines := matched(tree))} == {}
+def test_no_module_reads_the_text_of_an_error(trees):
+    assert {path: lines for path, tree in trees if path not in FOREIGN and (lines := matched(tree))} == {}
 
 
-def test_no_error_outside_of_the_command_lines_spells_out_an_option():
+def test_no_error_outside_of_the_command_lines_spells_out_an_option(trees):
     """There, options and flags are marked: `modifier`, `texture_filter`, `either`."""
     bare = re.compile(rf"--\w|\b({'|'.join(FLAGS)})=[01]\b")
-    for path, tree in trees():
+    for path, tree in trees:
         if path.split("/")[0] in OF_LINES or path == "errors.py":
             continue
         for raised in (n for n in ast.walk(tree) if isinstance(n, ast.Raise) and n.exc is not None):

@@ -50,7 +50,7 @@ OPS: dict[str, tuple[str, dict[str, Any]]] = {
     "weights": ("stationarize", {"weight": WEIGHT, "measure": "moments"}),
     "a part anew": ("stationarize", {"inpaint": marked(60, 80, 60, 90), "size": None}),
     "a material": ("patchmatch", {"maps": [NORMALS, PHOTO[..., :1]], "kinds": ("color", "normal", "height")}),
-    "variants": ("stationarize", {"variants": 2}),
+    "variants": ("stationarize", {"variants": 2, "measure": "moments", "iterations": 1}),
     "by the letter": ("stationarize", {"paper": True, "sigma": 5}),
 }
 

@@ -7,7 +7,6 @@ import contextlib
 import functools
 import re
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -24,8 +23,8 @@ from oiiotex.cli.stack.chain import Chain
 from oiiotex.errors import ImageError, ParameterError
 from oiiotex.io.reading import read
 from oiiotex.session import Session
+from tests.peer import OIIOTOOL
 
-OIIOTOOL = Path(sys.executable).parent / "oiiotool"
 FILES = ("constant.exr", "plain.tif", "ramp.exr")  # from the bottom of the stack up
 VARIABLES: dict[str, Value] = {
     "i": 7, "v": 3.14159265, "big": 123456789, "f": 1e10, "neg": -5, "s": "hello", "Mixed": "Case", "e": "",

@@ -21,7 +21,7 @@ pytestmark = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [case.__name__ for case in CASES])
-@pytest.mark.parametrize("lanes", [1, 16, 32])
+@pytest.mark.parametrize("lanes", [1, 32])
 def test_kernels_reach_beyond_2_to_the_31(case, lanes):
     command = [sys.executable, "-m", "tests.far_offsets", str(lanes), case]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)

@@ -25,8 +25,8 @@ from oiiotex.io.checkpoint import Checkpoint
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 
-LINE = ["a.png", "--resize", "400x3000", "--blur", "9x9", "-d", "half"]
-SYNTH = ["a.png", "--texsynth:size=500x2500:seed=2:stmap=1"]
+LINE = ["a.png", "--resize", "200x1500", "--blur", "9x9", "-d", "half"]
+SYNTH = ["a.png", "--texsynth:size=300x1200:seed=2:stmap=1"]
 
 
 @pytest.fixture
@@ -84,8 +84,8 @@ def test_what_is_good_is_not_computed_again_and_what_is_not_is(folder, monkeypat
 
 def test_shares_of_another_line_and_of_another_photo_are_not_taken(folder):
     run([*LINE, "-o", "out.exr", "--share", "1/1"])
-    run(["a.png", "--resize", "400x3000", "--blur", "5x5", "-d", "half", "-o", "out.exr", "--join"])
-    run(["a.png", "--resize", "400x3000", "--blur", "5x5", "-d", "half", "-o", "one.exr"])
+    run(["a.png", "--resize", "200x1500", "--blur", "5x5", "-d", "half", "-o", "out.exr", "--join"])
+    run(["a.png", "--resize", "200x1500", "--blur", "5x5", "-d", "half", "-o", "one.exr"])
     same("one.exr", "out.exr")
     run([*LINE, "-o", "out.exr", "--share", "1/1"])
     save(pictures.pebbles(64, 64, 9), folder / "a.png", space="srgb_rec709_scene")

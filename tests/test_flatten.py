@@ -30,9 +30,10 @@ def linear(picture: np.ndarray) -> oiio.ImageBuf:
     return buffer(picture, space="lin_rec709_scene", names=("R", "G", "B", "A")[: picture.shape[2]])
 
 
-@pytest.mark.parametrize(("height", "width"), [(31, 47), (50, 23)])
-@pytest.mark.parametrize(("radius", "side"), [(15.0, 2), (26.0, 3)])
-@pytest.mark.parametrize(("amount", "contrast", "keep"), [(1.0, 1.0, "level"), (0.6, 0.5, "none")])
+@pytest.mark.parametrize(
+    ("height", "width", "radius", "side", "amount", "contrast", "keep"),
+    [(31, 47, 15.0, 2, 1.0, 1.0, "level"), (50, 23, 26.0, 3, 0.6, 0.5, "none")],
+)
 def test_it_is_what_the_oracle_says(height, width, radius, side, amount, contrast, keep):
     picture = pictures.stained(pictures.bricks(height, width, 3)) ** 2.2
     alpha = np.ones((height, width, 1))
@@ -173,14 +174,18 @@ def test_amount_0_changes_no_bit_and_an_endless_radius_hardly_any():
     np.testing.assert_allclose(pixels(filters.flatten(photo, radius=1e6)), pixels(photo), atol=2e-3)
 
 
-@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 3)])
-@pytest.mark.parametrize("radius", [None, 1, 1e6])
-def test_tiny_images(size, radius):
+@pytest.mark.parametrize("tile", ["none", "xy"])
+@pytest.mark.parametrize(("size", "radius"), [((1, 1), None), ((1, 40), 1), ((40, 1), 1e4), ((2, 3), None)])
+def test_tiny_images(size, radius, tile):
     picture = np.random.default_rng(0).random((*size, 3))
-    made = pixels(filters.flatten(linear(picture), radius=radius))
+    made = pixels(filters.flatten(linear(picture), radius=radius, tile=tile))
     assert made.shape == picture.shape and np.isfinite(made).all()
     if size == (1, 1):
         np.testing.assert_allclose(made, picture, atol=1e-2)
+
+
+def test_any_radius_is_taken():
+    assert pixels(filters.flatten(linear(np.full((2, 3, 3), 0.3)), radius=1e6)) == pytest.approx(0.3, abs=1e-2)
 
 
 def test_an_image_without_alpha_anywhere_stays():
@@ -259,13 +264,6 @@ def test_a_torus_has_no_corner():
     np.testing.assert_allclose(np.roll(turned, (-28, -52), (0, 1)), made, atol=1e-5)
     turned = pixels(filters.flatten(linear(np.roll(photo, (7, 13), (0, 1))), radius=32, tile="xy"))
     np.testing.assert_allclose(np.roll(turned, (-7, -13), (0, 1)), made, atol=2.5e-2)
-
-
-@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 3)])
-@pytest.mark.parametrize("radius", [None, 1, 1e6])
-def test_tiny_images_that_tile(size, radius):
-    made = pixels(filters.flatten(linear(np.random.default_rng(0).random((*size, 3))), radius=radius, tile="xy"))
-    assert made.shape == (*size, 3) and np.isfinite(made).all()
 
 
 def test_bands_and_threads_do_not_show_in_what_tiles(monkeypatch):

@@ -98,16 +98,16 @@ for name in names:
 """
 
 
-def read_broken_ones(folder: Path, name: str, numbers: range) -> None:
+def read_broken_ones(folder: Path, names: list[str], numbers: range) -> None:
     """In a process of its own: OpenImageIO or a library under it may crash."""
-    whole = fuzz.seed(folder / name, *fuzz.SEEDS[name])
-    if whole is None:
-        pytest.skip(f"this OpenImageIO does not write {name}")
     files = []
-    for number in numbers:
-        if (name, number) not in CRASHES:
-            files.append(folder / f"{number:04d}-{name}")
-            files[-1].write_bytes(fuzz.broken(whole, number))
+    for name in names:
+        whole = fuzz.seed(folder / name, *fuzz.SEEDS[name])
+        for number in numbers if whole is not None else ():  # else this OpenImageIO does not write it
+            if (name, number) not in CRASHES:
+                files.append(folder / f"{number:04d}-{name}")
+                files[-1].write_bytes(fuzz.broken(whole, number))
+    assert files
     command = [sys.executable, "-c", BATCH, folder / "log", folder / "out.exr", *files]
     done = subprocess.run(
         [str(word) for word in command], capture_output=True, text=True, errors="replace", timeout=500
@@ -117,15 +117,9 @@ def read_broken_ones(folder: Path, name: str, numbers: range) -> None:
     assert not [path.name for path in folder.iterdir() if ".oiiotex-" in path.name]
 
 
-@pytest.mark.parametrize("name", fuzz.SEEDS)
-def test_a_broken_file_is_read_or_refused(tmp_path, name):
-    read_broken_ones(tmp_path, name, range(60))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", fuzz.SEEDS)
-def test_many_broken_files_are_read_or_refused(tmp_path, name):
-    read_broken_ones(tmp_path, name, range(60, 1000))
+@pytest.mark.parametrize("first", range(3))
+def test_broken_files_are_read_or_refused(tmp_path, first):
+    read_broken_ones(tmp_path, list(fuzz.SEEDS)[first::3], range(60))
 
 
 @pytest.mark.parametrize("first", range(0, 240, 60))

@@ -19,7 +19,7 @@ PHOTO = pictures.stained(pictures.pebbles(131, 167, seed=5))
 SIGMAS = 6.0 + 3.0 * np.arange(9)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_merges_are_those_of_the_algorithm(device, seed):
     made = found(device, np.random.default_rng(seed).random((41, 53, 3)) ** 2, sigma=5.0)
     levels = list(blurred_sums(made, SIGMAS.tolist(), resources_of(device)))
@@ -73,12 +73,9 @@ def test_what_alpha_parts_is_never_merged(device):
     assert len(levels.merges) == made.count - 2
 
 
-@pytest.mark.parametrize("alpha", [False, True])
-def test_the_stack_is_the_blurred_image(any_lanes, alpha):
-    pixels = PHOTO
-    if alpha:
-        seen = (pictures.smooth_noise(131, 167, 30, 9) > 0.3)[..., None] * 1.0
-        pixels = np.concatenate([PHOTO * seen, seen], -1)
+def test_the_stack_is_the_blurred_image(any_lanes):
+    seen = (pictures.smooth_noise(131, 167, 30, 9) > 0.3)[..., None] * 1.0
+    pixels = np.concatenate([PHOTO * seen, seen], -1)
     made = found(any_lanes, pixels, sigma=6.0)
     lab = grid_values(any_lanes, pixels).astype(float)
     inside = lab[..., 3] > 0

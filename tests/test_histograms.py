@@ -30,9 +30,11 @@ def projected(device, image, sigma, wrap_x, wrap_y, strength=1.0):
         return projected_by(projection, device, buffers, image, strength), low, high
 
 
-@pytest.mark.parametrize(("height", "width"), [(61, 47), (48, 80), (23, 131)])
-@pytest.mark.parametrize("sigma", [3.0, 8.0])
-@pytest.mark.parametrize("wrap", [(True, True), (False, False), (True, False)])
+@pytest.mark.parametrize(
+    ("height", "width", "sigma", "wrap"),  # each side and each scale with each kind of border
+    [(61, 47, 3.0, (True, True)), (23, 131, 8.0, (False, False)), (48, 80, 8.0, (True, True)),
+     (61, 47, 3.0, (True, False))],
+)  # fmt: skip
 def test_the_projection_on_cells_is_close_to_the_dense_one(any_lanes, height, width, sigma, wrap):
     image = lab_like(height, width)
     found, low, high = projected(any_lanes, image, sigma, *wrap)

@@ -54,7 +54,7 @@ def ours(modules: list[str]) -> set[str]:
     [
         (["--version"], 0, 15),
         ([], 0, 16),
-        (["--help", "texstationarize:sigma"], 0, 85),
+        (["--help", "texstationarize:sigma"], 0, 88),
         (["--help", "resize"], 0, 31),
         (["--help"], 0, 16),
         (["--help", "scaling"], 0, 30),
@@ -64,7 +64,7 @@ def ours(modules: list[str]) -> set[str]:
         (["--cache-info"], 0, 15),
         (["--nonsense"], 1, 15),
         (["photo.png", "--texlabel:persistance=0.5", "-o", "x.exr"], 1, 34),
-        (["photo.png", "--texstationarize:sigma=0", "-o", "x.exr"], 1, 81),
+        (["photo.png", "--texstationarize:sigma=0", "-o", "x.exr"], 1, 84),
         (["photo.png", "--resize:filter=", "-o"], 1, 27),
         (["--capture"], 1, 13),
         (["photo.png", "--threads", "few", "-o", "x.exr"], 1, 50),

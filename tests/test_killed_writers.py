@@ -35,7 +35,7 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX"),
 ]
-KILLS = int(os.environ.get("OIIOTEX_KILLS", "40"))
+KILLS = int(os.environ.get("OIIOTEX_KILLS", "20"))
 SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129, signal.SIGKILL: -9}
 LIBRARY = [sys.executable, "-m", "oiiotex.library.main"]
 RECIPE = 'schema = 1\n[[product]]\nname = "tile"\nline = "$maps --flip $outputs"\n[deliver]\ntx = false\n'

@@ -6,7 +6,6 @@ from __future__ import annotations
 import itertools
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +22,8 @@ from oiiotex.labels.scales import LabelSettings, label_maps
 from oiiotex.session import Session
 from oiiotex.session.progress import Progress
 from tests.conftest import oiiotex, save
+from tests.peer import OIIOTOOL
 from tests.test_labels import NOISE, buffer, quarters
-
-OIIOTOOL = str(Path(sys.executable).with_name("oiiotool"))
 
 
 @pytest.fixture(scope="module")

@@ -49,7 +49,7 @@ def test_labels_become_colors_that_lie_apart(count):
     assert distance.min() >= 0.5 * 100 / np.ceil(count ** (1 / 3))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_shares_and_neighborhoods_are_kept(device, seed):
     ids = blobs(seed=seed)
     made = grow(device, ids, seed=seed)
@@ -121,7 +121,12 @@ PHOTO = np.clip(PHOTO + 0.15 * (pictures.pebbles(160, 192, 3) - 0.5), 0, 1)
 def test_a_composite_is_filled_as_it_was_grown(caplog):
     with caplog.at_level(logging.INFO, "oiiotex"):
         made = filters.composite(
-            {"photo": buffer(PHOTO), "label.1": ids_buffer(LABELS)}, size=(400, 360), patch=16, grown=True, keep=True
+            {"photo": buffer(PHOTO), "label.1": ids_buffer(LABELS)},
+            size=(400, 360),
+            patch=16,
+            tries=1,
+            grown=True,
+            keep=True,
         )
     assert list(made) == ["composite", "label.1", "grown"]
     wanted, filled = pixels(made["grown"])[..., 0], pixels(made["label.1"])[..., 0]
@@ -135,7 +140,7 @@ def test_a_composite_is_filled_as_it_was_grown(caplog):
 
 def test_a_composite_is_a_quilt_of_its_own_grown_map():
     photo = {"photo": buffer(PHOTO), "label.1": ids_buffer(LABELS)}
-    made = filters.composite(photo, size=(300, 200), patch=16, grown=True, seed=3)
+    made = filters.composite(photo, size=(300, 200), patch=16, tries=1, grown=True, seed=3)
     quilt = filters.quilt(photo, guide=made["grown"], size=(300, 200), patch=16, seed=3)
     np.testing.assert_array_equal(pixels(made["composite"]), pixels(quilt))
 

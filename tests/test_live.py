@@ -360,6 +360,11 @@ def test_tiles_of_a_zoom_are_windows_of_a_line_twenty_levels_down(browser, folde
             np.testing.assert_array_equal(pixels, shown(folder / f"tile{number}.exr", "lin_rec709_scene"))
         words = copied_line(page)
         assert any(":window=" in word and ":level=26" in word for word in words)
+        number = page.get_by_label("Jitter (number)")
+        number.fill("0.3")
+        number.press("Enter")
+        page.keyboard.press("Escape")
+        assert any(":jitter=0.3" in word for word in copied_line(page))
         for keys in ("k", "PageDown", "PageDown", "k"):
             page.keyboard.press(keys)
         page.keyboard.press("p")

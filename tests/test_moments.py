@@ -30,13 +30,14 @@ def projected(device, image, sigma, order, wrap=(True, True), strength=1.0):
         return projected_by(made, device, buffers, image, strength)
 
 
-@pytest.mark.parametrize("order", [2, 3, 4])
-@pytest.mark.parametrize("wrap", [(True, True), (False, True)])
+@pytest.mark.parametrize(
+    ("order", "wrap"), [(2, (False, True)), (3, (True, True)), (4, (True, True)), (4, (False, True))]
+)
 def test_the_projection_on_cells_is_close_to_the_dense_one(any_lanes, order, wrap):
     image = lab_like(61, 47)
     found = projected(any_lanes, image, 8.0, order, wrap)
     random = np.random.default_rng(0)
-    places = list(zip(random.integers(0, 61, 150), random.integers(0, 47, 150), strict=True))
+    places = list(zip(random.integers(0, 61, 60), random.integers(0, 47, 60), strict=True))
     for c in (0, 1):
         low, high = float(image[..., c].min()), float(image[..., c].max())
         exact = reference.project(image[..., c], 8.0, low, high, histograms.BINS, *wrap, order, places)

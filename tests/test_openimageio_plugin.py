@@ -375,6 +375,14 @@ def test_a_stranger_behind_the_socket_is_not_believed(shell, folder, tmp_path, a
         assert done.returncode == 1 and len(said) == 1 and text in said[0], done.stdout + done.stderr
 
 
+def test_a_host_with_another_openimageio_is_told_once(shell, plugin, tmp_path):
+    shutil.copy(plugin / "oiiotexfile.imageio.so", tmp_path)  # without its reader, as for another version
+    done = shell(BIN / "oiiotool", "wall.oiiotex", "-o", "cut.png", OPENIMAGEIO_PLUGIN_PATH=str(tmp_path))
+    said = [one for one in (done.stdout + done.stderr).splitlines() if one.startswith("oiiotex ERROR: ")]
+    assert done.returncode == 1 and len(said) == 1, done.stderr
+    assert f"built for OpenImageIO {metadata.version('OpenImageIO')}, which this program does not have" in said[0]
+
+
 PROGRAM = "import sys; sys.prefix = sys.argv[1]; from oiiotex.cli.main import main; main(['--plugin-path'])"
 
 

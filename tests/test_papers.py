@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import figures
 from oiiotex.cli.language.parse import parse, split_modifiers
 from oiiotex.cli.vocabulary import LANGUAGE
 
@@ -60,3 +61,39 @@ def test_every_line_is_one_that_the_program_takes(command):
         if step.op is not None:
             _, given = split_modifiers(step.word)
             assert set(given) <= {p.name for p in step.op.modifiers()}, step.word
+
+
+# --- figures ---
+
+
+def test_figures_are_those_of_the_benchmarks():
+    """If this fails: `python -m benchmarks.figures`."""
+    assert figures.renewed(PAGE) == PAGE
+
+
+def test_no_figure_is_stale():
+    """If this fails: `python -m benchmarks TOPIC WORD` for the commands that it lists."""
+    assert not [entry.command for entry in figures.entries(PAGE).values() if entry.is_stale]
+
+
+def test_a_changed_benchmark_makes_its_results_stale(tmp_path, monkeypatch):
+    (tmp_path / "benchmarks").mkdir()
+    for name, text in (("one", "from benchmarks.two import N\n"), ("two", "N = 1  # few\n")):
+        (tmp_path / "benchmarks" / f"{name}.py").write_text(text)
+    monkeypatch.setattr(figures, "ROOT", tmp_path)
+    command = "-m benchmarks.one --all"
+    entry = figures.Entry(command, f"CPU, 2026-01-01, inputs {figures.inputs(command)}", "| a | 0.25 | 12 % |")
+    assert (figures.value_of(entry, "a", 1), figures.shown(0.25, ".1"), figures.shown(9.6, "7")) == (12, ".2", "10")
+    (tmp_path / "benchmarks" / "two.py").write_text('"""Now with a docstring."""\n\nN = 1\n')
+    assert not entry.is_stale
+    (tmp_path / "benchmarks" / "two.py").write_text("N = 2\n")
+    assert entry.is_stale
+
+
+@pytest.mark.parametrize("paper", CONTENTS)
+def test_every_measured_figure_says_where_it_is_from(paper):
+    """Decimals and times; those of the paper itself stand in clauses that name it."""
+    for name, (_, *cells) in rows_of(paper).items():
+        text = re.sub(r"`[^`]*`|\([^()]*\)", "", figures.FIGURE.sub("", " ".join(cells)))
+        for clause in re.split(r"; |\. |: ", text):
+            assert "paper" in clause or not re.search(r"\d*\.\d|\d (?:s|ms|MB|%)(?!\w)", clause), (name, clause)

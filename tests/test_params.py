@@ -118,6 +118,9 @@ def test_a_text_becomes_a_value_of_the_declared_type(name, text, value):
 
 def test_a_falsy_word_is_a_choice_too():
     assert Parameter("suffix", (str,), "", "", choices=("", "a")).parse("") == ""
+    paper = Parameter("paper", (bool, str), False, "", choices=(False, True, "authors"))
+    assert [paper.parse(text) for text in ("1", "off", "authors")] == [True, False, "authors"]
+    assert (paper.allowed(), paper.default_text, paper.sample) == ("one of 0, 1, authors", "0", "1")
 
 
 REFUSED = {

@@ -162,7 +162,7 @@ def test_a_map_is_blended_in_the_logarithm_from_octaves(device):
     image = lab_like(61, 47)
     low, high = image.reshape(-1, 3).min(0), image.reshape(-1, 3).max(0)
     wanted = np.geomspace(3.0, 17.0, 47)[None, :].repeat(61, 0).astype(np.float32)
-    octaves = constraints.octaves(wanted)
+    octaves = constraints.sigma_octaves(wanted)
     assert octaves[0] == pytest.approx(3) and octaves[-1] == pytest.approx(17) and len(octaves) == 4
     grids = [CellGrid.of(Domain(47, 61, True, True), sigma) for sigma in octaves]
     layout = {"image": image.nbytes, "matched": image.nbytes} | constraints.VaryingProjection.layout(47, 61)

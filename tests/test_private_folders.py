@@ -101,7 +101,7 @@ def spoil_kernels(home: Path) -> None:
 
 @pytest.mark.parametrize(
     ("spoil", "verbose", "said"),
-    [(spoil_home, "-v", 1), (spoil_home, "-q", 0), (spoil_cache, "--noprogress", 1), (spoil_kernels, "-q", 0)],
+    [(spoil_home, "-v", 1), (spoil_cache, "--noprogress", 1), (spoil_kernels, "-q", 0)],
 )
 def test_without_a_safe_cache_folder_a_run_uses_a_temporary_one(tmp_path, spoil, verbose, said):
     home = tmp_path / "home"

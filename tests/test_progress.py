@@ -15,15 +15,23 @@ from oiiotex.cli.running.progress import Display
 from oiiotex.session.progress import WHOLE, Progress
 from oiiotex.stats import Stats
 
-LONG = ("--texstationarize:size=160x160:iterations=120", "-o", "tile.exr")
+LINE = ("--texstationarize:size=64x64:iterations=20", "-o", "tile.exr")
+# a bar appears at once, not after a second of work
+EARLY = """
+import sys
+from oiiotex.cli.running import progress
+progress._QUIET, progress._TICK = {quiet}, 0.02
+from oiiotex.cli.main import main
+main(sys.argv[1:])
+"""
 
 
-def on_a_terminal(folder, *words) -> str:
+def on_a_terminal(folder, *words, quiet=0.0) -> str:
     """What the program shows on a terminal that says nothing of its size."""
     pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(folder)
-        os.execv(sys.executable, [sys.executable, "-m", "oiiotex", *words])
+        os.execv(sys.executable, [sys.executable, "-c", EARLY.format(quiet=quiet), *words])
     shown = b""
     while True:
         try:
@@ -40,17 +48,17 @@ def on_a_terminal(folder, *words) -> str:
 
 @pytest.mark.parametrize("more", [(), ("-v",)])
 def test_a_terminal_shows_stage_share_rate_and_time_left(photo, more):
-    shown = on_a_terminal(photo.parent, *more, photo.name, *LONG)
+    shown = on_a_terminal(photo.parent, *more, photo.name, *LINE)
     assert "--texstationarize: " in shown and "%|" in shown and "it/s" in shown
 
 
 @pytest.mark.parametrize("option", ["-q", "--noprogress"])
 def test_it_can_be_turned_off(photo, option):
-    assert "%|" not in on_a_terminal(photo.parent, option, photo.name, *LONG)
+    assert "%|" not in on_a_terminal(photo.parent, option, photo.name, *LINE)
 
 
 def test_a_short_run_shows_nothing(photo):
-    assert on_a_terminal(photo.parent, photo.name, "-o", "copy.png") == ""
+    assert on_a_terminal(photo.parent, photo.name, "-o", "copy.png", quiet=progress._QUIET) == ""
 
 
 def test_a_log_has_a_line_now_and_then(photo, monkeypatch, capsys):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 
 import numpy as np
@@ -24,6 +25,7 @@ from tests.any_filter import (
     LABELED,
     PAINTINGS,
     PHOTO,
+    PICTURES,
     RESAMPLED,
     SUMS,
     apply,
@@ -58,13 +60,17 @@ def test_every_filter_is_a_function_with_its_declared_parameters(op):
         assert f"{name} : " in function.__doc__
 
 
+@functools.cache
+def plain(op: type[Op]) -> np.ndarray:
+    """What the op makes of the photo, to compare with what it makes of it in other ways."""
+    return pixels(apply(op, buffer(PHOTO)))
+
+
 @every_filter
 def test_a_seed_is_a_promise(op):
-    photo = buffer(PHOTO)
-    once, again = pixels(apply(op, photo, seed=3)), pixels(apply(op, photo, seed=3))
-    np.testing.assert_array_equal(once, again)
-    if "seed" in settings(op, seed=3) and image_kind(op) is not Kind.IDS:  # these start at random only where asked to
-        assert (pixels(apply(op, photo, seed=4)) != once).mean() > 0.3
+    np.testing.assert_array_equal(pixels(apply(op, buffer(PHOTO), seed=0)), plain(op))
+    if "seed" in settings(op, seed=0) and image_kind(op) is not Kind.IDS:  # these start at random only where asked to
+        assert (pixels(apply(op, buffer(PHOTO), seed=4)) != plain(op)).mean() > 0.3
 
 
 @pytest.mark.slow
@@ -86,28 +92,25 @@ def test_threads_and_budget_do_not_show(op, tmp_path):
 
 @color_filters
 def test_lanes_do_not_show(op, narrow_device):
-    photo = buffer(PHOTO)
     narrow = Session()
     narrow.resources.device = narrow_device
-    np.testing.assert_array_equal(pixels(apply(op, photo)), pixels(apply(op, photo, narrow)))
+    np.testing.assert_array_equal(plain(op), pixels(apply(op, buffer(PHOTO), narrow)))
 
 
 @every_filter
-@pytest.mark.parametrize("tile", [None, (32, 16)], ids=["scanline", "tiled"])
-def test_any_window_is_the_whole_cropped(op, tile, tmp_path):
-    """Windows in any order, of a source that does not start at 0, on any number of threads, in a small cache."""
+def test_any_window_is_the_whole_cropped(op, tmp_path):
+    """Windows in any order, of files in scanlines and in tiles that do not start at 0, on any number of threads."""
     random = np.random.default_rng(1)
     spec = oiio.ImageSpec(72, 64, 5, oiio.HALF)
     spec.channelnames = ("R", "G", "B", "A", "Z")
     spec.x, spec.y, spec.full_x, spec.full_y, spec.full_width, spec.full_height = -9, 13, -9, 13, 72, 64
-    if tile:
-        spec.tile_width, spec.tile_height = tile
     spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
     many = np.concatenate([PHOTO * 4 - 0.1, random.random((64, 72, 2))], -1)
-    out = oiio.ImageOutput.create(str(tmp_path / "a.exr"))
-    assert out.open(str(tmp_path / "a.exr"), spec) and out.write_image(many.astype(np.float16)) and out.close()
     whole = None
-    for threads in (1, 3):
+    for threads, tile in ((1, (0, 0)), (3, (32, 16))):
+        spec.tile_width, spec.tile_height = tile
+        out = oiio.ImageOutput.create(str(tmp_path / "a.exr"))
+        assert out.open(str(tmp_path / "a.exr"), spec) and out.write_image(many.astype(np.float16)) and out.close()
         second = from_buffer(operands(op, buffer(PHOTO))[-1])
         images = dict(zip((i.name for i in op.images()), (read(tmp_path / "a.exr"), second), strict=False))
         images = {i.name: (images[i.name],) if i.many else images[i.name] for i in op.images()}
@@ -217,29 +220,16 @@ def test_data_skips_color(op):
     np.testing.assert_array_equal(pixels(made), pixels(tagged))
 
 
-LIKELY = {(1, oiio.HALF), (2, oiio.UINT8), (3, oiio.FLOAT), (4, oiio.UINT16)}  # each once; all pairs are slow
-
-
 @every_filter
-@pytest.mark.parametrize(
-    ("channels", "kind"),
-    [
-        pytest.param(
-            channels, kind, id=f"{kind}-{channels}", marks=[] if (channels, kind) in LIKELY else pytest.mark.slow
-        )
-        for kind in (oiio.UINT8, oiio.UINT16, oiio.HALF, oiio.FLOAT)
-        for channels in (1, 2, 3, 4)
-    ],
-)
+@pytest.mark.parametrize(("channels", "kind"), [(1, oiio.HALF), (2, oiio.UINT8), (4, oiio.UINT16)], ids=str)
 def test_gray_alpha_and_all_pixel_types_work(op, channels, kind):
     gray = PHOTO[..., :1]
     picture = {
         1: gray,
         2: np.concatenate([gray, np.ones_like(gray)], -1),
-        3: PHOTO,
         4: np.concatenate([PHOTO, np.ones_like(gray)], -1),
     }
-    names = {1: ("Y",), 2: ("Y", "A"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
+    names = {1: ("Y",), 2: ("Y", "A"), 4: ("R", "G", "B", "A")}
     made = apply(op, buffer(picture[channels], kind, names=names[channels]))
     if image_kind(op).is_data:
         assert made.spec().format == (oiio.UINT32 if image_kind(op) is Kind.IDS else oiio.FLOAT)
@@ -268,7 +258,7 @@ def test_broken_values_are_counted_or_left_alone(op, value):
 
 
 @every_filter
-def test_metadata_goes_through_and_stale_hashes_do_not(op):
+def test_metadata_goes_through_stale_hashes_do_not_and_nothing_is_printed(op, capfd):
     photo = buffer(PHOTO)
     photo.specmod().attribute("studio:shot", "ab_010")
     photo.specmod().attribute("oiio:SHA-1", "0123")
@@ -277,17 +267,17 @@ def test_metadata_goes_through_and_stale_hashes_do_not(op):
     assert made.spec().get_string_attribute("oiio:SHA-1") == ""
     tag = "data" if image_kind(op).is_data else "srgb_rec709_scene"
     assert made.spec().get_string_attribute("oiio:ColorSpace") == tag
+    assert capfd.readouterr() == ("", "")
 
 
 @every_filter
 def test_windows_that_do_not_start_at_0_give_the_same_pixels(op):
-    plain = pixels(apply(op, buffer(PHOTO)))
     spec = oiio.ImageSpec(72, 64, 3, oiio.FLOAT)
     spec.x, spec.y, spec.full_x, spec.full_y, spec.full_width, spec.full_height = -7, 11, -7, 11, 72, 64
     spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
     moved = oiio.ImageBuf(spec)
     moved.set_pixels(moved.roi, PHOTO.astype(np.float32))
-    np.testing.assert_array_equal(pixels(apply(op, moved)), plain)
+    np.testing.assert_array_equal(pixels(apply(op, moved)), plain(op))
 
 
 @of(list(filters.FILTERS))
@@ -392,7 +382,7 @@ def test_what_is_no_image_is_refused(op):
         assert isinstance(caught.value, errors.Error)
 
 
-@of(list(filters.FILTERS))
-def test_the_library_never_prints(op, capfd):
+@of([op for op in filters.FILTERS if op not in PICTURES])
+def test_what_draws_labels_never_prints(op, capfd):
     apply(op, buffer(PHOTO))
     assert capfd.readouterr() == ("", "")

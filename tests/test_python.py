@@ -244,7 +244,7 @@ def test_results_are_as_the_stub_says():
         "cut": (photo, {}),
         "superpixel": (photo, {}),
         "lab": (photo, {}),
-        "composite": (labeled, {"level": 1, "size": (64, 64)}),
+        "composite": (labeled, {"level": 1, "size": (64, 64), "tries": 1}),
         "dominant": (photo, {"patch": 5} if "patch" in inspect.signature(filters.dominant).parameters else {}),
     }
     for op in filters.OURS:
@@ -328,23 +328,6 @@ def test_a_users_program_is_clean_and_its_mistakes_are_seen(tmp_path):
     program.write_text("\n".join([*lines, "", *MISTAKES]))
     seen = {int(re.search(r":(\d+):", line)[1]) for line in mypy(program, folder=tmp_path)}
     assert seen == {len(lines) + 2 + n for n in range(len(MISTAKES))}
-
-
-def test_the_public_surface_is_clean(tmp_path):
-    package = ROOT / "oiiotex"
-    names = (
-        "__init__.py",
-        "errors.py",
-        "stats.py",
-        "session/__init__.py",
-        "session/settings.py",
-        "session/resources.py",
-        "session/progress.py",
-        "plugin.py",
-        "python_types.py",
-        "filters/__init__.pyi",
-    )
-    assert mypy(*(package / name for name in names), folder=tmp_path) == []
 
 
 def test_the_wheel_says_that_it_is_typed():

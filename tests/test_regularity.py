@@ -72,7 +72,7 @@ def test_the_folded_mean_is_that_of_equal_phases():
         assert folded[k] == pytest.approx(np.average(likeness.ncc[at], weights=likeness.weight[at]), abs=1e-3)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1])
 @pytest.mark.parametrize("name", VECTORS)
 def test_the_lattice_of_a_texture_is_found_to_a_fraction_of_a_pixel(name, seed):
     lattice = find_lattice(values_of(regular(name, 224, 256, seed)))
@@ -86,7 +86,7 @@ def test_the_lattice_of_a_texture_is_found_to_a_fraction_of_a_pixel(name, seed):
         assert np.abs(np.rint(steps)).max() == 1
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", ["noise", "blurred", "moss"])
 def test_no_lattice_is_found_where_there_is_none(name, seed):
     side = 192

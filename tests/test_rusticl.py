@@ -15,7 +15,7 @@ from benchmarks.gpu.run import kernel_tests, run_tests
 from tests.test_same_bits import bits
 
 LIBRARY = os.environ.get("OIIOTEX_RUSTICL") or next(map(str, Path("/usr/lib").glob("*/libRusticlOpenCL.so.1")), "")
-SECONDS = 600  # for all tests of kernels; what does not fit is counted
+SECONDS = 180  # for all tests of kernels; what does not fit is counted
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not LIBRARY, reason="NOTHING RUN ON RUSTICL: not installed: mesa-opencl-icd"),

@@ -3,8 +3,6 @@
 
 import re
 import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -13,13 +11,13 @@ from hypothesis import strategies as st
 from oiiotex.cli.language.sequences import MOST_FRAMES, Frame, frame_numbers
 from oiiotex.cli.language.sequences import frames as all_frames
 from oiiotex.errors import ParameterError
+from tests.peer import OIIOTOOL
 
 
 def frames(words, takes=lambda option: int(option in ("-i", "--i") or option.startswith("-o"))):
     return all_frames(words, takes)
 
 
-OIIOTOOL = Path(sys.executable).parent / "oiiotool"
 # Names only: oiiotool resolves the words before it opens any file, and --debug prints what it makes of them.
 FILES = """
     a.0001.tif a.0002.tif a.0005.tif a.12345.tif a.00007.tif a.01.tif

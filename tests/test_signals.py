@@ -86,8 +86,10 @@ print("went on")
 STUCK = {"out.jxl": ["-o"], "out.webp": ["--compression", "lossless:100", "-o"], "out.tx": ["-otex"]}
 
 
-@pytest.mark.parametrize("name", ["out.jxl", slow("out.webp"), slow("out.tx")])
-@pytest.mark.parametrize(("number", "code"), [ENDS[1], slow(*ENDS[0]), slow(*ENDS[2])])
+@pytest.mark.parametrize(
+    ("name", "number", "code"),
+    [("out.jxl", *ENDS[1]), slow("out.webp", *ENDS[0]), slow("out.tx", *ENDS[2])],
+)
 def test_a_signal_is_heard_while_a_format_encodes_for_seconds(tmp_path, name, number, code):
     """OpenImageIO's own code keeps the main thread, so that Python's handlers do not run."""
     side = 6000 if name == "out.tx" else 2500
@@ -151,7 +153,7 @@ def test_a_run_that_is_to_ignore_interrupts_ignores_them(tmp_path):
 )
 def test_a_signal_to_parallel_frames_ends_all_processes(tmp_path, number, code):
     (tmp_path / "out.0001.exr").write_bytes(OLD)
-    words = ["--frames", "1-8", "--parallel-frames", "--threads", "2", *SLOW, "-o", "out.#.exr"]
+    words = ["--frames", "1-4", "--parallel-frames", "--threads", "2", *SLOW, "-o", "out.#.exr"]
     run = start(tmp_path, *words)
     wait_for(lambda: half_written(tmp_path), run)
     run.send_signal(number)
@@ -162,7 +164,7 @@ def test_a_signal_to_parallel_frames_ends_all_processes(tmp_path, number, code):
 
 
 def test_a_ctrl_c_which_goes_to_all_processes_is_silent_too(tmp_path):
-    words = ["--frames", "1-8", "--parallel-frames", "--threads", "2", *SLOW, "-o", "out.#.exr"]
+    words = ["--frames", "1-4", "--parallel-frames", "--threads", "2", *SLOW, "-o", "out.#.exr"]
     run = start(tmp_path, *words)
     wait_for(lambda: half_files(tmp_path), run)
     os.killpg(run.pid, signal.SIGINT)
@@ -173,7 +175,7 @@ def test_a_ctrl_c_which_goes_to_all_processes_is_silent_too(tmp_path):
 
 
 def test_a_killed_worker_is_an_error_and_not_an_endless_wait(tmp_path):
-    words = ["--frames", "1-8", "--parallel-frames", "--threads", "2", *SLOW, "-o", "out.#.exr"]
+    words = ["--frames", "1-4", "--parallel-frames", "--threads", "2", *SLOW, "-o", "out.#.exr"]
     run = start(tmp_path, *words)
     workers: list[int] = []
 
@@ -191,7 +193,7 @@ def test_a_killed_worker_is_an_error_and_not_an_endless_wait(tmp_path):
     assert [name for name in half_files(tmp_path) if f"-{pid}-" not in name] == []
     oiiotex("--create", "8x8", "3", "-o", "next.exr", cwd=tmp_path)
     whole = set(os.listdir(tmp_path)) - {"next.exr"}  # frames that others had done by then
-    assert all(re.fullmatch(r"out\.000[1-8]\.exr", name) for name in whole)
+    assert all(re.fullmatch(r"out\.000[1-4]\.exr", name) for name in whole)
     assert all(load(tmp_path / name).size for name in whole)
 
 

@@ -46,13 +46,14 @@ def wide(path: Path, height: int) -> Path:
     return path
 
 
-@pytest.mark.parametrize("op", ["--flip", slow("--mulc 0.5"), "--cut 700x50+99300+9"])
-@pytest.mark.parametrize("ending", ["exr", "tif"])
+@pytest.mark.parametrize(
+    ("ending", "op"), [("exr", "--flip"), ("tif", "--cut 700x50+99300+9"), slow("tif", "--mulc 0.5")]
+)
 def test_memory_does_not_grow_with_the_scanlines_of_a_wide_file(tmp_path, ending, op):
-    low, high = (wide(tmp_path / f"{height}.{ending}", height) for height in (64, 320))
+    low, high = (wide(tmp_path / f"{height}.{ending}", height) for height in (64, 256))
     words = ["--cache", "32", "--compression", "none", *op.split(), "-o", f"out.{ending}"]
     grown = peak_of(tmp_path, high, *words) - peak_of(tmp_path, low, *words)
-    assert grown < 100  # its floats alone are 293 MB more
+    assert grown < 100  # its floats alone are 220 MB more
     if op == "--flip":
         np.testing.assert_array_equal(load(tmp_path / f"out.{ending}"), load(low)[::-1])
     if op.startswith("--cut"):

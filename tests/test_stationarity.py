@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from oiiotex.core.source_map import SourceMap
 from oiiotex.core.window import Domain
 from oiiotex.quality import copy_detection, seam_measures
 from oiiotex.quality.seam_measures import line_jumps, seam_ratio, sharpness
@@ -58,24 +57,6 @@ def test_a_constant_image_costs_nothing_and_drift_costs_more():
     plain = (pictures.pebbles(96, 96, 0) * [90, 40, 40]).astype(np.float32)
     drifting = plain * np.linspace(0.5, 1.5, 96, dtype=np.float32)[None, :, None]
     assert st.stationarity_cost(drifting, 8.0) > 1.5 * st.stationarity_cost(plain, 8.0)
-
-
-def test_texture_cost_is_eq_5_for_the_given_matches():
-    random = np.random.default_rng(0)
-    lab, exemplar = random.random((12, 14, 3)), random.random((20, 18, 3))
-    y, x = random.integers(0, 16, (12, 14)), random.integers(0, 14, (12, 14))
-    total = 0.0
-    for r in range(12):
-        for c in range(14):
-            here = lab[np.ix_(np.arange(r, r + 5) % 12, np.arange(c, c + 5) % 14)]
-            total += ((here - exemplar[y[r, c] : y[r, c] + 5, x[r, c] : x[r, c] + 5]) ** 2).sum() / 25
-    assert st.texture_cost(lab, exemplar, SourceMap.of(y, x), 5) == pytest.approx(total / (12 * 14))
-
-
-def test_a_copy_of_the_exemplar_has_no_texture_cost():
-    exemplar = lab_like(30, 30)
-    y, x = np.mgrid[0:20, 0:20]
-    assert st.texture_cost(exemplar, exemplar, SourceMap.of(y, x), 11) == 0.0
 
 
 def test_the_seam_ratio_sees_the_wrap_alone():

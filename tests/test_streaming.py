@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Promise 1 for the host's ops: a result has the same pixels whichever windows it is read by.
 
-Every op of `host.OPS` has an entry in `SAMPLES`; one without fails. Sources give any window but say that it is dear, as
+Every op of `host.OPS` has an entry in `SAMPLES`; an empty one needs a file, or what no built-in color config has, or
+its result is deep. Sources give any window but say that it is dear, as
 files do, lie off the origin, and are larger than the pieces in which ops keep rows.
 """
 
@@ -247,12 +248,12 @@ def computed(op: type[Op], arguments: dict[str, Any], data: Window, type: str, s
 
 def windows_of(whole: Window) -> Iterator[list[Window]]:
     """Ways to cut a window up."""
-    yield list(whole.cells(whole.width, 1))
-    yield list(whole.cells(1, whole.height))
+    yield list(whole.cells(whole.width, 1))[::3]
+    yield list(whole.cells(1, whole.height))[1::4]
     yield list(whole.cells(17, 9))[::-1]
     random = np.random.default_rng(0)
     found = []
-    for _ in range(12):
+    for _ in range(8):
         x, y = (sorted(random.integers(0, side + 1, 2)) for side in (whole.width, whole.height))
         window = Window(whole.left + x[0], whole.top + y[0], whole.left + x[1], whole.top + y[1])
         found += [] if window.empty else [window]
@@ -269,17 +270,20 @@ def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
 CASES = [
     pytest.param(op, number, id=f"{op.name}-{number}")
     for op in host.OPS
-    for number in range(max(1, len(SAMPLES.get(op.name, []))))
+    for number in range(len(SAMPLES.get(op.name, [])))
 ]
 
 
-@pytest.mark.parametrize("where", DATA)
+def test_every_op_has_an_entry():
+    assert {op.name for op in host.OPS} == set(SAMPLES)
+
+
+@pytest.mark.parametrize("where", ["overscan", "aside"])
 @pytest.mark.parametrize(("op", "number"), CASES)
 def test_windows_do_not_show(op: type[HostOp], number: int, where: str, small_pieces: None):
     """Rows, columns, squares and random windows are pieces of the whole."""
-    assert op.name in SAMPLES, f"{op.flag()} needs an entry in SAMPLES"
-    if not SAMPLES[op.name]:
-        pytest.skip("needs a file, or what no built-in color config has, or its result is deep")
+    if issubclass(op, Pointwise) and where == "aside":
+        where = "inset"  # it sees no borders
     arguments = SAMPLES[op.name][number]
     type = "half" if where == "overscan" else "float"
     whole = computed(op, arguments, DATA[where], type, Session())
@@ -296,18 +300,15 @@ def test_windows_do_not_show(op: type[HostOp], number: int, where: str, small_pi
             np.testing.assert_array_equal(part.read(window), pixels[window.inside(whole.window)], str(window))
 
 
-@pytest.mark.parametrize("where", DATA)
 @pytest.mark.parametrize(("op", "number"), CASES)
-def test_pieces_do_not_show(op: type[HostOp], number: int, where: str, monkeypatch: pytest.MonkeyPatch):
+def test_pieces_do_not_show(op: type[HostOp], number: int, monkeypatch: pytest.MonkeyPatch):
     """Small pieces, squares and a spilled source give what one piece gives, from all of the source."""
-    if not SAMPLES.get(op.name):
-        pytest.skip("has no sample")
-    arguments = SAMPLES[op.name][number]
-    at_once = computed(op, arguments, DATA[where], "float", Session())
+    arguments, data = SAMPLES[op.name][number], DATA["inset"]
+    at_once = computed(op, arguments, data, "float", Session())
     pixels = np.array(at_once.read(at_once.window))
     monkeypatch.setattr(demand, "BAND_BYTES", 4 << 10)
     monkeypatch.setattr(remapping, "_CELL", 8)
-    small = computed(op, arguments, DATA[where], "float", Session(budget=60 << 10 if kinds_of(op) else 1 << 30))
+    small = computed(op, arguments, data, "float", Session(budget=60 << 10 if kinds_of(op) else 1 << 30))
     for window in small.window.cells(small.window.width, 5):
         np.testing.assert_array_equal(small.read(window), pixels[window.inside(small.window)], str(window))
 
@@ -317,11 +318,11 @@ def kinds_of(op: type[HostOp]) -> bool:
     return op.name in ("rotate90", "rotate270", "transpose")
 
 
-@pytest.mark.parametrize(("op", "number"), CASES)
+@pytest.mark.parametrize(
+    ("op", "number"), [one for one in CASES if issubclass(one.values[0], Pointwise | Neighborhood)]
+)
 def test_an_op_reads_what_its_access_kind_says(op: type[HostOp], number: int, monkeypatch: pytest.MonkeyPatch):
     """Nothing before a window is asked for; then that window, or what is around it as far as the halo says."""
-    if not SAMPLES.get(op.name) or not issubclass(op, Pointwise | Neighborhood):
-        pytest.skip("may look anywhere, or has no sample")
     monkeypatch.setattr(remapping, "cached", lambda part, cache: part)
     asked: list[Window] = []
 

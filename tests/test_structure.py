@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import tomllib
 from pathlib import Path
 
@@ -58,7 +59,7 @@ def imported_rooms(path: Path) -> set[str]:
     """Rooms of ours that a module imports when it is loaded (imports inside functions and for typing are later)."""
     package = ["oiiotex", *path.relative_to(PACKAGE).parts[:-1]]
     rooms = set()
-    for node in ast.parse(path.read_text()).body:
+    for node in tree_of(path).body:
         if isinstance(node, ast.ImportFrom) and node.level:
             base = package[: len(package) - node.level + 1]
             target = [*base, *(node.module or "").split(".")]
@@ -67,18 +68,30 @@ def imported_rooms(path: Path) -> set[str]:
     return rooms - {"__version__"}
 
 
-every_module = pytest.mark.parametrize(
-    "path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE))
-)
+MODULES = sorted(PACKAGE.rglob("*.py"))
+tree_of = functools.cache(lambda path: ast.parse(path.read_text()))
 
 
-@every_module
-def test_imports_run_one_way(path):
-    room = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
-    if room in ("cl", "__init__"):
-        return
-    for other in imported_rooms(path) - {room}:
-        assert RANK[other] < RANK[room], f"{room} imports {other}"
+@pytest.fixture(scope="module", autouse=True)
+def trees_of_this_module():
+    """A million nodes are not left for the garbage collector to look through in all further tests."""
+    yield
+    tree_of.cache_clear()
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def test_imports_run_one_way():
+    rooms = [(path, room_of(path)) for path in MODULES if room_of(path) not in ("cl", "__init__")]
+    wrong = [
+        f"{path}: {room} imports {other}"
+        for path, room in rooms
+        for other in imported_rooms(path) - {room}
+        if RANK[other] >= RANK[room]
+    ]
+    assert not wrong
 
 
 STUDIO = {"live", "library", "farm", "recipes"}
@@ -89,30 +102,30 @@ SURFACE = {"api", "deferred", "errors"} | STUDIO
 def test_the_studio_layer_stands_on_the_public_surface(room):
     """So that it could be a distribution of its own."""
     for path in (PACKAGE / room).glob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):  # imports inside functions, too
+        for node in ast.walk(tree_of(path)):  # imports inside functions, too
             if isinstance(node, ast.ImportFrom) and node.level > 1:
                 names = [node.module.split(".")[0]] if node.module else [alias.name for alias in node.names]
                 assert set(names) <= SURFACE | {"__version__"}, path.name
 
 
-@every_module
-def test_no_module_imports_the_file_of_an_op(path):
+def test_no_module_imports_the_file_of_an_op():
     """What needs an op asks for it by name: `filters.op_named`. The room's list imports by name, too."""
     files = {op.stem for op in (PACKAGE / "filters").glob("tex*.py")}
     assert len(files) == len(filters.SHELVES)
-    for node in ast.walk(ast.parse(path.read_text())):
-        names = [alias.name for alias in node.names] if isinstance(node, (ast.Import, ast.ImportFrom)) else []
-        names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-        assert not files & {word for name in names for word in name.split(".")}, ast.unparse(node)
+    for path in MODULES:
+        for node in ast.walk(tree_of(path)):
+            names = [alias.name for alias in node.names] if isinstance(node, (ast.Import, ast.ImportFrom)) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not files & {word for name in names for word in name.split(".")}, (path, ast.unparse(node))
 
 
 def test_below_the_ops_nothing_has_a_session():
     """But `compute` and `mapped`, which every op has: they take from it what the functions below need."""
     rooms = [room for room, rank in RANK.items() if rank < RANK["filters"] and room not in HOLDERS]
-    below = [path for path in PACKAGE.rglob("*.py") if path.relative_to(PACKAGE).parts[0].removesuffix(".py") in rooms]
+    below = [path for path in MODULES if room_of(path) in rooms]
     assert len(below) > 100
     for path in below:
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.FunctionDef) and node.name not in ("compute", "mapped"):
                 assert "session" not in {one.arg for one in (*node.args.args, *node.args.kwonlyargs)}, path
             if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
@@ -134,24 +147,20 @@ def test_the_wheel_holds_every_room():
     assert set(packages) == rooms | {"oiiotex.ocio", "oiiotex.howto"}
 
 
-@pytest.mark.parametrize(
-    "path",
-    sorted([*PACKAGE.rglob("*.py"), *(ROOT / "tests").rglob("*.py")]),
-    ids=lambda p: str(p.relative_to(ROOT)),
-)
-def test_modules_stay_small_and_say_their_license(path):
-    lines = path.read_text().splitlines()
-    assert len(lines) <= 400
-    # REUSE-IgnoreStart
-    assert lines[0] == "# SPDX-License-Identifier: Apache-2.0"
-    # REUSE-IgnoreEnd
+def test_modules_stay_small_and_say_their_license():
+    for path in (*MODULES, *(ROOT / "tests").rglob("*.py")):
+        lines = path.read_text().splitlines()
+        assert len(lines) <= 400, path
+        # REUSE-IgnoreStart
+        assert lines[0] == "# SPDX-License-Identifier: Apache-2.0", path
+        # REUSE-IgnoreEnd
 
 
 def test_a_type_has_a_name_of_its_own():
     """Classes and aliases of types; those of host ops are called as oiiotool's options."""
     places: dict[str, set[str]] = {}
-    for path in (p for p in PACKAGE.rglob("*.py") if p.relative_to(PACKAGE).parts[0] != "host"):
-        for node in ast.parse(path.read_text()).body:
+    for path in (p for p in MODULES if room_of(p) != "host"):
+        for node in tree_of(path).body:
             names = [node.name] if isinstance(node, ast.ClassDef) else []
             if isinstance(node, ast.Assign) and "TypeVar(" not in ast.unparse(node.value):
                 names = [target.id for target in node.targets if isinstance(target, ast.Name)]

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.wang.tiles import Edges, edges_of, runs_for
+from oiiotex.wang.tiles import Edges, between, edges_of, runs_for
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
@@ -18,16 +20,15 @@ SMALL = {"size": (56, 64), "iterations": 4, "patch": 7, "seed": 1}
 
 
 def test_sixteen_tiles_have_all_edges_and_eight_two_for_each_corner():
-    assert sorted(edges_of(16)) == sorted(
-        Edges(n, e, s, w) for n in (0, 1) for e in (0, 1) for s in (0, 1) for w in (0, 1)
-    )
-    for count in (8, 9, 12, 16, 20):
+    assert sorted(edges_of(16)) == sorted(between(*corners) for corners in itertools.product((0, 1), repeat=4))
+    assert edges_of(16)[0b0110] == Edges(1, 2, 2, 1)  # upper left 0, upper right 1, lower left 1, lower right 0
+    for count in (8, 9, 12):
         edges = edges_of(count)
         for corner in ((0, 0), (0, 1), (1, 0), (1, 1)):
             fitting = [e for e in edges if (e.north, e.west) == corner]
             assert len(fitting) >= 2 and len({(e.east, e.south) for e in fitting}) >= 2
     assert edges_of(3) == [Edges(0, 0, 0, 0)] * 3
-    assert (runs_for(3), runs_for(16)) == (4, 18)
+    assert (runs_for(3), runs_for(8), runs_for(16)) == (4, 10, 20)
 
 
 @pytest.mark.parametrize("count", [2, 9])

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import re
 import shlex
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import OpenImageIO as oiio
-import pytest
 
 from oiiotex import host
 from oiiotex.cli.language.parse import Refused, parse, split_modifiers
@@ -43,7 +44,7 @@ OURS = {
 SPACES = r"--iscolorspace (?:\"([^\"]+)\"|([A-Za-z]\w+))"
 PLACEHOLDERS = {"NAME", "SPACE"}  # for a color space
 NO_MODIFIERS = {"colorspace", "lines"}  # of Python alone: where a call says the space, and of `Output`
-OTHER_FILES = {".venv", ".gitignore", ".typed"}
+OTHER_FILES = {".venv", ".gitignore", ".typed", ".hlsl", ".wgsl"}
 
 
 def library_options() -> set[str]:
@@ -74,11 +75,11 @@ def shown(text: str, program: str) -> list[str]:
     return [line for line in lines if line.startswith(program)]
 
 
-@pytest.mark.parametrize("source", TEXTS)
-def test_every_option_and_its_modifiers_are_there(source):
+def missing_words(text: str) -> list[str]:
+    """Options and modifiers in a text that are not there."""
     missing = []
-    others = OTHERS | (library_options() if "oiiotex-library" in TEXTS[source] else set())
-    for word in words_in(TEXTS[source]) - WRONG - others:
+    others = OTHERS | (library_options() if "oiiotex-library" in text else set())
+    for word in words_in(text) - WRONG - others:
         name, _, rest = word.rstrip(".:").partition(":")
         if name in WRONG | OTHERS or name.endswith(("-", "_")):
             continue
@@ -89,12 +90,21 @@ def test_every_option_and_its_modifiers_are_there(source):
             continue
         named = re.findall(r"(?:^|:)([A-Za-z_]+)=", rest)
         missing += [f"{name}:{one}" for one in named if known is not None and one not in known]
-    assert missing == []
+    return missing
 
 
-@pytest.mark.parametrize("source", [name for name, text in TEXTS.items() if "\noiiotex " in text])
-def test_every_line_that_is_shown_is_one_that_the_program_takes(source):
-    lines = shown(TEXTS[source], "oiiotex ")
+def missing_in_texts(missing: Callable[[str], Iterable[str]]) -> dict[str, list[str]]:
+    """What is missing of each text, where anything is."""
+    return {source: found for source, text in TEXTS.items() if (found := sorted(missing(text)))}
+
+
+def test_every_option_and_its_modifiers_are_there():
+    assert missing_in_texts(missing_words) == {}
+
+
+def test_every_line_that_is_shown_is_one_that_the_program_takes():
+    lines = [line for text in TEXTS.values() for line in shown(text, "oiiotex ")]
+    assert len(lines) > 200
     for line in lines:
         if "..." in line or "[" in line:  # a synopsis
             continue
@@ -117,36 +127,30 @@ def test_every_color_space_that_is_named_is_in_the_config_that_is_built_in():
         config.resolve(name)
 
 
-@pytest.mark.parametrize("source", [name for name, text in TEXTS.items() if "\noiiotex-library " in text])
-def test_every_line_of_the_library_that_is_shown_is_one_that_it_takes(source):
-    lines = shown(TEXTS[source], "oiiotex-library ")
+def test_every_line_of_the_library_that_is_shown_is_one_that_it_takes():
+    lines = [line for text in TEXTS.values() for line in shown(text, "oiiotex-library ")]
     assert lines
     for line in lines:
         words = shlex.split(re.split(r" \|\| | > ", line)[0], comments=True)[1:]
         library._parser().parse_args(words)
 
 
-@pytest.mark.parametrize("source", TEXTS)
-def test_modifiers_that_are_named_alone_are_some_ops(source):
+def test_modifiers_that_are_named_alone_are_some_ops():
     known = set().union(*({p.name for p in op.modifiers()} for op in (*FILTERS, *host.OPS)))
     known |= {p.name for o in LANGUAGE.options if o.modifiers for p in declared(o.modifiers)[1]}
-    named = set(re.findall(r"`:?([a-z_]+)=[^`\s]*`", TEXTS[source]))
-    assert named - known - NO_MODIFIERS == set()
+    known |= NO_MODIFIERS
+    assert missing_in_texts(lambda text: set(re.findall(r"`:?([a-z_]+)=[^`\s]*`", text)) - known) == {}
 
 
-@pytest.mark.parametrize("source", TEXTS)
-def test_every_file_type_is_one_that_is_read_or_written(source):
+def test_every_file_type_is_one_that_is_read_or_written():
     listed = oiio.get_string_attribute("extension_list")
     known = {f".{suffix}" for one in listed.split(";") for suffix in one.partition(":")[2].split(",")}
-    named = set(re.findall(r"(?<![\w/)\]*}#>%-])(\.[a-z][a-z0-9]{1,4})(?![\w.(/-])", TEXTS[source]))
-    assert named - known - OURS - OTHER_FILES == set()
+    known |= OURS | OTHER_FILES
+    named = re.compile(r"(?<![\w/)\]*}#>%-])(\.[a-z][a-z0-9]{1,4})(?![\w.(/-])")
+    assert missing_in_texts(lambda text: set(named.findall(text)) - known) == {}
 
 
-@pytest.mark.parametrize("source", TEXTS)
-def test_every_file_of_ours_that_is_named_is_there(source):
-    named = set(
-        re.findall(
-            r"(?<![\w/(])((?:docs|tests|benchmarks|golden|hosts|oiiotex|tools)/[\w./*-]+\.(?:md|py|cl))", TEXTS[source]
-        )
-    )
-    assert [name for name in named if "NAME" not in name and not list(ROOT.glob(name))] == []
+def test_every_file_of_ours_that_is_named_is_there():
+    ours = re.compile(r"(?<![\w/(])((?:docs|tests|benchmarks|golden|hosts|oiiotex|tools)/[\w./*-]+\.(?:md|py|cl))")
+    there = functools.cache(lambda name: "NAME" in name or any(ROOT.glob(name)))
+    assert missing_in_texts(lambda text: {name for name in ours.findall(text) if not there(name)}) == {}

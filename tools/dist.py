@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make dist`: the source archive and the wheel of the last commit in dist/, with their checksums.
 
-They are built twice: from the commit, and from the source archive of the first build. Both must be equal to the byte.
+They are built twice: from the commit, and from the source archive of the first build. Both must have the same bytes.
+Links of the README are made absolute, for PyPI's page.
 """
 
 from __future__ import annotations
@@ -11,10 +12,12 @@ import gzip
 import hashlib
 import io
 import os
+import re
 import subprocess
 import sys
 import tarfile
 import tempfile
+import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -37,7 +40,7 @@ def build(kind: str, source: Path, into: Path) -> Path:
 
 
 def normalized(archive: Path, time: int) -> bytes:
-    """A .tar.gz with its members in order, of one user and time: setuptools keeps those of the build, and its notes."""
+    """A .tar.gz with its members in order, of one user and time, without setuptools' notes of the build."""
     packed = io.BytesIO()
     with (
         tarfile.open(archive) as old,
@@ -63,6 +66,25 @@ def unpacked(archive: bytes, into: Path) -> Path:
     return entries[0] if len(entries) == 1 else into
 
 
+def absolute_links(text: str, repository: str, tag: str) -> str:
+    """A page of the repository's root with the addresses of its links and pictures in the tagged repository."""
+
+    def address(link: re.Match[str]) -> str:
+        return f"{link[1]}{link[2]}]({repository}/{'raw' if link[1] else 'blob'}/{tag}/{link[3]})"
+
+    return re.sub(r"(!?)(\[[^\]]*)\]\((?!https?:|#)([^)\s]+)\)", address, text)
+
+
+def with_absolute_links(source: Path) -> Path:
+    """The source folder, whose README has absolute links."""
+    project = tomllib.loads((source / "pyproject.toml").read_text())["project"]
+    version = re.search(r'__version__ = "(.+)"', (source / "oiiotex" / "__init__.py").read_text())
+    assert version
+    readme = source / "README.md"
+    readme.write_text(absolute_links(readme.read_text(), project["urls"]["Repository"], f"v{version[1]}"))
+    return source
+
+
 def both(source: Path, work: Path, time: int) -> dict[str, bytes]:
     """Source archive and wheel of a source folder, by file name; the wheel is built from the archive."""
     sdist = build("sdist", source, work / "sdist")
@@ -82,7 +104,8 @@ def main() -> None:
     os.environ["SOURCE_DATE_EPOCH"] = str(time)
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
-        first = both(unpacked(git("archive", "HEAD"), work / "commit"), work / "first", time)
+        commit = with_absolute_links(unpacked(git("archive", "HEAD"), work / "commit"))
+        first = both(commit, work / "first", time)
         second = both(next((work / "first" / "unpacked").iterdir()), work / "second", time)
     if first != second:
         sys.exit(f"not reproducible: {', '.join(file for file in first if first[file] != second.get(file))}")

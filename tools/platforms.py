@@ -148,7 +148,7 @@ def tried(row: Platform, wheel: Path, source: Path) -> str:
     shutil.copytree(source / "tools", place / "tools")
     run(python, "-m", "tools.demo", cwd=place)
     tile = hashlib.sha1((place / "demo-out" / "tile.png").read_bytes()).hexdigest()[:8]
-    tests = run(python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", *TESTS, cwd=source)
+    tests = run(python, "-m", "pytest", "-p", "no:cacheprovider", "-m", "not slow", *TESTS, cwd=source)
     versions = run(python, "-c", VERSIONS, cwd=place).strip()
     return f"{versions} | demo: tile {tile}; {tests.strip().splitlines()[-1]}"
 

@@ -145,7 +145,7 @@ def main() -> None:
                     settings,
                     found.edges,
                     session.resources,
-                    lambda: superpixel_subtextures(found, small, session.resources),  # noqa: B023 - called at once
+                    lambda: [superpixel_subtextures(found, small, session.resources)],  # noqa: B023 - called at once
                 )
                 took = time.perf_counter() - start
                 scores = [score(case.truth, level.labels[ids], level.groups[ids]) for level in labeled]

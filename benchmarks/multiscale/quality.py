@@ -53,7 +53,8 @@ def lab(plane: Plane, maker: Synthesizer, level: int, window: Window) -> np.ndar
     """Pixels as L, a and b minus the root's mean: (h, w, 3)."""
     state = maker.window(level, window)
     planes = plane.analysis.stacks.planes.reshape(-1, 4)
-    return (planes[state.texel][..., :3] + state.offset[..., :3].astype(float)) / FINE_STEPS
+    moved = 0 if state.offset is None else state.offset[..., :3].astype(float)
+    return (planes[state.texel][..., :3] + moved) / FINE_STEPS
 
 
 def zooms(folder: Path, session: Session, side: int) -> None:

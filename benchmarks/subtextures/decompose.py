@@ -37,6 +37,11 @@ from oiiotex.run import run
 from oiiotex.segmentation import clique_partition, subtextures
 from oiiotex.session import Session
 
+HEAD = (
+    "| images | setting | covering | Rand | ARI | correct | accuracy | labels | border % | CPU s |\n"
+    + "|---" * 10
+    + "|"
+)
 PAPER = {"features": "haar", "assign": "neighbors", "refine": False}
 SETTINGS = {
     "default": {},
@@ -136,11 +141,7 @@ def main() -> None:
         "tune": lambda: list(suite("tune", arguments.mosaics)),
         "judge": lambda: list(suite("judge", arguments.mosaics)),
     }
-    print(
-        "| images | setting | covering | Rand | ARI | correct | accuracy | labels | border % | CPU s |",
-        "|---" * 10 + "|",
-        sep="\n",
-    )
+    print(HEAD)
     for group in arguments.groups.split(","):
         found = groups[group]()
         ways = {

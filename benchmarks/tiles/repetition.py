@@ -28,7 +28,7 @@ from oiiotex.patchmatch.matcher import match_patches
 from oiiotex.patchmatch.optimization import synthesize
 from oiiotex.quality.copy_detection import copies_by_source
 from oiiotex.session import Session
-from oiiotex.stationarity.costs import stationarity_cost, texture_cost
+from oiiotex.stationarity.costs import stationarity_cost
 
 NAMES = ("shown", "texture", "stationarity", "LowF", "sharpness", "CPU s")
 PARTS = ("gray", "noise", "black", "white")
@@ -44,11 +44,11 @@ def measures(photo: Photo, seed: int, complete: bool) -> np.ndarray:
     tile = synthesize(resources.device, photo.lab, photo.opaque, recipe, resources.budget, lambda done, total: None)
     spent = time.process_time() - before
     lab = tile.source.gather(photo.lab)
-    field = match_patches(resources.device, lab, photo.lab, tile.field, 11, recipe, 1, resources.budget)
+    _, texture = match_patches(resources.device, lab, photo.lab, tile.field, 11, recipe, 1, resources.budget)
     return np.array(
         [
             copies_by_source(tile.source, photo.lab.shape[:2]).shown,
-            texture_cost(lab, photo.lab, field),
+            texture,
             stationarity_cost(lab, photo.sigma),
             low_frequency(lab[..., 0]),
             sharpness(lab[..., 0]),

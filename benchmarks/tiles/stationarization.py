@@ -39,7 +39,7 @@ from oiiotex.patchmatch import optimization as module
 from oiiotex.patchmatch.matcher import match_patches
 from oiiotex.patchmatch.recipe import Recipe
 from oiiotex.session import Session
-from oiiotex.stationarity.costs import stationarity_cost, texture_cost
+from oiiotex.stationarity.costs import stationarity_cost
 
 MEASURES = ("histogram", "moments", "steerable")
 BASELINE, DEFAULT = "patchmatch", "default"
@@ -101,11 +101,11 @@ class Photo:
         corners = (
             np.clip(np.roll(n, (-half, -half), (0, 1)) - half, 0, m) for n, m in zip(source.yx, last, strict=True)
         )
-        field = match_patches(
+        _, texture = match_patches(
             resources.device, tile, exemplar, SourceMap.of(*corners), PAPER_PATCH, Domain(width, height, True, True), 1,
             resources.budget,
         )  # fmt: skip
-        return texture_cost(tile, exemplar, field)
+        return texture
 
     def traced(self, variant: str, seed: int) -> list[tuple[float, float, float]]:
         """(stationarity, texture, deviation) after every iteration, at the size of its level."""
@@ -122,10 +122,11 @@ class Photo:
                 super().iterate(iteration, passes)
                 tile = self._matcher.pick().gather(self.lab)
                 cost = stationarity_cost(tile, sigma * self.scale)
-                texture = texture_cost(tile, self.lab, self._matcher.field())
-                found.append((cost, texture, _deviation(self.lab)))
+                field, torus = self._matcher.field(), Domain(*tile.shape[1::-1], True, True)
+                given = resources.device, tile, self.lab, field, 11, torus, 1, resources.budget
+                found.append((cost, match_patches(*given, passes=0)[1], _deviation(self.lab)))
 
-        sigma = self.sigma
+        sigma, resources = self.sigma, self.session.resources
         with mock.patch.object(module, "_Level", Traced):
             self.made(variant, seed)
         return found

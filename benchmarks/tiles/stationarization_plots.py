@@ -11,14 +11,15 @@ import matplotlib
 import numpy as np
 from scipy import stats
 
-from benchmarks.tiles.stationarization import BASELINE, MEASURES, TEXTURE, best_seed, rows
+from benchmarks.tiles.stationarization import BASELINE, DEFAULT, FLAT_TEXTURE, MEASURES, TEXTURE, best_seed, rows
 
 matplotlib.use("Agg")
 from matplotlib import pyplot
 
 _OURS, _THEIRS = "#1f77b4", "#ff7f0e"  # as in the paper: ours blue, toroidal PatchMatch orange
-_COLORS = {BASELINE: _THEIRS, "histogram": _OURS, "moments": "#2ca02c", "steerable": "#9467bd"}
-_NAMES = {BASELINE: "toroidal PatchMatch"}
+_COLORS = {BASELINE: _THEIRS, "histogram": _OURS, "moments": "#2ca02c", "steerable": "#9467bd", DEFAULT: "#7f7f7f"}
+_NAMES = {BASELINE: "toroidal PatchMatch", DEFAULT: "our default"}
+_COMPARED = (("histogram", "histogram"), (DEFAULT, "histogram"), *((m, m) for m in MEASURES[1:]))  # variant, measure
 _CONFIDENCE = 0.95
 
 Costs = dict[tuple[str, int, str, str], float]  # photo, seed, variant, measure
@@ -42,12 +43,13 @@ def over_seeds(costs: Costs, variant: str, measure: str) -> dict[str, np.ndarray
     return {photo: np.array(values) for photo, values in found.items()}
 
 
-def pairs(costs: Costs, measure: str, what: str) -> list[tuple[str, int, float, float]]:
-    """(photo, seed, ours, baseline's) by `what`, for seeds that both have."""
+def pairs(costs: Costs, of: str, what: str, theirs: str = "") -> list[tuple[str, int, float, float]]:
+    """(photo, seed, a variant's, baseline's) by `what` (the baseline's by `theirs`), for seeds that both have."""
+    theirs = theirs or what
     return [
-        (photo, seed, cost, costs[photo, seed, BASELINE, what])
+        (photo, seed, cost, costs[photo, seed, BASELINE, theirs])
         for (photo, seed, variant, m), cost in sorted(costs.items())
-        if (variant, m) == (measure, what) and (photo, seed, BASELINE, what) in costs
+        if (variant, m) == (of, what) and (photo, seed, BASELINE, theirs) in costs
     ]
 
 
@@ -91,7 +93,7 @@ def _figure_3(costs: Costs, traces: list[dict[str, str]], path: Path) -> None:
         (axes[3], "d) texture cost, Lab²", TEXTURE),
     ):
         found = {}
-        for variant in (BASELINE, "histogram"):
+        for variant in (BASELINE, "histogram", DEFAULT):
 
             def cost(photo: str, seed: int, v: str = variant, what: str | None = what) -> float:
                 if what is not None:
@@ -111,9 +113,11 @@ def _figure_3(costs: Costs, traces: list[dict[str, str]], path: Path) -> None:
 
 def _figure_4(costs: Costs, path: Path) -> None:
     """Distributions over photos of (a) the mean and (b) the variance over seeds of each measure's own cost."""
-    figure, axes = pyplot.subplots(len(MEASURES), 2, figsize=(10, 9))
-    for row, measure in zip(axes, MEASURES, strict=True):
-        per_photo = {v: over_seeds(costs, v, measure) for v in (BASELINE, measure)}
+    measures = [m for m in MEASURES if over_seeds(costs, m, m)]
+    figure, axes = pyplot.subplots(len(measures), 2, figsize=(10, 3 * len(measures)), squeeze=False)
+    for row, measure in zip(axes, measures, strict=True):
+        compared = (BASELINE, measure, *((DEFAULT,) if measure == "histogram" else ()))
+        per_photo = {v: over_seeds(costs, v, measure) for v in compared}
         for axis, title, statistic in (
             (row[0], f"{measure}: mean cost over seeds", np.mean),
             (row[1], f"{measure}: variance over seeds", lambda v: np.var(v, ddof=1)),
@@ -145,29 +149,34 @@ def _save(figure: pyplot.Figure, path: Path) -> None:
 
 def _table(costs: Costs, table: list[dict[str, str]]) -> str:
     lines = [
-        "| measure | runs | own cost lower than toroidal PatchMatch's | own cost, ratio (median) |"
+        "| tiles, measure | runs | cost lower than toroidal PatchMatch's | cost, ratio (median) |"
         " texture cost, ratio (median) | with the baseline's best seed: lower on |",
         "|---|---|---|---|---|---|",
     ]
     lost = []
-    for measure in MEASURES:
-        own, texture = pairs(costs, measure, measure), pairs(costs, measure, TEXTURE)
+    for variant, measure in _COMPARED:
+        own, texture = pairs(costs, variant, measure), pairs(costs, variant, TEXTURE)
         if not own:
             continue
+        name = "default" if variant == DEFAULT else "paper=1"
         best = [p for p in own if p[1] == best_seed(table, p[0], measure)]
-        lost += [f"{measure}: {p} (seed {s}, {c / b:.2f})" for p, s, c, b in own if c >= b]
+        lost += [f"{name}, {measure}: {p} (seed {s}, {c / b:.2f})" for p, s, c, b in own if c >= b]
         lines.append(
-            f"| {measure} | {len(own)} | {np.mean([c < b for *_, c, b in own]):.1%} |"
-            f" {np.median([c / b for *_, c, b in own]):.2f} | {np.median([c / b for *_, c, b in texture]):.2f} |"
-            f" {sum(c < b for *_, c, b in best)} of {len(best)} photos |"
+            f"| {name}, {measure} | {len(own)} | {np.mean([c < b for *_, c, b in own]):.1%} |"
+            f" {_median(own):.2f} | {_median(texture):.2f} | {sum(c < b for *_, c, b in best)} of {len(best)} photos |"
         )
+    flat = pairs(costs, DEFAULT, FLAT_TEXTURE, TEXTURE)
     lines += ["", "Not lower: " + ("; ".join(lost) or "none") + ".", ""]
+    lines += [
+        f"The default's texture cost of the flattened photo is {_median(flat):.2f} of PatchMatch's of the photo.",
+        "",
+    ]
     lines += [
         "| cost over seeds, mean over photos | seeds | mean | its 0.95 t-interval | variance | its 0.95 t-interval |"
     ]
     lines += ["|---|---|---|---|---|---|"]
     for measure in MEASURES:
-        for variant in (BASELINE, measure):
+        for variant in dict.fromkeys((BASELINE, *(v for v, m in _COMPARED if m == measure))):
             seen = [c for c in over_seeds(costs, variant, measure).values() if len(c) > 1]
             if not seen:
                 continue
@@ -179,9 +188,14 @@ def _table(costs: Costs, table: list[dict[str, str]]) -> str:
                 np.mean([t_width(s) if len(s) > 2 else np.nan for s in squares]),  # two squares are always equal
             )  # fmt: skip
             counts = sorted({len(c) for c in seen})
-            name = f"{measure}, {_NAMES.get(variant, 'ours')}"
+            name = f"{measure}, {_NAMES.get(variant, 'paper=1')}"
             lines.append(
                 f"| {name} | {'-'.join(map(str, dict.fromkeys((counts[0], counts[-1]))))} |"
                 + "".join(f" {f:.3g} |" for f in figures)
             )
     return "\n".join(lines) + "\n"
+
+
+def _median(found: list[tuple[str, int, float, float]]) -> float:
+    """Of the ratios."""
+    return float(np.median([ours / theirs for *_, ours, theirs in found]))

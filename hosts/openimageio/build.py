@@ -34,6 +34,13 @@ def source_of(version: str, folder: Path) -> Path:
     return unpacked
 
 
+def paths(work: Path, source: Path | None = None) -> tuple[Path, Path]:
+    """The headers and the library of this environment's OpenImageIO."""
+    installed = metadata.distribution("OpenImageIO")
+    library = next(Path(str(installed.locate_file("OpenImageIO/lib"))).glob("libOpenImageIO.so*"))
+    return source or source_of(installed.version, work), library
+
+
 def build(into: Path, work: Path, source: Path | None = None) -> Path:
     """Build and install the plugin; returns the folder for OPENIMAGEIO_PLUGIN_PATH.
 
@@ -51,9 +58,7 @@ def build(into: Path, work: Path, source: Path | None = None) -> Path:
     subprocess.CalledProcessError
         A download or build failed; its output has been printed.
     """
-    installed = metadata.distribution("OpenImageIO")
-    source = source or source_of(installed.version, work)
-    library = next(Path(str(installed.locate_file("OpenImageIO/lib"))).glob("libOpenImageIO.so*"))
+    source, library = paths(work, source)
     settings = {
         "OIIO_SOURCE": source, "OIIO_LIBRARY": library, "OIIOTEX_PYTHON": sys.executable,
         "OIIOTEX_VERSION": metadata.version("oiiotex"), "CMAKE_INSTALL_PREFIX": into,
@@ -71,7 +76,13 @@ def main() -> None:
     words.add_argument("--into", type=Path, default=Path(sys.prefix), help="install prefix (default: this environment)")
     words.add_argument("--source", type=Path, help="unpacked source of OpenImageIO (default: downloaded)")
     words.add_argument("--work", type=Path, default=HERE / "build", help="build folder (default: build in this folder)")
+    words.add_argument(
+        "--print-paths", action="store_true", help="print folder of the headers; library (CMakeLists.txt)"
+    )
     asked = words.parse_args()
+    if asked.print_paths:
+        print(*paths(asked.work.resolve()), sep=";")
+        return
     if not shutil.which("cmake"):
         sys.exit(f"cmake not found; on Debian: apt install {SYSTEM}")
     try:

@@ -137,22 +137,9 @@ private:
     }
 };
 
-OIIO_PLUGIN_EXPORTS_BEGIN
-
-OIIO_EXPORT int oiiotexfile_imageio_version = OIIO_PLUGIN_VERSION;
-
-OIIO_EXPORT const char* oiiotexfile_imageio_library_version()
-{
-    return "oiiotex " OIIOTEX_VERSION;
-}
-
-OIIO_EXPORT ImageInput* oiiotexfile_input_imageio_create()
-{
-    return new OiiotexInput;
-}
-
-OIIO_EXPORT const char* oiiotexfile_input_extensions[] = { "oiiotex", nullptr };
-
-OIIO_PLUGIN_EXPORTS_END
-
 OIIO_PLUGIN_NAMESPACE_END
+
+extern "C" OIIO_EXPORT void* oiiotex_reader_create()
+{
+    return static_cast<OIIO::ImageInput*>(new OIIO::OiiotexInput);
+}

@@ -10,6 +10,7 @@
 #include <mutex>
 #include <vector>
 
+#include <dlfcn.h>
 #include <fcntl.h>
 #include <poll.h>
 #include <signal.h>
@@ -237,11 +238,23 @@ std::string printed_by(const std::vector<std::string>& words)
     return text;
 }
 
+// The Python that was named at the build; in a wheel, that of the environment whose lib/oiiotex has this file.
+std::string default_python()
+{
+    Dl_info info;
+    if (*OIIOTEX_PYTHON || !dladdr(reinterpret_cast<void*>(&default_python), &info))
+        return OIIOTEX_PYTHON;
+    std::string path(info.dli_fname);
+    for (int folders = 0; folders < 3; ++folders)
+        path.resize(path.rfind('/') == std::string::npos ? 0 : path.rfind('/'));
+    return path + "/bin/python3";
+}
+
 // The door of oiiotex (oiiotex/service/door.py): it starts the process of a texture unless one is running.
 Json ask_door(const Json& question)
 {
     const char* chosen       = std::getenv("OIIOTEX_PYTHON");
-    const std::string python = chosen && *chosen ? chosen : OIIOTEX_PYTHON;
+    const std::string python = chosen && *chosen ? chosen : default_python();
     if (python[0] != '/')  // otherwise searched in the host's current folder
         throw Error("OIIOTEX_PYTHON=" + python + ": expected the absolute path of a Python with oiiotex");
     std::string word;

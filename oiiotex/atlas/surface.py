@@ -6,11 +6,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..deferred import np
+from ..opencl.buffers import Buffers
+from ..opencl.device import Program
+from ..session.resources import Resources
 from .charts import Frames, covered, in_pixels, walk
 from .mesh import Mesh
 
 FRACTION = 8  # bits: places in the photo are held in 1/256 px, with pixel centers at a half
 ONE = 1 << FRACTION
+_AT_ONCE = 1 << 14  # pixels at borders
 FARTHEST = 2  # px: greatest distance from the end of a step to the pixel used for it
 
 
@@ -45,6 +49,12 @@ class Surface:
         face = owner.reshape(-1)[place]
         step = coarse.in_atlas(mesh, scale)
         return cls(mesh, coarse, shape, scale, face, place, index.reshape(shape), step, np.linalg.inv(step))
+
+    @property
+    def spots(self) -> np.ndarray:
+        """Rows and columns of the pixels as in cl/offsets.h, (n,) uint32."""
+        y, x = np.divmod(self.place, self.shape[1])
+        return (y << 16 | x).astype(np.uint32)
 
     def nearest(self) -> np.ndarray:
         """The pixel in a chart nearest to each pixel of the atlas: (height, width) int32."""
@@ -95,57 +105,54 @@ class Neighbors:
     """Neighbors of each pixel of a surface at some offsets in the photo, and the remainders of these offsets.
 
     Inside a chart both follow from the face alone, since pixels lie on a grid; at its border they are looked up.
+    `tables` are those of cl/atlas.cl; places in rests are x and y in `ONE`ths of a pixel of the photo.
     """
 
-    def __init__(self, surface: Surface, offsets: np.ndarray, at_once: int = 1 << 14):
+    NAMES = ("spots", "face", "moves", "steps", "table", "beside", "rests", "index")
+
+    def __init__(self, surface: Surface, offsets: np.ndarray, program: Program, resources: Resources):
         self._surface = surface
+        count = len(offsets)
         ends = np.einsum("fij,kj->fki", surface.step, offsets, optimize=False)
-        moves = np.floor(0.5 + ends).astype(np.int64)
-        self._move = moves[..., 1] * surface.shape[1] + moves[..., 0]
-        self._rest = _fixed(np.einsum("fij,fkj->fki", surface.inverse, moves - ends, optimize=False))
-        nearest = surface.nearest()
-        chart = surface.mesh.chart
-        self._row = np.full(len(surface.place), -1, np.int32)
-        rows, rests, count = [], [], 0
-        for start in range(0, len(surface.place), at_once):
-            pixels = np.arange(start, min(start + at_once, len(surface.place)))
-            face = surface.face[pixels]
-            y, x = np.divmod(surface.place[pixels], surface.shape[1])
-            x, y = x[:, None] + moves[face, :, 0], y[:, None] + moves[face, :, 1]
-            known = (x >= 0) & (x < surface.shape[1]) & (y >= 0) & (y < surface.shape[0])
-            there = self._straight(pixels)
-            known &= (there >= 0) & (chart[surface.face[there]] == chart[face][:, None])
-            beside = np.flatnonzero(~known.all(1))
-            if not len(beside):
-                continue
-            there, rest = there[beside], self._rest[face[beside]]
-            which, offset = np.nonzero(~known[beside])
-            leaving = pixels[beside][which]
+        moves = np.floor(0.5 + ends)
+        self._moves = moves.astype(np.int32)
+        self._steps = _fixed(np.einsum("fij,fkj->fki", surface.inverse, moves - ends, optimize=False))
+        missing, nearest = self._missing(program, resources), surface.nearest()
+        border = np.flatnonzero(missing)
+        self._table = np.full(len(missing), -1, np.int32)
+        self._table[border] = np.arange(len(border))
+        self._beside = np.zeros((max(1, len(border)), count), np.int32)
+        self._rests = np.zeros((max(1, len(border)), count, 2), np.int16)
+        for start in range(0, len(border), _AT_ONCE):
+            pixels, rows = border[start : start + _AT_ONCE], slice(start, start + _AT_ONCE)
+            move = self._moves[surface.face[pixels]].astype(np.int64) @ (1, surface.shape[1])
+            place = surface.place[pixels, None] + move
+            there, rest = np.take(surface.index, place, mode="clip"), self._steps[surface.face[pixels]]
+            which, offset = np.nonzero(missing[pixels, None] >> np.arange(count, dtype=np.uint32) & np.uint32(1))
+            leaving = pixels[which]
             steps = np.einsum("nij,nj->ni", surface.frames.step[surface.face[leaving]], offsets[offset], optimize=False)
             there[which, offset], away = surface.around(leaving, steps, nearest)
             rest[which, offset] = _fixed(away)
-            self._row[pixels[beside]] = count + np.arange(len(beside))
-            count += len(beside)
-            rows.append(there)
-            rests.append(rest)
-        self._beside = np.concatenate(rows) if rows else np.empty((0, len(offsets)), np.int32)
-        self._rests = np.concatenate(rests) if rows else np.empty((0, len(offsets), 2), np.int16)
+            self._beside[rows], self._rests[rows] = there, rest
 
-    def of(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Nearest pixels, and steps from the offsets to their centers, x and y in `ONE`ths of a pixel of the photo.
+    def tables(self) -> dict[str, np.ndarray]:
+        """Arrays by `NAMES`."""
+        surface = self._surface
+        own = self._moves, self._steps, self._table, self._beside, self._rests
+        return dict(zip(self.NAMES, (surface.spots, surface.face, *own, surface.index), strict=True))
 
-        Returns (n, offsets) int32, (n, offsets, 2) int16.
-        """
-        there, rest = self._straight(pixels), self._rest[self._surface.face[pixels]]
-        row = self._row[pixels]
-        border = row >= 0
-        there[border], rest[border] = self._beside[row[border]], self._rests[row[border]]
-        return there, rest
-
-    def _straight(self, pixels: np.ndarray) -> np.ndarray:
-        """Neighbors as if the atlas were one unbounded chart; arbitrary where there are none."""
-        place = self._surface.place[pixels, None] + self._move[self._surface.face[pixels]]
-        return np.take(self._surface.index.reshape(-1), place, mode="clip")
+    def _missing(self, program: Program, resources: Resources) -> np.ndarray:
+        """Bits of the neighbors of each pixel that are not in its chart, (n,) uint32."""
+        surface, device = self._surface, resources.device
+        tables = {
+            "spots": surface.spots, "face": surface.face, "chart": surface.mesh.chart.astype(np.int32),
+            "moves": self._moves, "index": surface.index,
+        }  # fmt: skip
+        count, (height, width) = len(surface.place), surface.shape
+        with Buffers(device, {"missing": 4 * count}, resources.budget, "an atlas", tables=tables) as buffers:
+            arguments = [buffers[name] for name in (*tables, "missing")]
+            program("missing", (count,), *arguments, count, width, height, self._moves.shape[1])
+            return device.read(buffers["missing"], (count,), np.uint32)
 
 
 def _fixed(rest: np.ndarray) -> np.ndarray:

@@ -8,15 +8,16 @@ Candidates are the sources of neighbors, shifted by the step between them, and r
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..color.lab_grid import FINE_STEPS, to_grid
 from ..core.source_map import SourceMap
 from ..deferred import np
 from ..errors import ImageError
+from ..opencl.buffers import Buffers
 from ..patchmatch.field import hash_at
+from ..session.resources import Resources
 from .charts import Frames
 from .mesh import Mesh
 from .surface import FRACTION, ONE, Neighbors, Surface
@@ -28,8 +29,7 @@ _LEVELS = 6
 _LEAST_SIDE = 12  # px of the coarsest photo
 _PASSES = (10, 2)  # on the coarsest level, and on the others
 _RANDOM = 4  # candidates on the coarsest level, each within a quarter of the last one's distance
-_FINER = (8.0, 2.0)  # px: distance of random candidates on finer levels
-_STRANGER = 1.6  # penalty factor of random candidates: HRRG08's kappa
+_FINER = (8, 2)  # px: distance of random candidates on finer levels
 _AT_ONCE = 1 << 12  # pixels: a batch fits the cache of a core
 GUTTER = 8  # px around charts that show the texture beyond the border
 
@@ -132,7 +132,7 @@ def synthesize(
     levels: list[PhotoLevel],
     seed: int,
     name: str,
-    spread: Callable[..., Iterable[np.ndarray]] = map,
+    resources: Resources,
     advance: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[SourceMap, np.ndarray]:
     """Source of each pixel of an atlas.
@@ -147,8 +147,6 @@ def synthesize(
         From `stack`.
     name : str
         Name of the mesh, for errors.
-    spread : callable
-        `map`, on threads.
     advance : callable
         Called with (done, total).
 
@@ -182,7 +180,7 @@ def synthesize(
         else:
             source = _inherited(surface, *coarser, exemplar)
         first = coarser is None
-        source = _corrected(surface, exemplar, source, seed, level, first, spread)
+        source = _corrected(surface, exemplar, source, seed, level, first, resources)
         coarser = surface, source
         advance(len(levels) - level, len(levels))
     return _with_gutters(finest, levels[0].at(source), levels[0]), finest.face[finest.nearest()]
@@ -204,52 +202,34 @@ def _inherited(surface: Surface, coarse: Surface, source: np.ndarray, exemplar: 
 
 def _corrected(
     surface: Surface, exemplar: PhotoLevel, source: np.ndarray, seed: int, level: int, first: bool,
-    spread: Callable[..., Iterable[np.ndarray]],
+    resources: Resources,
 ) -> np.ndarray:  # fmt: skip
     """Sources that match their neighbors better: passes over four interleaved sets of pixels, each updated at once."""
     passes = _PASSES[0 if first else 1]
-    around = offsets()
-    close = np.flatnonzero((np.abs(around) <= 1).all(1))
-    neighbors, near = Neighbors(surface, around), Neighbors(surface, around[close])
-    own = len(close) // 2
-    rows, columns = np.divmod(surface.place, surface.shape[1])
-    parity = (rows % 2) * 2 + columns % 2
+    device = resources.device
+    run = device.program("atlas", CHANNELS=exemplar.color.shape[1])
+    neighbors = Neighbors(surface, offsets(), run, resources)
+    parity = (surface.spots >> 15 & 2) + (surface.spots & 1)
+    turns = [np.flatnonzero(parity == turn).astype(np.int32) for turn in range(4)]
     height, width = exemplar.snap.shape
-    reaches = [max(height, width) / 4.0**n for n in range(_RANDOM)] if first else _FINER
-
-    def work(pixels: np.ndarray, step: int) -> np.ndarray:
-        there, rest = near.of(pixels)
-        candidates, places = exemplar.taken(source[there] - rest - around[close].astype(np.int32) * ONE)
-        better = places[:, own].copy()
-        # where all neighbors continue the same copy, no choice is needed; the coarsest level starts from noise
-        torn = np.flatnonzero(first | (candidates != candidates[:, own, None]).any(1))
-        if not len(torn):
-            return better
-        pixels, tried, tried_places = pixels[torn], [candidates[torn]], [places[torn]]
-        there, rest = neighbors.of(pixels)
-        # colors of the neighbors' copies at the offsets themselves, which differ slightly from the neighbors' centers
-        shown = exemplar.color[exemplar.at(source[there] - rest)]
-        looks = projected(shown.reshape(len(pixels), -1), exemplar.basis)
-        for which, reach in enumerate(reaches):
-            chance = hash_at(seed, step + which, rows[pixels], columns[pixels])
-            dx, dy = (((chance >> np.uint32(16 * n)) & np.uint32(0xFFFF)) / 65536.0 * 2 - 1 for n in (0, 1))
-            moves = np.rint(np.stack([dx, dy], -1) * reach).astype(np.int32) * ONE
-            for both, more in zip((tried, tried_places), exemplar.taken(source[pixels] + moves), strict=True):
-                both.append(more[:, None])
-        apart = (exemplar.looks[np.concatenate(tried, 1)] - looks[:, None]).astype(np.float64)
-        cost = np.einsum("nkd,nkd->nk", apart, apart)  # integers below 2^53: exact in any order
-        cost[:, len(close) :] *= _STRANGER
-        better[torn] = np.concatenate(tried_places, 1)[np.arange(len(torn)), cost.argmin(1)]
-        return better
-
-    for number in range(passes):
-        for turn in range(4):
-            chosen = np.flatnonzero(parity == turn)
-            pieces = [chosen[n : n + _AT_ONCE] for n in range(0, len(chosen), _AT_ONCE)]
-            if pieces:
-                step = (level * 64 + number) * 8 + 16
-                source[chosen] = np.concatenate(list(spread(functools.partial(work, step=step), pieces)))
-    return source
+    reaches = [(max(height, width), 2 * n) for n in range(_RANDOM)] if first else [(reach, 0) for reach in _FINER]
+    layout = {"source": source.nbytes, "better": 8 * max(map(len, turns))}
+    photo = {
+        "snap": exemplar.snap, "color": exemplar.color, "looks": exemplar.looks,
+        "basis": exemplar.basis.astype(np.int32), "reaches": np.array(reaches, np.int32),
+    }  # fmt: skip
+    beside = neighbors.tables()
+    with Buffers(device, layout, resources.budget, "an atlas", tables=beside | photo) as buffers:
+        device.write(buffers["source"], source)
+        sets = [(len(turn), device.lend(turn)) for turn in turns if len(turn)]
+        given = [buffers[name] for name in (*beside, "source", *photo, "better")]
+        numbers = surface.shape[1], width, height, int(first), len(reaches)
+        for number in range(passes):
+            step = (level * 64 + number) * 8 + 16
+            for count, chosen in sets:
+                run("choose", (count,), chosen, *given, count, *numbers, np.uint32(seed & 0xFFFFFFFF), np.uint32(step))
+                run("adopt", (count,), chosen, buffers["better"], buffers["source"], count)
+        return device.read(buffers["source"], source.shape, np.int32)
 
 
 def _with_gutters(surface: Surface, source: np.ndarray, exemplar: PhotoLevel) -> SourceMap:

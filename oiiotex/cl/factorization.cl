@@ -43,10 +43,11 @@ __kernel void factorization_step(const __global int *restrict starts, const __gl
   int i = get_global_id(0);
   if (i >= rows) return;
   f8 sum = 0.0f;
-  int p = starts[i], end = starts[i + 1];
-  for (; p + 8 <= end; p += 8)
-    for (int t = 0; t < 8; t++) sum[t] += weights[p + t] * x[columns[p + t]];
-  for (int t = 0; p + t < end; t++) sum[t] += weights[p + t] * x[columns[p + t]];
+  for (int p = starts[i], end = starts[i + 1]; p < end; p += 8) {
+#pragma unroll
+    for (int t = 0; t < 8; t++)   // an index that is not constant would put the sums into memory
+      if (p + t < end) sum[t] += weights[p + t] * x[columns[p + t]];
+  }
   out[i] = sum8(sum);
 }
 
@@ -74,8 +75,18 @@ __kernel void factorization_gram(const __global float *restrict a, const __globa
   for (int t = 0; t < WIDE; t++) COLUMNS(out, k + t, j, width) = sum[t];
 }
 
+// (rows, stride) -> (columns, width): the first `columns` columns as rows, the first `rows` of each filled, then zeros.
+__kernel void factorization_transposed(const __global float *restrict matrix, __global float *restrict out, int rows,
+                                       int stride, int columns, int width) {
+  int j = get_global_id(0), i = get_global_id(1);
+  if (j >= width || i >= columns) return;
+  out[AT(i, j, width)] = j < rows ? matrix[AT(j, i, stride)] : 0.0f;
+}
+
+#define PADDING -1e37f   // no value of a row to project is below -1e20
+
 // Projection to the simplex: the number to subtract so that the positive values sum to 1 (Michelot 1986); `inverse[n]`
-// is 1 / n. Values below -1e20 are padding.
+// is 1 / n.
 static inline float threshold_of(const __global float *row, const __global float *inverse, int width) {
   float threshold = -1e20f;
   for (int before = width + 1;;) {   // until the number of positive values does not change
@@ -124,6 +135,7 @@ __kernel void factorization_memberships(const __global float *restrict quadratic
     }
     for (int j = 0; j < width; j += 8)
       EIGHT(trial, j) = EIGHT(ahead, j) - step * (EIGHT(trial, j) - *(const __global f8 *)(c + j));
+    for (int j = labels; j < width; j++) trial[j] = PADDING;
     float threshold = threshold_of(trial, inverse, width);
     f8 turned = 0.0f, most = 0.0f;
     for (int j = 0; j < width; j += 8) {
@@ -153,13 +165,14 @@ __kernel void factorization_advance(const __global float *restrict quadratic, co
   COLUMNS(trial, i, j, width) = SEEN(ahead, i, j, width) - step * (slope - SEEN(linear, i, j, width));
 }
 
-// Project each row of `trial` to the simplex, and extrapolate from its previous position.
+// Project each row of `trial`, (labels, nodes), to the simplex, and extrapolate from its previous position.
 __kernel void factorization_project(__global float *restrict trial, const __global float *restrict inverse,
-                                    __global float *restrict at, __global float *restrict ahead, int labels, int width,
-                                    float momentum) {
+                                    __global float *restrict at, __global float *restrict ahead, int labels, int nodes,
+                                    int width, float momentum) {
   int i = get_global_id(0);
   if (i >= labels) return;
   __global float *row = trial + AT(i, 0, width), *x = at + AT(i, 0, width), *next = ahead + AT(i, 0, width);
+  for (int j = nodes; j < width; j++) row[j] = PADDING;
   float threshold = threshold_of(row, inverse, width);
   for (int j = 0; j < width; j += 8) {
     f8 over = EIGHT(row, j) - threshold, to = over > 0.0f ? over : (f8)0.0f;

@@ -412,28 +412,49 @@ __kernel void patchmatch_pick(const __global uint *restrict field, __constant in
   source[AT(y - top, x, width)] = best;
 }
 #else
+// One item computes SPAN pixels of a row. Where all patches over a pixel were copied in one piece they agree, which
+// columns of the field show: `run` counts those whose matches copy as the one before, from their copies at (y, x1).
 __kernel void patchmatch_pick(const __global uint *restrict field, __constant int *weight, __global uint *restrict source,
                               int columns, int rows, int width, int wrap_x, int wrap_y,
                               int top, int bottom, int first_held) {
-  int x = get_global_id(0), y = top + get_global_id(1);
-  if (x >= width || y >= bottom) return;
-  uint choice[PATCH * PATCH];
-  int votes[PATCH * PATCH], n = 0;
-  for (int v = FIRST(y, wrap_y); v <= LAST(y, rows, wrap_y); v++)
-    for (int u = FIRST(x, wrap_x); u <= LAST(x, columns, wrap_x); u++) {
-      uint pixel = field[AT(HELD(v), WRAPPED(u, columns), columns)] + corner(y - v, x - u);
-      int k = 0;
-      while (k < n && choice[k] != pixel) k++;
-      if (k == n) {
-        choice[n] = pixel;
-        votes[n++] = 0;
-      }
-      votes[k] += weight[(y - v) * PATCH + x - u];
+  int x0 = get_global_id(0) * SPAN, y = top + get_global_id(1);
+  if (x0 >= width || y >= bottom) return;
+  int x1 = x0 + SPAN < width ? x0 + SPAN : width, first = FIRST(y, wrap_y), last = LAST(y, rows, wrap_y);
+  int run = 0, next = FIRST(x0, wrap_x);
+  uint copied = 0;
+  for (int x = x0; x < x1; x++) {
+    for (; next <= LAST(x, columns, wrap_x); next++) {
+      const __global uint *matches = field + WRAPPED(next, columns);
+      uint own = matches[AT(HELD(first), 0, columns)] + corner(y - first, x1 - next);
+      int alike = 1;
+      for (int v = first + 1; v <= last; v++)
+        alike &= matches[AT(HELD(v), 0, columns)] + corner(y - v, x1 - next) == own;
+      run = !alike ? 0 : own == copied ? run + 1 : 1;
+      copied = own;
     }
-  int best = 0;
-  for (int k = 1; k < n; k++)
-    if (votes[k] > votes[best] || (votes[k] == votes[best] && choice[k] < choice[best])) best = k;
-  source[AT(y - top, x, width)] = choice[best];
+    __global uint *to = source + AT(y - top, x, width);
+    if (run > LAST(x, columns, wrap_x) - FIRST(x, wrap_x)) {
+      *to = copied - corner(0, x1 - x);
+      continue;
+    }
+    uint choice[PATCH * PATCH];
+    int votes[PATCH * PATCH], n = 0;
+    for (int v = first; v <= last; v++)
+      for (int u = FIRST(x, wrap_x); u <= LAST(x, columns, wrap_x); u++) {
+        uint pixel = field[AT(HELD(v), WRAPPED(u, columns), columns)] + corner(y - v, x - u);
+        int k = 0;
+        while (k < n && choice[k] != pixel) k++;
+        if (k == n) {
+          choice[n] = pixel;
+          votes[n++] = 0;
+        }
+        votes[k] += weight[(y - v) * PATCH + x - u];
+      }
+    int best = 0;
+    for (int k = 1; k < n; k++)
+      if (votes[k] > votes[best] || (votes[k] == votes[best] && choice[k] < choice[best])) best = k;
+    *to = choice[best];
+  }
 }
 #endif
 

@@ -312,12 +312,14 @@ __kernel void superpixels_powers(const __global short4 *restrict lab, const __gl
   int i = TEAM_NUMBER;
   TEAM_SHARED(shared);
   if (i >= superpixels) return;
-  long sum[POWERS];
+  long sum[POWERS];   // in registers, because all indices are constant
+#pragma unroll
   for (int k = 0; k < POWERS; k++) sum[k] = 0;
   for (int r = starts[i]; r < starts[i + 1]; r++) {
     const __global int *run = runs + 3 * (size_t)r;
     const __global short *p = (const __global short *)(lab + AT(run[0] - row0, 0, width));
     for (int x = run[1] + TEAM_RANK; x < run[2]; x += TEAM)
+#pragma unroll
       for (int c = 0; c < 3; c++) {
         long v = p[4 * x + c], v2 = v * v, v4 = v2 * v2, v5 = v4 * v;
         long *into = sum + 7 * c;
@@ -330,6 +332,7 @@ __kernel void superpixels_powers(const __global short4 *restrict lab, const __gl
         into[6] += v5 >> 32;
       }
   }
+#pragma unroll
   for (int k = 0; k < POWERS; k++) {
     long total = team_total(sum[k], shared);
     if (TEAM_RANK == 0) powers[AT(i, k, POWERS)] += total;

@@ -45,6 +45,7 @@ def _line(words: list[str]) -> int:
     from .running.line_run import run  # imported here so that signals are handled meanwhile
 
     gc.freeze()
+    gc.set_threshold(10_000)  # imports that follow also allocate many objects
     gc.enable()
     return run(words)
 

@@ -7,6 +7,7 @@ libraries. Where results are used in decisions, as with labels from spectra, suc
 
 from __future__ import annotations
 
+import functools
 import math
 
 from ..deferred import np
@@ -51,8 +52,9 @@ def root(x: np.ndarray, k: int) -> np.ndarray:
     return np.where(x > 0, exponential(logarithm(above) / k), 0.0)
 
 
+@functools.lru_cache(64)  # a memory plan asks for the same ones for each height of its bands
 def gaussian_taps(sigma: float, reach: float, most: int | None = None) -> np.ndarray:
-    """Weights that sum to 1, (2 radius + 1,) float64.
+    """Weights that sum to 1, (2 radius + 1,) float64, read-only.
 
     Parameters
     ----------
@@ -66,4 +68,6 @@ def gaussian_taps(sigma: float, reach: float, most: int | None = None) -> np.nda
     radius = max(1, math.ceil(reach * sigma))
     radius = radius if most is None else min(radius, most)
     weights = exponential(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
-    return np.asarray(weights / weights.sum())
+    weights /= weights.sum()
+    weights.setflags(write=False)
+    return weights

@@ -32,7 +32,7 @@ _BLOCK = 1024  # texels per block of distances
 _ROWS = 256  # texels per search for neighbors, so that intermediate results fit the cache
 _EVERY = 16  # stride of the sample of a row's distances from which the k smallest are estimated
 _COVARIANCE = 4096  # texels from which the components are learned
-_TIMED = 16  # searches after which the time of all is estimated
+_TIMED = 2.0  # s of searches after which the time of all is estimated
 _LONG = 20.0  # s; from here on there is a warning
 _PIECES = 8  # in which an image is blurred
 _CURVE = 96  # kernel sizes to try
@@ -242,15 +242,17 @@ def neighbor_squares(texels: Texels, resources: Resources, progress: Progress) -
             neighbors[n] = near[np.argpartition(row[near], k - 1)[:k]]
         return neighbors, np.maximum(np.take_along_axis(squares, neighbors, 1), 0)
 
-    firsts, pieces, begin = range(0, count, _ROWS), [], time.monotonic()
+    firsts, pieces, begin, timed = range(0, count, _ROWS), [], time.monotonic(), False
     for piece in resources.spread(nearest, firsts):
         pieces.append(piece)
         done, before = (210 + 365 * n // len(firsts) for n in (len(pieces), len(pieces) - 1))
         if before < done < 575:
             progress.advance(done, 600)
-        seconds = (time.monotonic() - begin) / len(pieces) * (len(firsts) - len(pieces))
-        if len(pieces) == _TIMED and seconds > _LONG:
-            log.warning("comparing %d patches takes about %.0f s; a larger step= compares fewer", count, seconds)
+        passed = time.monotonic() - begin
+        if not timed and passed > _TIMED:
+            timed, remaining = True, passed / len(pieces) * (len(firsts) - len(pieces))
+            if remaining > _LONG:
+                log.warning("comparing %d patches takes about %.0f s; a larger step= compares fewer", count, remaining)
     columns, values = (np.concatenate(p).ravel() for p in zip(*pieces, strict=True))
     return csr_array((values, columns, np.arange(0, count * k + 1, k, dtype=np.int32)), shape=(count, count))
 

@@ -19,7 +19,7 @@ from ..session.progress import Progress
 from ..session.resources import Resources
 from ..superpixels.superpixels import label_spec
 from .diffusion import Dominance, Round, dominant_mask, dominant_texture, spread_over, step_for
-from .patch_manifold import MOST_PATCH, memory_needed
+from .patch_manifold import LEAST_PATCH, memory_needed, patch_size
 
 log = logging.getLogger("oiiotex")
 
@@ -118,12 +118,21 @@ def photo_mask(
     if side is not None and side > min(shape):
         problem = f"exceeds {photo.source}, {width}x{height}"
         raise ImageError(problem, parameter="patch", value=side)
-    apart = step or step_for(shape, side or 5, TEXELS)
+    automatic = step_for(shape, side or LEAST_PATCH, TEXELS)
+    apart = step or automatic
     texels = -(-shape[0] // apart) * -(-shape[1] // apart)
-    threads = resources.thread_count
-    need = memory_needed(shape[0] * shape[1], texels, side or MOST_PATCH, threads) + width * height // 8
-    resources.require(need, f"{flag} of {width}x{height} px", "increase step")
+
+    def require(patch: int) -> None:
+        need = memory_needed(shape[0] * shape[1], texels, patch, resources.thread_count) + width * height // 8
+        resources.require(need, f"{flag} of {width}x{height} px", "increase step")
+
+    require(side or LEAST_PATCH)
+    if texels > TEXELS:  # each is compared with all others
+        times = (texels / TEXELS) ** 2
+        log.warning("%s: step=%d takes about %.0f times as long as step=%d", flag, apart, times, automatic)
     pixels = lab_pixels(photo, lens_of(photo, resources, space), resources, factor, allowed())
+    side = side or patch_size(pixels.lab[..., 0], resources.spread)
+    require(side)
     progress.advance(10, 600)  # steps are shares of the usual time
 
     def colored() -> np.ndarray | None:

@@ -22,8 +22,7 @@ from ..quality.reported_op import Reported
 from ..session import Session
 from ..session.progress import Progress
 from ..session.resources import Resources
-from ..wang.atlas import COUNTS
-from ..wang.tiles import TWO_COLORS_FROM
+from ..wang.tiles import COUNTS, TWO_COLORS_FROM
 from .constraint_images import INPAINT, WEIGHT
 from .exemplar_op import ExemplarPixels, MaterialOp
 from .heights import RELEVEL
@@ -62,8 +61,8 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         1,
         ge=1,
         le=64,
-        help="Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles with"
-        " two edge colors, which fit where the colors agree; 16 is the complete set. Part names and the"
+        help="Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,"
+        " which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part names and the"
         " attribute oiiotex:edges contain the edge colors.",
     )
     pack: str | None = param(

@@ -14,7 +14,7 @@ from ..core.window import Domain
 from ..deferred import np
 from ..patchmatch.field import hash_at
 from ..regularity.courses import Courses, find_courses
-from ..regularity.lattice import RANGE, STRETCHED, Lattice, find_lattice
+from ..regularity.lattice import RANGE, STRETCHED, HighPass, Lattice, find_lattice, high_pass_of
 from ..regularity.lattice import bytes_needed as lattice_bytes
 from ..regularity.offset_prices import InStep
 from ..session.resources import Resources
@@ -28,9 +28,9 @@ STRUCTURE = (
 )
 
 
-def photo_lattice(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Lattice | None:
+def photo_lattice(flag: str, lab: SomeRows, usable: np.ndarray | None, seen: HighPass | None = None) -> Lattice | None:
     """The lattice of the photo's usable pixels, logged for op `flag`; None if there is none."""
-    lattice = find_lattice(lab, usable)
+    lattice = find_lattice(lab, usable, seen=seen)
     if lattice is None:
         log.info("%s: the photo has no regular repeats", flag)
     else:
@@ -38,9 +38,13 @@ def photo_lattice(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Lattic
     return lattice
 
 
-def photo_courses(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Courses | None:
-    """Courses of unequal height, in a photo without a lattice; None if there are none."""
-    courses = find_courses(lab, usable)
+def photo_structure(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Lattice | Courses | None:
+    """The photo's lattice, else its courses of unequal height, logged for op `flag`; None if there are none."""
+    seen = high_pass_of(lab, usable)
+    lattice = photo_lattice(flag, lab, usable, seen)
+    if lattice is not None or seen is None:
+        return lattice
+    courses = find_courses(lab, usable, seen)
     if courses is not None:
         log.info("%s: the photo has courses: %s", flag, courses)
     return courses

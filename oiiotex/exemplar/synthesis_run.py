@@ -21,7 +21,8 @@ from ..patchmatch.optimization import Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
 from ..quality.lost_structure import regularity_of, say_what_was_lost
 from ..quality.report import Look, Quality
-from ..regularity.courses import InCourses
+from ..regularity.courses import Courses, InCourses
+from ..regularity.lattice import Lattice
 from ..regularity.offset_prices import InStep
 from ..wang.atlas import mark_as_atlas, packed
 from ..wang.tiles import edged, edges_of, runs_for, wang_tiles
@@ -29,7 +30,7 @@ from .coarse_looks import coarse_looks
 from .constraint_images import marked_pixels, remade_source, weights_of
 from .first_result import better_of, hint_that_it_tiles, say_fidelity
 from .heights import height_tile
-from .photo_lattice import fitting_size, photo_courses, photo_lattice
+from .photo_lattice import fitting_size, photo_structure
 
 if TYPE_CHECKING:
     from ..core.parameters import Size
@@ -60,10 +61,12 @@ class SynthesisRun:
         self._seen = self._flat.read(resources, self._unmarked, None if weight is None else weight > 0)
         if not self._in_memory:
             resources.cache.forget()  # everything has been read
-        self._lattice = None
+        structure = None
         if op.kept_structure > 0:
             with resources.stats.time("lattice"):
-                self._lattice = self._seen.remembered(resources, photo_lattice, op.flag())
+                structure = self._seen.remembered(resources, photo_structure, op.flag())
+        self._lattice = structure if isinstance(structure, Lattice) else None
+        self._courses = structure if isinstance(structure, Courses) else None
         self._wraps = "x" in op.tiling, "y" in op.tiling
         size = fitting_size(op.flag(), self._lattice, size, op.size is not None or op.sized, self._wraps)
         looks = marked is None and op.variants == 1
@@ -86,10 +89,8 @@ class SynthesisRun:
             recipe = replace(recipe, sigma=float(np.exp(np.log(sigmas).mean())))
         if self._lattice is not None:
             return replace(recipe, in_step=InStep(self._lattice, self._lattice.on_torus(recipe), op.kept_structure))
-        if op.kept_structure > 0:
-            courses = self._seen.remembered(self._resources, photo_courses, op.flag())
-            if courses is not None:
-                return replace(recipe, in_step=InCourses.of(courses, recipe, op.kept_structure))
+        if self._courses is not None:
+            return replace(recipe, in_step=InCourses.of(self._courses, recipe, op.kept_structure))
         return recipe
 
     def _quality_of(self, quality: Quality) -> Quality:
@@ -205,9 +206,12 @@ class SynthesisRun:
 
             progress = replace(self._progress, tell=tell)
             source = self._run(own, replace(self._constraints, fixed=fixed), progress).source
-            return SourceMap(np.asarray(source.packed))  # tiles are cut from others
+            return SourceMap(np.array(source.packed))  # tiles are cut from others
 
-        sources = wang_tiles(make, op.variants, recipe.width, recipe.height, recipe.patch)
+        values = self._seen.values
+        sources = wang_tiles(
+            make, op.variants, recipe.width, recipe.height, recipe.patch, lambda source: source.gather(values)
+        )
         self._resources.device.collect(self._resources.stats)
         op.say_what_stays()
         self._with_heights(self._tiles(sources[0]), sources[0])  # stands for all variants

@@ -753,6 +753,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: Literal[False] = False,
     cryptomatte: Literal[False] = False,
@@ -790,6 +791,9 @@ def decompose(
     radius : float | None, default None
         Radius of the area that is compared as one sample of texture. Increase it for coarse textures.
         Expected: a number from 1 to 512 px. Default: 48; with features=haar, 8.
+    invariant : bool, default False
+        Regard rotated versions of a texture as one texture, and those of a slightly different scale. No
+        effect with features=haar.
     paper : bool, default False
         Settings of the paper (CZF02):
         features=haar:group=cliques:scales=3:search=meanshift:refine=0:assign=neighbors.
@@ -880,6 +884,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: Literal[True],
     cryptomatte: bool | FileName = False,
@@ -909,6 +914,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: bool = False,
     cryptomatte: Literal[True],
@@ -938,6 +944,7 @@ def decompose(
     search: Literal['grid', 'meanshift'] = 'grid',
     refine: bool = True,
     assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
     paper: bool = False,
     keep: bool = False,
     cryptomatte: bool | FileName = False,
@@ -1723,6 +1730,7 @@ def label(
     persistence: float = 0.95,
     share: float = 0.5,
     coarsest: bool = True,
+    materials: bool = False,
     labels: int | None = None,
     neighbors: int = 256,
     tries: int = 0,
@@ -1760,6 +1768,9 @@ def label(
         Level n uses its nth power. Expected: a number from 0.01 to 0.999.
     coarsest : bool, default True
         Add a coarsest level of subtextures, as `decompose` finds them. The paper has none.
+    materials : bool, default False
+        Add a coarsest level of up to four materials, such as stone and mortar: superpixels are split by
+        color and texture where these have two separate modes. There is no such level where they do not.
     labels : int | None, default None
         Maximum number of subtextures in the coarsest level. Expected: an integer from 1 to 50. Default:
         chosen by the filter.
@@ -1857,6 +1868,7 @@ def label(
     persistence: float = 0.95,
     share: float = 0.5,
     coarsest: bool = True,
+    materials: bool = False,
     labels: int | None = None,
     neighbors: int = 256,
     tries: int = 0,
@@ -1886,6 +1898,7 @@ def label(
     persistence: float = 0.95,
     share: float = 0.5,
     coarsest: bool = True,
+    materials: bool = False,
     labels: int | None = None,
     neighbors: int = 256,
     tries: int = 0,
@@ -2382,9 +2395,10 @@ def patchmatch(
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
         Axes along which the result tiles. Default: xy; with inpaint, none.
     variants : int, default 1
-        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles
-        with two edge colors, which fit where the colors agree; 16 is the complete set. Part names and
-        the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to 64.
+        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
+        which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
+        names and the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to
+        64.
     pack : Literal['atlas'] | None, default None
         Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its
         borders, so that renderers can filter it without padding. Requires variants=4, 16 or 64.
@@ -3193,9 +3207,10 @@ def stationarize(
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
         Axes along which the result tiles. Default: xy; with inpaint, none.
     variants : int, default 1
-        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles
-        with two edge colors, which fit where the colors agree; 16 is the complete set. Part names and
-        the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to 64.
+        Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
+        which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
+        names and the attribute oiiotex:edges contain the edge colors. Expected: an integer from 1 to
+        64.
     pack : Literal['atlas'] | None, default None
         Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its
         borders, so that renderers can filter it without padding. Requires variants=4, 16 or 64.
@@ -3599,6 +3614,7 @@ def synth(
     stmap: FileName | Literal[False] = False,
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3689,6 +3705,12 @@ def synth(
         Layout of the root exemplar that is kept, so that only finer detail is random. 0: nothing is
         kept. 1: up to the root's resolution. 2 to 60: up to that level. Expected: True, False, or an
         integer from 0 to 60.
+    jitter : float | Sequence[float] | None, default None
+        Randomness of each level, from level 0 on (HRRG08 section 4.3). The last number applies to all
+        further levels. Reduce it where structures break, increase it where the exemplar repeats.
+        Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
+        coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
+        endless zoom and with paper.
     correct : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
@@ -3696,8 +3718,8 @@ def synth(
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in
-        endless zooms.
+        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
+        preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
@@ -3728,6 +3750,7 @@ def synth(
     stmap: Literal[True],
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3756,6 +3779,7 @@ def synth(
     stmap: bool | FileName = False,
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3899,6 +3923,7 @@ def zoom(
     rate: float = 24.0,
     graph: FileName | None = None,
     lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
     correct: bool = True,
     dims: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -3979,6 +4004,12 @@ def zoom(
         Layout of the root exemplar that is kept, so that only finer detail is random. 0: nothing is
         kept. 1: up to the root's resolution. 2 to 60: up to that level. Expected: True, False, or an
         integer from 0 to 60.
+    jitter : float | Sequence[float] | None, default None
+        Randomness of each level, from level 0 on (HRRG08 section 4.3). The last number applies to all
+        further levels. Reduce it where structures break, increase it where the exemplar repeats.
+        Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
+        coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
+        endless zoom and with paper.
     correct : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
@@ -3986,8 +4017,8 @@ def zoom(
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in
-        endless zooms.
+        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
+        preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None

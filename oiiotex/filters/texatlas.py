@@ -118,7 +118,7 @@ class Atlas(MaterialOp, Whole):
                 missing = f"expected one free of {seen.why or 'the border'}"
                 raise ImageError(f"{self.exemplar.source}: {error}: {missing}") from error
             source, face = synthesize(
-                fine, frames, size, levels, self.seed, self.mesh.name, resources.spread, progress.advance
+                fine, frames, size, levels, self.seed, self.mesh.name, resources, progress.advance
             )
         self.say_what_stays()
 

@@ -107,6 +107,11 @@ class Decompose(OnePart, InLab, ScanThenMap):
         "competition", choices=("competition", "neighbors"), advanced=True,
         help="Assignment of pixels to subtextures. competition: by textons; neighbors: by places, as in the paper.",
     )  # fmt: skip
+    invariant: bool = param(
+        False,
+        help="Regard rotated versions of a texture as one texture, and those of a slightly different scale. No effect"
+        " with features=haar.",
+    )
     paper: bool = param(
         False,
         help="Settings of the paper (CZF02):"
@@ -181,6 +186,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
             step=self.step or (math.ceil(math.sqrt(pixels / _HAAR_SAMPLES)) if haar else _step(pixels)),
             refine=self.refine,
             assign=self.assign,
+            invariant=self.invariant,
         )
 
 

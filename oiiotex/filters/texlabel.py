@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -78,6 +79,11 @@ class Label(OnePart, InLab, ScanThenMap):
     )  # fmt: skip
     coarsest: bool = param(
         True, help="Add a coarsest level of subtextures, as `decompose` finds them. The paper has none."
+    )
+    materials: bool = param(
+        False,
+        help="Add a coarsest level of up to four materials, such as stone and mortar: superpixels are split by color"
+        " and texture where these have two separate modes. There is no such level where they do not.",
     )
     labels: int | None = param(
         None,
@@ -165,10 +171,16 @@ class Label(OnePart, InLab, ScanThenMap):
             tries=self.tries,
             seed=self.seed,
         )
-        subtextures = functools.partial(superpixel_subtextures, count=self.labels)
+        from ..segmentation.superpixel_materials import superpixel_materials
+
+        coarsest: list[Callable[..., np.ndarray]] = []
+        if self.coarsest:
+            coarsest.append(functools.partial(superpixel_subtextures, count=self.labels))
+        if self.materials:
+            coarsest.append(superpixel_materials)
         maps = label_maps(
             self.source, lens, session.resources, session.progress, self.features, settings,
-            runs=self.runs, minsize=self.minsize, coarsest=subtextures if self.coarsest else None,
+            runs=self.runs, minsize=self.minsize, coarsest=coarsest,
         )  # fmt: skip
         for n, level in enumerate(maps.levels, 1):
             self.inform("label.%d: %d labels at %.1f px", n, level.count, level.scale)

@@ -114,7 +114,8 @@ class Synth(Multiscale, Structured):
         display, window = self._windows(first.spec, asked)
         around = self._around(level, display)
         in_step = self._in_step(plane, level, around, session)
-        settings = plane.settings(seed=self.seed, lock=self.lock, around=around, around_level=level, in_step=in_step)
+        how: dict[str, Any] = {"seed": self.seed, "lock": self.lock, "jitter": self.jitter}
+        settings = plane.settings(**how, around=around, around_level=level, in_step=in_step)
         maker = self.maker(plane, settings, resources)
         key = plane.key(settings, level) if self.resume or self.tiles else ""
         states = States(resources, maker, level, window, display or window, key if self.resume else "")

@@ -106,7 +106,7 @@ class Zoom(Multiscale):
             raise ParameterError(problem, parameter="at", value=self.at)
         if self.movie and self.movie.suffix.lower() == ".gif":
             resources.require(2 * self.count * width * height, f"a GIF of {self.count} frames", "reduce count")
-        maker = self.maker(plane, plane.settings(seed=self.seed, lock=self.lock), resources)
+        maker = self.maker(plane, plane.settings(seed=self.seed, lock=self.lock, jitter=self.jitter), resources)
         whole = Window(0, 0, width, height)
 
         def frame_at(zoom: float) -> Part:

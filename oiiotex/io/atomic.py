@@ -227,10 +227,10 @@ def _followed(path: Path) -> Path:
     for_all = folder.st_mode & stat.S_ISVTX and folder.st_mode & stat.S_IWOTH
     if for_all and link.st_uid not in (os.geteuid(), folder.st_uid):
         raise ImageError(f"{path}: a link of another user in a shared folder")
-    try:
-        return path.resolve()
-    except (OSError, RuntimeError) as error:  # a loop
-        raise ImageError(f"{path}: a broken link") from error
+    target = Path(os.path.realpath(path))
+    if target.is_symlink():  # a loop; Path.resolve raises for it only before Python 3.13
+        raise ImageError(f"{path}: a broken link")
+    return target
 
 
 # --- hidden files ---

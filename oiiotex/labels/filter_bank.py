@@ -80,6 +80,16 @@ class Texture:
     responses: np.ndarray
     colors: np.ndarray
 
+    def invariant(self) -> Texture:
+        """Mean energy of all directions and wavelengths instead of each one, so that turned and scaled versions agree.
+
+        The Laplacians, which depend on scale, are omitted.
+        """
+        responses = np.zeros_like(self.responses)
+        gabor = _TURNS * len(WAVES)
+        responses[:gabor] = np.rint(self.responses[:gabor].mean(0, dtype=np.float64))
+        return Texture(self.seen, responses, self.colors)
+
 
 def texture_of(lab: np.ndarray, seen: np.ndarray, resources: Resources) -> Texture:
     """The texture of (h, w, 3) float32 Lab; `seen` (h, w) bool are the valid pixels."""

@@ -29,10 +29,10 @@ class Sparse:
         return len(self.starts) - 1
 
 
-def padded(matrix: np.ndarray, value: float = 0.0) -> np.ndarray:
-    """A float32 matrix with rows padded to `LANES` by `value`."""
+def padded(matrix: np.ndarray) -> np.ndarray:
+    """A float32 matrix with rows padded to `LANES` by zeros."""
     rows, columns = matrix.shape
-    wide = np.full((rows, columns + -columns % LANES), value, np.float32)
+    wide = np.zeros((rows, columns + -columns % LANES), np.float32)
     wide[:, :columns] = matrix
     return wide
 

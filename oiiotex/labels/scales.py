@@ -5,7 +5,7 @@ Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest.
 
 1. The paper proceeds to the first scale at which *every* superpixel overlaps two labels, so a single superpixel can end
    the search. Here a `share` of them is enough (1: the paper).
-2. A coarsest level from another method may be given (`label_maps`).
+2. Coarser levels from other methods may be given (`label_maps`).
 3. The walk gets longer from level to level, so that larger patterns have fewer labels: the largest eigenvalue below 1
    decays to `persistence` to the power of the level. In the paper it decays to 0.95 at all levels.
 4. A node has at most n / 13 neighbors: the paper's 256 would be all of n nodes at coarse scales.
@@ -27,7 +27,7 @@ them is a level even if some of its superpixels lie in one label, so there are a
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -127,7 +127,7 @@ def label_maps(
     *,
     runs: int = 1,
     minsize: int | None = None,
-    coarsest: Callable[[Superpixels, SmallLab, Resources], np.ndarray] | None = None,
+    coarsest: Sequence[Callable[[Superpixels, SmallLab, Resources], np.ndarray]] = (),
 ) -> LabelMaps:
     """Label maps of the image's first part.
 
@@ -138,8 +138,8 @@ def label_maps(
         One of `features.KINDS`.
     runs, minsize
         As for `superpixels`.
-    coarsest : callable, optional
-        Gives a separate coarsest level: the label of each superpixel, (n,) int64, 0 to r - 1, none empty.
+    coarsest : sequence of callable
+        Each gives a separate coarser level: the label of each superpixel, (n,) int64, 0 to r - 1, none empty.
 
     Raises
     ------
@@ -174,7 +174,10 @@ def label_maps(
         ):
             described = features_of(features, finest, small, resources)
         progress.advance(described_at, total)
-        top = (lambda: None) if coarsest is None else functools.partial(coarsest, finest, small, resources)
+
+        def top() -> list[np.ndarray]:
+            return [level(finest, small, resources) for level in coarsest]
+
         with resources.in_background(top) as coarse, resources.stats.time("label superpixels"):
             levels = label_levels(tree(), described, settings, finest.edges, resources, coarse)
     progress.advance(total, total)
@@ -194,16 +197,14 @@ def label_levels(
     settings: LabelSettings,
     edges: np.ndarray,
     resources: Resources,
-    coarsest: Callable[[], np.ndarray | None] = lambda: None,
+    coarsest: Callable[[], Sequence[np.ndarray]] = lambda: (),
 ) -> tuple[LabelLevel, ...]:
     """Levels of labels, finest first, as a tree.
 
     `edges` (m, 2) int.
     """
     levels = _bottom_up(hierarchy, features, settings, edges, resources)
-    top = coarsest()
-    if top is not None:
-        levels.append(_given(hierarchy, features, top))
+    levels += [_given(hierarchy, features, top) for top in coarsest()]
     tree = top_down(levels, settings.literal)
     return tree if settings.literal else distinct(tree)
 

@@ -31,7 +31,7 @@ import numpy as np
 from ..errors import present
 from ..opencl.buffers import Buffers
 from ..session.resources import Resources
-from .products import TASK, gram, padded, product, wide_of
+from .products import LANES, TASK, padded, product, wide_of
 
 _ROUNDS = 30  # alternations of F and G
 _INNER = 8  # steps of either in a round
@@ -133,96 +133,124 @@ def _best_start(
     least, fruitless, best = np.inf, 0, None
     while fruitless < _FRUITLESS:
         F = probe_cover(walk, random, known)
-        from_labels, overlap = gram(walk.left, F, resources), gram(F, F, resources)
-        start = np.full((walk.n, F.shape[1]), 1.0 / F.shape[1], np.float32)
-        linear = product(walk.right, from_labels, resources)
-        memberships = memberships_of(start, overlap, linear, _inverse(walk.n, F.shape[1]), _FIRST, resources)
-        to_labels, shared = gram(walk.right, memberships, resources), gram(memberships, memberships, resources)
-        error = _error(walk, from_labels, to_labels, overlap, shared)
-        fruitless = 0 if error < least else fruitless + 1
-        if error < least:
-            least, best = error, (F, memberships.T)
+        with Descent(walk, F, None, resources) as descent:
+            descent.move_G(_FIRST)
+            fruitless = 0 if descent.error < least else fruitless + 1
+            if descent.error < least:
+                least, best = descent.error, (F, descent.G)
     return present(best)
-
-
-def _inverse(n: int, r: int) -> np.ndarray:
-    """1 / k for k up to the length of any row or column, float32."""
-    return (1.0 / np.maximum(np.arange(max(n, r) + 8), 1)).astype(np.float32)
 
 
 def _descended(walk: Power, resources: Resources, F: np.ndarray, G: np.ndarray | None = None) -> Factors:
     """Alternate both, until the error no longer decreases."""
-    r = F.shape[1]
-    F = np.asarray(F, np.float32)
-    memberships = np.full((walk.n, r), 1.0 / r, np.float32) if G is None else np.ascontiguousarray(G.T, np.float32)
-    right = np.ascontiguousarray(walk.left.T)
-    inverse = _inverse(walk.n, r)
-    from_labels, overlap = gram(walk.left, F, resources), gram(F, F, resources)
-    previous, steps = np.inf, _FIRST
-    for _ in range(_ROUNDS):
-        linear = product(walk.right, from_labels, resources)  # (D^s)^T F
-        memberships = memberships_of(memberships, overlap, linear, inverse, steps, resources)
-        to_labels, shared = gram(walk.right, memberships, resources), gram(memberships, memberships, resources)
-        error = _error(walk, from_labels, to_labels, overlap, shared)
-        if previous - error < _GAIN * previous:
-            break
-        previous, steps = error, _INNER
-        linear = product(np.ascontiguousarray(to_labels.T), right, resources)  # (D^s G^T)^T
-        F = distributions(F, shared, linear, inverse, resources)
-        from_labels, overlap = gram(walk.left, F, resources), gram(F, F, resources)
-    wide_F, wide_G = F.astype(np.float64), memberships.T.astype(np.float64)
-    return Factors(wide_F / wide_F.sum(0), wide_G / wide_G.sum(0), error)
+    with Descent(walk, F, G, resources) as descent:
+        previous, steps = np.inf, _FIRST
+        for _ in range(_ROUNDS):
+            descent.move_G(steps)
+            if previous - descent.error < _GAIN * previous:
+                break
+            previous, steps = descent.error, _INNER
+            descent.move_F()
+        F, G = (factor.astype(np.float64) for factor in (descent.F, descent.G))
+        return Factors(F / F.sum(0), G / G.sum(0), descent.error)
 
 
-def _error(
-    walk: Power, from_labels: np.ndarray, to_labels: np.ndarray, overlap: np.ndarray, shared: np.ndarray
-) -> float:
-    """|D^s - F G|^2 / |D^s|^2 from products of thin matrices."""
-    both = (overlap.astype(np.float64) * shared).sum() - 2.0 * (from_labels.astype(np.float64) * to_labels).sum()
-    return max(walk.norm + float(both), 0.0) / walk.norm
+class Descent:
+    """Both factors and their products with the walk, on the device; only products of labels are read.
 
-
-def memberships_of(
-    start: np.ndarray, quadratic: np.ndarray, linear: np.ndarray, inverse: np.ndarray, steps: int, resources: Resources
-) -> np.ndarray:
-    """Rows x on the simplex that minimize x Q x^T / 2 - x c^T, (n, r) float32.
-
-    `start` (n, r) float32; `quadratic` (r, r) float32; `linear` (n, r) float32; `inverse` (r + 8,) float32.
+    Attributes
+    ----------
+    error : float
+        |D^s - F G|^2 / |D^s|^2 after a step of G.
     """
-    device, (n, r) = resources.device, start.shape
-    at, tables = padded(start), {"quadratic": padded(quadratic), "linear": padded(linear, _FAR)}
-    tables |= {"inverse": inverse, "momentum": _momentum(steps)}
-    width = at.shape[1]
-    with Buffers(device, {"at": at.nbytes, "ahead": 2 * at.nbytes}, resources.budget, TASK, tables=tables) as buffers:
-        device.write(buffers["at"], at)
-        arguments = [buffers[name] for name in (*tables, "at", "ahead")]
-        numbers = n, r, width, steps, 1.0 / _largest(quadratic), _SETTLED
-        device.program("factorization")("memberships", (n,), *arguments, *numbers, group=16)
-        return device.read(buffers["at"], at.shape, np.float32)[:, :r]
 
+    def __init__(self, walk: Power, F: np.ndarray, G: np.ndarray | None, resources: Resources):
+        self._device, self._norm = resources.device, walk.norm
+        (self._n, self._r), self._k = F.shape, walk.left.shape[1]
+        n, r, k = self._n, self._r, self._k
+        self._run = self._device.program("factorization")
+        self._wide = wide_of(resources)
+        G = np.full((r, n), 1.0 / r, np.float32) if G is None else G
+        start = {"F": padded(F), "G": padded(G.T), "rows": padded(F.T)}
+        self._width, self._long, self._tall = start["F"].shape[1], start["rows"].shape[1], k + -k % LANES
+        tables = {
+            "left": padded(walk.left), "right": padded(walk.right), "across": padded(walk.left.T),
+            "inverse": (1.0 / np.maximum(np.arange(max(n, r) + 8), 1)).astype(np.float32),
+            "momentum": _momentum(_FIRST),
+        }  # fmt: skip
+        nodes, labels, thin = 4 * n * self._width, 4 * self._width * self._long, 4 * self._tall * self._width
+        layout = {name: array.nbytes for name, array in start.items()}
+        layout |= {"ahead_G": 2 * nodes, "linear_G": nodes}
+        layout |= {"ahead_F": labels, "linear_F": labels, "trial_F": labels}
+        layout |= {"from": thin, "to": thin, "overlap": 4 * self._width**2, "shared": 4 * self._width**2}
+        self._buffers = Buffers(self._device, layout, resources.budget, TASK, tables=tables)
+        for name, array in start.items():
+            self._device.write(self._buffers[name], array)
+        self._moved_F()
 
-def distributions(
-    start: np.ndarray, quadratic: np.ndarray, linear: np.ndarray, inverse: np.ndarray, resources: Resources
-) -> np.ndarray:
-    """Columns on the simplex, F (n, r) float32, that minimize tr(F Q F^T) / 2 - tr(F C), by a few steps.
+    def __enter__(self) -> Descent:
+        return self
 
-    `start` (n, r) float32; `quadratic` (r, r) float32; `linear` (r, n) float32; `inverse` (n + 8,) float32.
-    """
-    device, (n, r) = resources.device, start.shape
-    at = padded(start.T)
-    tables = {"quadratic": padded(quadratic), "linear": padded(linear, _FAR), "inverse": inverse}
-    width, run = at.shape[1], device.program("factorization")
-    layout = {"at": at.nbytes, "ahead": at.nbytes, "trial": at.nbytes}
-    step, momentum = 1.0 / _largest(quadratic), _momentum(_INNER).tolist()
-    with Buffers(device, layout, resources.budget, TASK, tables=tables) as buffers:
-        for name in ("at", "ahead"):
-            device.write(buffers[name], at)
-        down = [buffers[name] for name in ("quadratic", "linear", "ahead", "trial")]
-        onto = [buffers[name] for name in ("trial", "inverse", "at", "ahead")]
-        for ahead in momentum[1:]:
-            run("advance", (-(-width // wide_of(resources)), r), *down, r, tables["quadratic"].shape[1], width, step)
-            run("project", (r,), *onto, r, width, ahead, group=1)
-        return np.ascontiguousarray(device.read(buffers["at"], at.shape, np.float32)[:, :n].T)
+    def __exit__(self, *_: object) -> None:
+        self._buffers.__exit__()
+
+    @property
+    def F(self) -> np.ndarray:
+        """(n, r) float32."""
+        return self._read("F", self._n, self._r)
+
+    @property
+    def G(self) -> np.ndarray:
+        """(r, n) float32."""
+        return self._read("G", self._n, self._r).T
+
+    def move_G(self, steps: int) -> None:
+        """Move the columns of G towards the best ones for this F, in `steps` of FISTA."""
+        n, r, width = self._n, self._r, self._width
+        across = -(-width // self._wide)
+        self._call("product", (across, n), ("right", "from", "linear_G"), n, self._k, self._tall, width)
+        names = ("overlap", "linear_G", "inverse", "momentum", "G", "ahead_G")
+        self._call("memberships", (n,), names, n, r, width, steps, 1.0 / _largest(self._overlap), _SETTLED, group=16)
+        self._gram("right", "G", "to", n, self._tall, width)
+        self._gram("G", "G", "shared", n, width, width)
+        self._shared = self._read("shared", r, r).astype(np.float64)
+        to_labels = self._read("to", self._k, r)
+        both = (self._overlap * self._shared).sum() - 2.0 * (self._from_labels * to_labels).sum()
+        self.error = max(self._norm + float(both), 0.0) / self._norm
+
+    def move_F(self) -> None:
+        """Move the columns of F by a few steps of FISTA."""
+        r, width, long = self._r, self._width, self._long
+        self._gram("to", "across", "linear_F", self._k, width, long)  # (D^s G^T)^T
+        step, ahead = 1.0 / _largest(self._shared), "rows"
+        for momentum in _momentum(_INNER)[1:].tolist():
+            names = ("shared", "linear_F", ahead, "trial_F")
+            self._call("advance", (-(-long // self._wide), r), names, r, width, long, step)
+            names = ("trial_F", "inverse", "rows", "ahead_F")
+            self._call("project", (r,), names, r, self._n, long, momentum, group=1)
+            ahead = "ahead_F"
+        self._call("transposed", (width, self._n), ("rows", "F"), r, long, self._n, width)
+        self._moved_F()
+
+    def _moved_F(self) -> None:
+        """Products of F."""
+        self._gram("left", "F", "from", self._n, self._tall, self._width)
+        self._gram("F", "F", "overlap", self._n, self._width, self._width)
+        self._overlap = self._read("overlap", self._r, self._r).astype(np.float64)
+        self._from_labels = self._read("from", self._k, self._r).astype(np.float64)
+
+    def _gram(self, a: str, b: str, out: str, rows: int, tall: int, width: int) -> None:
+        """a^T b, (rows, tall) and (rows, width)."""
+        self._call("gram", (-(-width // self._wide), -(-tall // self._wide)), (a, b, out), rows, tall, width)
+
+    def _call(
+        self, kernel: str, shape: tuple[int, ...], names: tuple[str, ...], *numbers: float, group: int = 64
+    ) -> None:
+        self._run(kernel, shape, *(self._buffers[name] for name in names), *numbers, group=group)
+
+    def _read(self, name: str, rows: int, columns: int) -> np.ndarray:
+        wide = self._width
+        return self._device.read(self._buffers[name], (rows, wide), np.float32)[:, :columns]
 
 
 def _momentum(steps: int) -> np.ndarray:
@@ -237,12 +265,12 @@ def _momentum(steps: int) -> np.ndarray:
 
 def _largest(matrix: np.ndarray) -> float:
     """Upper bound of the largest eigenvalue of a symmetric nonnegative matrix (Collatz 1942)."""
-    matrix = matrix.astype(np.float64) + 1e-30
+    matrix = matrix + 1e-30
     vector = np.ones(len(matrix))
-    for _ in range(_BOUNDS):
-        image = (matrix * vector).sum(1)
-        bound, vector = float((image / vector).max()), image / image.max()
-    return bound
+    for _ in range(_BOUNDS - 1):
+        image = np.add.reduce(matrix * vector, 1)
+        vector = image / np.maximum.reduce(image)
+    return float((np.add.reduce(matrix * vector, 1) / vector).max())
 
 
 class _Dense:

@@ -55,11 +55,12 @@ def deliver_wang(
         tiles = {role: f"{name}_tile_{role}{path.suffix}" for role, path in files.items()}
         for role, image in maps.items():
             shutil.copyfile(files[role], work / atlases[role])
-            write(materials.first_tile(image), work / tiles[role])
+            tile = materials.first_tile(image)
+            write(_as_opengl(tile) if role == "normal" and hand == "directx" else tile, work / tiles[role])
         index = f"{name}_index.png"
         write(from_array(materials.index_image(side * side, seed)), work / index)
         space = maps["color"].first.spec.get_string_attribute(TAG)
-        described = materials.Described(name, tiles, space, hand, lattice=True, tile_m=size_m)
+        described = materials.Described(name, tiles, space, "opengl", lattice=True, tile_m=size_m)
         material = materials.WangMaterial(
             described.identifier, atlases, index, side, space, hand, size_m, relief if "height" in maps else 0.0
         )
@@ -85,12 +86,22 @@ def _side_of(maps: Mapping[str, Image]) -> int:
         spec = image.first.spec
         side = materials.atlas_side(spec)
         if not side:
-            raise Error(f"{image.source} is not an atlas: make it with --texstationarize:variants=16:pack=atlas")
+            raise Error(
+                f"{image.source} is not an atlas: make it with --texstationarize:variants=16:pack=atlas, as EXR or PNG,"
+                " which keep the attribute oiiotex:atlas"
+            )
         if (side, spec.width, spec.height) != (
             materials.atlas_side(first.first.spec), first.first.spec.width, first.first.spec.height,
         ):  # fmt: skip
             raise Error(f"{image.source} does not have the size of {first.source}; make all maps in one run")
     return materials.atlas_side(first.first.spec)
+
+
+def _as_opengl(normals: Image) -> Image:
+    """Normals with y upwards, as USD's validators require of integer files."""
+    pixels = normals.first.pixels().copy()
+    pixels[..., 1] = (np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1) - pixels[..., 1]
+    return from_array(pixels)
 
 
 def _write_page(color: Image, name: str, side: int, work: Path, index: str) -> None:

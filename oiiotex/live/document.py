@@ -86,6 +86,7 @@ class _Key(TypedDict):
 
 class _ZoomRoom(_Key):
     seed: Seed
+    jitter: Fraction | None
     lock: Annotated[int, Allowed(0, 1)]
     keys: Annotated[list[_Key], Allowed(most=256)]
     frames: Annotated[int, Allowed(2, 1 << 16)]
@@ -123,7 +124,7 @@ def default_state(display: str, view: str, side: int) -> Values:
         "tile": tile,
         "view": {"display": display, "view": view, "exposure": 0.0},
         "variants": {"list": []},
-        "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "lock": 0, "keys": [], "frames": 96},
+        "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "jitter": None, "lock": 0, "keys": [], "frames": 96},
         "paint": {"width": 1024, "height": 1024, "layer": "coarse", "label": 1, "finer": 0, "brush": 64.0, "seed": 0},
         "output": {"tile": "", "painted": "", "type": ""},  # file names and pixel type; "": automatic
         "history": {"step": -1},  # the step of the painting that is shown; -1: the last

@@ -35,14 +35,14 @@ class ZoomRoom:
         self._wanted: dict[Page, list[TilePlace]] = {}
         self._asked: dict[TilePlace, Request | None] = {}
         self._tiles: OrderedDict[TilePlace, np.ndarray] = OrderedDict()
-        self._turn = 0  # changes with seed and lock, which invalidate tiles
+        self._turn = 0  # changes with seed, jitter and lock, which invalidate tiles
 
     async def greet(self, page: Page) -> None:
         """Nothing to send: a page requests the tiles it shows."""
 
     async def changed(self, room: str, names: set[str]) -> None:
         """Discard tiles after a change of the plane, and tell pages when tiles look different."""
-        if room == "zoom" and names & {"seed", "lock"}:
+        if room == "zoom" and names & {"seed", "jitter", "lock"}:
             self._turn += 1
             self._tiles.clear()
             self._drop(set(self._asked))
@@ -142,7 +142,7 @@ class ZoomRoom:
     def _use(self, level: int, left: int, top: int, width: int, height: int) -> tuple[str, dict[str, Any]]:
         """The op and the modifiers that render a window of a level."""
         zoom = self._hub.document.state["zoom"]
-        same = {"seed": zoom["seed"] or None, "lock": zoom["lock"] or None}
+        same = {"seed": zoom["seed"] or None, "jitter": zoom["jitter"], "lock": zoom["lock"] or None}
         if self._hub.source.graph:
             window = f"{width}x{height}{left:+d}{top:+d}"
             return "synth", _given({"graph": self._hub.source.graph, "level": level, "window": window} | same)
@@ -182,7 +182,8 @@ class ZoomRoom:
         values = {
             "graph": self._hub.source.graph or None, "level": round(first["zoom"], 9),
             "speed": round((last["zoom"] - first["zoom"]) / (frames - 1), 9), "at": self._numbers(aim),
-            "size": f"{_FRAME[0]}x{_FRAME[1]}", "seed": zoom["seed"] or None, "lock": zoom["lock"] or None,
+            "size": f"{_FRAME[0]}x{_FRAME[1]}", "seed": zoom["seed"] or None, "jitter": zoom["jitter"],
+            "lock": zoom["lock"] or None,
         }  # fmt: skip
         return self._line("--frames", f"1-{frames}", word_of("--texzoom", values), number=".%04d")
 

@@ -79,7 +79,6 @@ def write_wang_materialx(material: WangMaterial, path: Path) -> list[Path]:
     Error
         MaterialX is not installed, or rejects a document.
     """
-    mx = materialx()
     written = [path]
     document = _document(material, own_node=True)
     _write(document, path)
@@ -87,21 +86,29 @@ def write_wang_materialx(material: WangMaterial, path: Path) -> list[Path]:
         name = f"{IMAGE}_{kind}"
         written.append(path.with_name(f"{name}.glsl"))
         written[-1].write_text(_GLSL.format(name=name, kind=result, channels=channels))
-    plain = _document(material, own_node=False)
+    written.append(path.with_name(f"{path.stem}{STANDARD}.mtlx"))
+    _write(_translated(_document(material, own_node=False), material.identifier), written[-1])
+    return written
+
+
+def _translated(document: Any, name: str) -> Any:
+    """The document with a standard_surface instead of OpenPBR, for hosts that know neither it nor its translation."""
     from MaterialX import PyMaterialXGenShader as shaders
 
-    # the translator finds the shaders of a document in its own content
-    plain.importLibrary(plain.getDataLibrary())
-    shaders.ShaderTranslator.create().translateAllMaterials(plain, "standard_surface")
-    own = mx.createDocument()
-    own.copyContentFrom(plain)
-    for child in plain.getChildren():
-        if child.hasSourceUri() and own.getChild(child.getName()):
+    document.importLibrary(loaded_libraries())  # the translator looks for shaders in the document itself
+    shaders.ShaderTranslator.create().translateAllMaterials(document, "standard_surface")
+    graph = document.getNodeGraph(f"maps_{name}")
+    graph.flattenSubgraphs("", lambda node: node.getCategory().startswith("open_pbr_surface_to_"))
+    surface = document.getNode(f"surface_{name}")
+    if graph.getOutput("normal"):
+        _connect(surface, "normal", "vector3", graph, "normal")  # MaterialX 1.39 does not translate it
+    own = materialx().createDocument()
+    own.copyContentFrom(document)
+    for child in document.getChildren():
+        if child.hasSourceUri():  # of the libraries
             own.removeChild(child.getName())
     own.setDataLibrary(loaded_libraries())
-    written.append(path.with_name(f"{path.stem}{STANDARD}.mtlx"))
-    _write(own, written[-1])
-    return written
+    return own
 
 
 def _write(document: Any, path: Path) -> None:
@@ -144,7 +151,7 @@ def _document(material: WangMaterial, own_node: bool) -> Any:
         if known in _SURFACE:
             _connect(surface, _SURFACE[known][0], kind, graph, role)
     if "emission" in material.maps:
-        surface.setInputValue("emission_luminance", 1000.0)
+        surface.setInputValue("emission_luminance", 1.0)
     if "height" in material.maps and material.relief:
         moved = document.addNode("displacement", f"displacement_{name}", "displacementshader")
         _connect(moved, "displacement", "float", graph, "height")
@@ -198,7 +205,7 @@ def _places(graph: Any, material: WangMaterial) -> tuple[Any, Any]:
 
 
 def _define(document: Any, kind: str) -> None:
-    """Define the node for a type: its graph, and its GLSL, which Metal, Slang and WGSL take, too."""
+    """Define the node for a type: its graph, and its GLSL, from which MaterialX derives Metal, Slang and WGSL."""
     name = f"{IMAGE}_{kind}"
     definition = document.addNodeDef(f"ND_{name}", kind, IMAGE)
     definition.setNodeGroup("texture2d")

@@ -61,17 +61,19 @@ class Plane:
         return self.images[self.graph.root]
 
     def settings(
-        self, *, seed: int | None, lock: bool | int, around: tuple[int, int] | None = None, around_level: int = 0,
-        in_step: InStep | None = None,
+        self, *, seed: int | None, lock: bool | int, jitter: tuple[float, ...] | None = None,
+        around: tuple[int, int] | None = None, around_level: int = 0, in_step: InStep | None = None,
     ) -> PlaneSettings:  # fmt: skip
         """The settings, with the graph's seed and jitter as defaults.
 
+        `jitter`: rho by level; the last holds for all finer levels.
         `lock`: last level without jitter (HRRG08 figure 7; 1 or True: L). `around`: period (width, height) of the plane
         in px of `around_level`. `in_step`: lattice of the one exemplar in px of its square.
         """
         looping = any(self.graph.in_loop(n) for n in range(len(self.graph.names)))
-        loops = looping and not self.analysis.stacks.levels.literal
-        jitter = self.graph.jitter or default_jitter(self.finest, endless=loops)
+        literal = self.analysis.stacks.levels.literal
+        loops = looping and not literal
+        jitter = jitter or self.graph.jitter or default_jitter(self.finest, everywhere=loops or literal)
         if lock:
             last = self.finest if lock == 1 else int(lock)
             longer = (*jitter, *jitter[-1:] * (last + 1))

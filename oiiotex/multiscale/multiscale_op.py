@@ -13,7 +13,7 @@ from ..color.lab import InLab
 from ..core.access import AnyWindow
 from ..core.demand import MadeRows, rows_of
 from ..core.image import Image
-from ..core.parameters import Parameter, image, param
+from ..core.parameters import Numbers, Parameter, image, param
 from ..core.source_map import SourceMap, tile_spec
 from ..core.window import Window
 from ..deferred import np, oiio
@@ -48,6 +48,17 @@ class Multiscale(InLab, Reported, AnyWindow):
         " up to the root's resolution. 2 to 60: up to that level.",
         advanced=True,
     )
+    jitter: Numbers | None = param(
+        None,
+        ge=0,
+        le=1,
+        example="0,1,1,0.6",
+        unset="that of the graph, else 1 on coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on"
+        " all levels of an endless zoom and with paper",
+        help="Randomness of each level, from level 0 on (HRRG08 section 4.3). The last number applies to all further"
+        " levels. Reduce it where structures break, increase it where the exemplar repeats.",
+        advanced=True,
+    )
     correct: bool = param(
         True,
         help="Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to"
@@ -70,7 +81,8 @@ class Multiscale(InLab, Reported, AnyWindow):
     )
     paper: bool = param(
         False,
-        help="Settings of the paper (HRRG08): dims=6, without the corrections that preserve contrast in endless zooms.",
+        help="Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that preserve"
+        " contrast in endless zooms.",
         advanced=True,
     )
     seed: int | None = param(

@@ -134,12 +134,12 @@ class PlaneSettings:
         return self.around[0] >> (self.around_level - level), self.around[1] >> (self.around_level - level)
 
 
-def default_jitter(finest: int, endless: bool = False) -> tuple[float, ...]:
-    """rho by level: none on the root's two finest levels and beyond.
+def default_jitter(finest: int, everywhere: bool = False) -> tuple[float, ...]:
+    """rho by level: none on the root's two finest levels and beyond, which HRRG08 does not say.
 
-    An endless zoom is jittered on all further levels. Otherwise similar places would stay similar.
+    An endless zoom is jittered `everywhere`. Otherwise similar places would stay similar.
     """
-    if endless:
+    if everywhere:
         return 0.0, JITTER
     jittered = (*FIRST_JITTER, *[JITTER] * finest)[: max(0, finest - 2)]
     return 0.0, *jittered, 0.0

@@ -105,14 +105,7 @@ def choose(wanted: str | None = None, threads: int = 0) -> DeviceInfo:
     """The device to use: `wanted`, else $OIIOTEX_DEVICE, else the first GPU, else the first CPU that works.
 
     A device that cannot compile is skipped, with a warning, for the next one that matches `wanted`; 'cpu' matches all
-    CPUs. A simulator is used only by name.
-
-    Raises
-    ------
-    DeviceError
-        No device matches.
-    NoDeviceError
-        No device, or none that can compile. The message ends with a command that helps.
+    CPUs. A simulator is used only by name. Raises DeviceError if no device matches, NoDeviceError if none can compile.
     """
     broken: list[tuple[DeviceInfo, runtime.Trial]] = []
     for info in _candidates(wanted, threads):
@@ -348,17 +341,15 @@ class Program:
         cl = device._cl
         self._device, self._stem = device, stem
         options = ["-w", f"-DLANES={device.lanes}", *(f"-D{k}={v}" for k, v in macros.items())]
-        if device.info.rounds_correctly:
-            options.append("-cl-fp32-correctly-rounded-divide-sqrt")
+        options += ["-cl-fp32-correctly-rounded-divide-sqrt"] * device.info.rounds_correctly
         try:
-            with warnings.catch_warnings():  # warnings of a compiler that builds the program
-                warnings.simplefilter("ignore", cl.CompilerWarning)
+            with warnings.catch_warnings(action="ignore", category=cl.CompilerWarning):
                 built = cl.Program(device._context, kernel_source(stem)).build(options)
         except cl.Error as error:
             words = runtime.compilers_words(str(error))
             raise BuildError(f"{device.info.name} cannot build {stem}.cl: {words}") from error
         self._kernels = {k.function_name: k for k in built.all_kernels()}
-        self._types: dict[str, tuple[str | None, ...]] = {}  # of each kernel's arguments: untyped ones cost 6 us each
+        self._types: dict[str, tuple[str | None, ...]] = {}  # of arguments; untyped numbers cost 6 us each
         self._launching = threading.Lock()  # a kernel keeps its arguments: two threads would mix theirs
 
     def __call__(
@@ -375,11 +366,9 @@ class Program:
         kernel = self._kernels[name]
         local = _work_group(shape, group)
         global_size = tuple(-(-n // k) * k for n, k in zip(shape, local, strict=True))
-        for number in (*global_size, *(a for a in arguments if type(a) is int)):
-            if not -INT_RANGE <= number < INT_RANGE:
-                raise DeviceError(
-                    f"{name} would count to {number}, beyond 2^31", hint="make the tile or the photo smaller"
-                )
+        most = max(map(abs, (*global_size, *(a for a in arguments if type(a) is int))))
+        if most >= INT_RANGE:
+            raise DeviceError(f"{name} would count to {most}, beyond 2^31", hint="make the tile or the photo smaller")
         types = tuple(_TYPES.get(type(a)) for a in arguments)
         with self._launching:
             if self._types.get(name) != types:

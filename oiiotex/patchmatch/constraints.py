@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from ..color.lab_grid import to_grid
 from ..core.demand import MadeRows, SomeRows
 from ..core.image import resized
+from ..core.scratch import empty_rows
 from ..core.source_map import SourceMap
 from ..deferred import np
 from ..errors import ImageError, present
@@ -19,6 +20,7 @@ from ..projections.histograms import BINS, INVERSE, OUTSIDE, RowSource
 from ..projections.projection import Projecting
 from .field import Geometry, allowed_patches, bands_of, box_sums
 
+FINER = 2  # minimum size of an octave, relative to a level that is reduced from it
 ENOUGH = 0.25  # minimum share of whole patches on a usable coarse level, relative to the finest level's
 
 
@@ -107,7 +109,7 @@ def ease_from(free: np.ndarray, distance: float) -> np.ndarray:
     return np.rint(255 * np.clip(away / distance, 0.0, 1.0)).astype(np.uint8)
 
 
-def octaves(sigmas: np.ndarray) -> list[float]:
+def sigma_octaves(sigmas: np.ndarray) -> list[float]:
     """Sigmas of the projections that a map of sigmas is blended from: its range in steps of at most one octave."""
     low, high = float(sigmas.min()), float(sigmas.max())
     steps = math.ceil(math.log2(high / low) - 1e-6)
@@ -194,16 +196,76 @@ def coarse_image(
     (height or rows, width, channels) float32
         0 where no pixel counts.
     """
-    if mask is None:
-        return resized(image, width, height, rows)
+    return Octaves(image, mask).reduced(width, height, rows)
 
-    def counted(first: int, last: int) -> np.ndarray:
-        return np.where(mask[first:last, :, None], image[first:last], np.float32(0))
 
-    ones = MadeRows((*mask.shape, 1), np.float32, lambda first, last: mask[first:last, :, None])
-    weight = resized(ones, width, height, rows)
-    sums = resized(MadeRows(image.shape, np.float32, counted), width, height, rows)
-    return np.where(weight > 0, sums / np.maximum(weight, np.float32(1e-6)), np.float32(0))
+class Octaves:
+    """An image at its own size, and on request at 1/2, 1/4 ... of it: coarse levels need not read all pixels.
+
+    `image` (height, width, channels) float32; `mask` (height, width) bool, pixels that count, or None: all.
+    """
+
+    def __init__(self, image: SomeRows, mask: np.ndarray | None):
+        self._sums: list[SomeRows] = [image]
+        self._weights: list[SomeRows] = []  # with a mask: shares of pixels that count, and the sums are of these
+        if mask is not None:
+
+            def counted(first: int, last: int) -> np.ndarray:
+                return np.where(mask[first:last, :, None], image[first:last], np.float32(0))
+
+            self._sums = [MadeRows(image.shape, np.float32, counted)]
+            self._weights = [MadeRows((*mask.shape, 1), np.float32, lambda first, last: mask[first:last, :, None])]
+
+    def halve(self, width: int, height: int, in_memory: bool) -> Octaves:
+        """The same with all octaves that levels from `width` x `height` on are reduced from."""
+        for planes in (self._sums, self._weights):
+            while planes and min(planes[-1].shape[0] / height, planes[-1].shape[1] / width) >= 2 * FINER:
+                planes.append(_halved(planes[-1], in_memory))
+        return self
+
+    def reduced(self, width: int, height: int, rows: slice | None = None) -> np.ndarray:
+        """As `coarse_image`, from the smallest octave that is `FINER` than the level."""
+        at = max(k for k, one in enumerate(self._sums) if k == 0 or _finer(one, width, height))
+        sums = resized(self._sums[at], width, height, rows)
+        if not self._weights:
+            return sums
+        weight = resized(self._weights[at], width, height, rows)
+        return np.where(weight > 0, sums / np.maximum(weight, np.float32(1e-6)), np.float32(0))
+
+
+def _finer(image: SomeRows, width: int, height: int) -> bool:
+    return min(image.shape[0] / height, image.shape[1] / width) >= FINER
+
+
+def _halved(image: SomeRows, in_memory: bool) -> SomeRows:
+    """Means over squares of two pixels a side, or, along an odd side, of slightly more than two."""
+    (high, wide, channels), (down, right) = image.shape, (_pairs(n) for n in image.shape[:2])
+    out = empty_rows((high // 2, wide // 2, channels), np.float32, in_memory)
+    for band in bands_of(len(out)):
+        begin = int(down[0][band.start])
+        rows = image[begin : int(down[0][band.stop - 1]) + len(down)]
+        tall = _weighed(rows, 0, down[0][band] - begin, [w[band] for w in down[1:]])
+        out[band] = _weighed(tall, 1, right[0], right[1:])
+    return out
+
+
+def _pairs(size: int) -> list[np.ndarray]:
+    """For each pixel of half an axis: the first pixel that it covers, and the shares of two or three."""
+    count = size // 2
+    begins = np.arange(count) * (size / count)
+    first = begins.astype(np.int64)
+    shares = [np.full(count, 0.5)] * 2
+    if size % 2:
+        least = 1.0 - (begins - first)
+        shares = [share * (count / size) for share in (least, np.ones(count), size / count - 1.0 - least)]
+    return [first, *(share.astype(np.float32) for share in shares)]
+
+
+def _weighed(values: np.ndarray, axis: int, first: np.ndarray, shares: list[np.ndarray]) -> np.ndarray:
+    """Sums of neighbors along an axis, from `first` on, with these shares."""
+    shape = (-1, 1, 1) if axis == 0 else (-1, 1)
+    last = values.shape[axis] - 1
+    return sum(values.take(np.minimum(first + k, last), axis) * share.reshape(shape) for k, share in enumerate(shares))
 
 
 def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_out: str) -> int:

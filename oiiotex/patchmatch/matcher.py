@@ -95,6 +95,12 @@ class Matcher:
         shape = self.geometry.rows, self.geometry.columns
         return SourceMap(self._device.read(self._buffers["field"], shape, np.uint32))
 
+    def texture_cost(self) -> float:
+        """Mean squared Lab difference per patch pixel of the current matches to `image` (MJH17 eq. 5), a whole tile."""
+        g = self.geometry
+        distance = self._device.read(self._buffers["distance"], (g.rows, g.columns), np.int32)
+        return int(distance.sum(dtype=np.int64)) / (distance.size * g.patch**2 * g.steps**2)
+
     def improve(self, iterations: int, step: int) -> None:
         """Search for better matches for `image`. `step`: index of the outer iteration, for the random numbers."""
         if iterations == 0:
@@ -179,14 +185,18 @@ class Matcher:
         g, b = self.geometry, self._buffers
         bottom = g.height if bottom is None else bottom
         first = self.rows.load("field", top - g.patch + 1, bottom)
-        span = 1 if self._device.lanes == 1 else 64  # cl/patchmatch.cl, SPAN
         pieces = self.exemplar.count
         for n, piece in enumerate(self.exemplar.pieces("exemplar")):
             sums = () if self.exemplar.whole else (b["votes"], int(n > 0), int(n + 1 == pieces))
             self._run(
-                "vote", (-(-g.width // span), bottom - top), b["exemplar"], b["field"], b["image"],
+                "vote", (self._spans, bottom - top), b["exemplar"], b["field"], b["image"],
                 g.columns, g.rows, g.width, g.exemplar_width, *g.wraps, top, bottom, first, *piece, *sums,
             )  # fmt: skip
+
+    @property
+    def _spans(self) -> int:
+        """Work-items for a row of votes."""
+        return -(-self.geometry.width // (1 if self._device.lanes == 1 else 64))  # cl/patchmatch.cl, SPAN
 
     def hold(self, top: int = 0, bottom: int | None = None) -> None:
         """Restore the fixed pixels, from buffer `fixed`, in the loaded rows of `image`."""
@@ -214,7 +224,7 @@ class Matcher:
         for top, bottom in self.rows.bands():
             first = self.rows.load("field", top - g.patch + 1, bottom)
             self._run(
-                "pick", (g.width, bottom - top), b["field"], weights, b["distance_next"],
+                "pick", (self._spans, bottom - top), b["field"], weights, b["distance_next"],
                 g.columns, g.rows, g.width, *g.wraps, top, bottom, first,
             )  # fmt: skip
             source[top:bottom] = self._device.read(b["distance_next"], (bottom - top, g.width), np.uint32)
@@ -277,9 +287,12 @@ def _penalty_unit(exemplar: SomeRows, geometry: Geometry, usable: np.ndarray | N
 
 def match_patches(
     device: Device, lab: np.ndarray, exemplar: SomeRows, field: SourceMap, patch: int, domain: Domain, seed: int,
-    budget: int,
-) -> SourceMap:  # fmt: skip
-    """The nearest-neighbor field of an image, from an initial guess and `MATCH_PASSES` passes without uniformity.
+    budget: int, passes: int = MATCH_PASSES,
+) -> tuple[SourceMap, float]:  # fmt: skip
+    """The nearest-neighbor field of an image without uniformity, and its texture cost (MJH17 eq. 5).
+
+    The cost is the mean squared Lab difference per patch pixel, on the integer grid of the search. It is an upper bound
+    of eq. 5, which takes the best matches.
 
     Parameters
     ----------
@@ -293,6 +306,8 @@ def match_patches(
         Domain of the image.
     budget : int
         Memory budget in bytes, for all allocations at a time.
+    passes : int
+        Passes of PatchMatch. 0: the cost of the initial guess.
 
     Raises
     ------
@@ -312,8 +327,8 @@ def match_patches(
         )
         matcher = Matcher(device, buffers, geometry, image, allowed_patches(None, geometry), field, 0.0, seed)
         device.write(buffers["image"], to_grid(lab, geometry.steps))
-        matcher.improve(MATCH_PASSES, 0x3A7C)
-        return matcher.field()
+        matcher.improve(passes, 0x3A7C)
+        return matcher.field(), matcher.texture_cost()
 
 
 def _layout_in(room: int, geometry: Geometry) -> dict[str, int]:

@@ -19,7 +19,7 @@ from ..projections.histograms import ValueCounts
 from ..projections.projection import layout as projection_layout
 from ..stationarity.grid_statistics import CellGrid
 from . import use_prices
-from .constraints import Constraints, VaryingProjection, octaves
+from .constraints import Constraints, VaryingProjection, sigma_octaves
 from .exemplar_rows import LEAST_ROWS, piece_halo
 from .field import Geometry
 from .level_rows import halo
@@ -100,6 +100,7 @@ def plan_memory(
     if constraints.weight is not None:
         common += _WEIGHT_BYTES * of_exemplar
     on_host = common + min(_TEMPORARIES, _PIXEL_TEMPORARIES * pixels) + 2 * 4 * shape[2] * of_exemplar
+    on_host += 4 * (shape[2] + held.masked) * of_exemplar // 3  # octaves
     if recipe.complete:  # activity of patches
         on_host += 4 * of_exemplar
     least, none = halo(recipe.patch) + LEAST_ROWS, size(None, 1)
@@ -161,7 +162,7 @@ def grids_of(recipe: Recipe, geometries: list[Geometry], scales: list[float], co
     grids = []
     for geometry, scale in zip(geometries, scales, strict=True):
         sigmas = level_sigmas(constraints, geometry, scale)
-        stack = [recipe.sigma * scale] if sigmas is None else octaves(sigmas)
+        stack = [recipe.sigma * scale] if sigmas is None else sigma_octaves(sigmas)
         plane = Domain(geometry.exemplar_width, geometry.exemplar_height)
         own = CellGrid.of(plane, recipe.sigma * scale) if recipe.contrast > 0 and recipe.flat else None
         grids.append(([CellGrid.of(geometry, sigma) for sigma in stack], own))

@@ -36,12 +36,12 @@ from . import use_prices
 from .constraints import (
     UNCONSTRAINED,
     Constraints,
+    Octaves,
     VaryingProjection,
-    coarse_image,
     coarse_mask,
     ease_from,
     first_level,
-    octaves,
+    sigma_octaves,
 )
 from .exemplar_rows import ExemplarRows
 from .field import (
@@ -49,6 +49,7 @@ from .field import (
     allowed_patches,
     bands_of,
     only_allowed,
+    planes_of,
     random_field,
     shifted_field,
     upsample_field,
@@ -62,7 +63,7 @@ from .recipe import Recipe, geometry_at, level_scales
 from .use_prices import Lost, UsePrices, lost_texture
 
 FINE_ITERATIONS, PAPER_FINE_ITERATIONS = 1, 3  # per finer level: the coarsest decides the layout; section 4.2: 2 or 3
-COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: coarsest level, finer levels, last iteration
+COARSE_PASSES, FINE_PASSES = 2, 1  # of PatchMatch per iteration: coarsest level, finer levels
 FINE_SEARCHES = 3  # the coarsest level has found the regions; wide windows find nothing better
 OVERSHOOT = 1.2
 LOOKS = 3  # iterations of the coarsest level between two previews
@@ -129,7 +130,6 @@ def synthesize(
     scales, geometries = scales[start:], geometries[start:]
     fine = PAPER_FINE_ITERATIONS if recipe.literal else FINE_ITERATIONS
     schedule = [[COARSE_PASSES] * recipe.iterations, *([FINE_PASSES] * fine for _ in scales[1:])]
-    schedule[-1][-1] = LAST_PASSES
     sizes = [g.width * g.height for g in geometries]
     steps = [size + _LEVEL * (n == 0) for size, level in zip(sizes, schedule, strict=True) for n in range(len(level))]
     whole = sum(steps) + 2 * sizes[-1]  # picking the pixels, and measuring what is lost
@@ -139,6 +139,8 @@ def synthesize(
     there = -1 if levels is None else levels.latest(geometries)
     held = ExemplarHeld(isinstance(exemplar, np.ndarray), allowed is not None)
     plan = plan_memory(device, exemplar.shape, recipe, geometries, scales, constraints, budget, held)
+    first = geometries[max(there, 0)]
+    octaves = Octaves(exemplar, allowed).halve(first.exemplar_width, first.exemplar_height, plan.exemplar_whole)
     with Buffers(device, plan.layout, budget, _task(recipe, exemplar.shape), held=plan.on_host) as buffers:
         for level, (geometry, scale, passes_of_level) in enumerate(zip(geometries, scales, schedule, strict=True)):
             if level <= there:
@@ -149,7 +151,7 @@ def synthesize(
                 continue
             e_size = geometry.exemplar_width, geometry.exemplar_height
             usable = coarse_mask(allowed, *e_size)
-            image = grid_image(exemplar, allowed, geometry, plan.exemplar_whole)
+            image = grid_image(octaves, geometry, plan.exemplar_whole)
             patches = allowed_patches(usable, geometry)
             weights = constraints.patch_weights(patches, geometry)
             variance = variance_of(image, usable)
@@ -261,7 +263,7 @@ class _Level:
         self._projection: Projecting | None = None
         sigmas = level_sigmas(constraints, g, scale)
         if sigmas is not None:
-            stack = [self._projected(g, one, number) for number, one in enumerate(octaves(sigmas))]
+            stack = [self._projected(g, one, number) for number, one in enumerate(sigma_octaves(sigmas))]
             places = VaryingProjection.places_of(sigmas, len(stack))
             mixed = matcher.rows.plane("place", places.shape, np.float32, places)
             self._projection = VaryingProjection(device, buffers, stack, g.width, mixed)
@@ -361,12 +363,12 @@ class _Level:
             rows.image.save(top, bottom)
 
 
-def grid_image(exemplar: SomeRows, allowed: np.ndarray | None, geometry: Geometry, in_memory: bool) -> SomeRows:
+def grid_image(exemplar: Octaves, geometry: Geometry, in_memory: bool) -> SomeRows:
     """The exemplar on a level's grid: (exemplar_height, exemplar_width, channels) int16, an array if `in_memory`."""
     g, shape = geometry, (geometry.exemplar_height, geometry.exemplar_width, geometry.channels)
     image = empty_rows(shape, np.int16, in_memory)
     for band in bands_of(g.exemplar_height, max(1, AT_ONCE // (4 * g.channels * g.exemplar_width))):
-        coarse = coarse_image(exemplar, allowed, g.exemplar_width, g.exemplar_height, band)
+        coarse = exemplar.reduced(g.exemplar_width, g.exemplar_height, band)
         image[band] = to_grid(coarse, g.steps)
     return image
 
@@ -375,9 +377,9 @@ def _range_of(image: SomeRows, usable: np.ndarray | None) -> tuple[np.ndarray, n
     """Minimum and maximum of each channel, over usable pixels."""
     limits = []
     for band in bands_of(len(image)):
-        pixels = image[band].reshape(-1, image.shape[2]) if usable is None else image[band][usable[band]]
-        if len(pixels):
-            limits.append((pixels.min(axis=0), pixels.max(axis=0)))
+        planes = planes_of(image[band], None if usable is None else usable[band])
+        if planes.size:
+            limits.append((planes.min(axis=1), planes.max(axis=1)))
     return np.min([low for low, _ in limits], axis=0), np.max([high for _, high in limits], axis=0)
 
 

@@ -96,10 +96,11 @@ def deviation(image: np.ndarray, side: int) -> np.ndarray:
     rows, columns, n = image.shape[0] - side + 1, image.shape[1] - side + 1, side * side
     deviations = np.empty((rows, columns), np.float32)
     for rows_of in bands_of(rows, max(16, _PIXELS_AT_ONCE // image.shape[1])):  # bands keep the temporaries small
-        band = image[rows_of.start : rows_of.stop + side - 1].astype(np.int64)
-        planes = (band[..., c] for c in range(image.shape[2]))
-        squared = (n * box_sums(plane * plane, side) - box_sums(plane, side) ** 2 for plane in planes)
-        deviations[rows_of] = sum(squared)
+        band = np.moveaxis(image[rows_of.start : rows_of.stop + side - 1], 2, 0).astype(np.int32)  # planes
+        squared = n * box_sums((band.astype(np.int64) ** 2).sum(0), side)
+        for plane in band:
+            squared -= box_sums(plane, side, np.int32).astype(np.int64) ** 2
+        deviations[rows_of] = squared
     return deviations
 
 
@@ -128,17 +129,17 @@ def ranked(values: SomeRows, allowed: np.ndarray, shares: np.ndarray) -> np.ndar
     high = high.cumsum()
     rank = np.maximum(0, np.ceil(high[-1] * shares - 1)).astype(np.int64)
     begin = np.searchsorted(high, rank, side="right")
-    low = {prefix: np.zeros(1 << 16, np.int64) for prefix in begin.tolist()}  # count per lower 16 bits
     looked_for = np.zeros(1 << 16, bool)
     looked_for[begin] = True
+    near = [np.zeros((2, 0), np.int64)]  # values with these upper bits, and their counts
     for band in bands_of(len(values)):
         bits = values[band][allowed[band]].view(np.uint32)
-        bits = bits[looked_for[bits >> 16]]
-        for prefix, counts in low.items():
-            counts += np.bincount(bits[bits >> 16 == prefix] & 0xFFFF, minlength=1 << 16)
-    below = np.where(begin > 0, high[begin - 1], 0)
-    rest = [low[n].cumsum().searchsorted(r, side="right") for n, r in zip(begin.tolist(), rank - below, strict=True)]
-    return (begin.astype(np.uint32) << 16 | np.array(rest, np.uint32)).view(np.float32)
+        near.append(np.stack(np.unique(bits[looked_for[bits >> 16]], return_counts=True)).astype(np.int64))
+    bits, which = np.unique(np.concatenate([kinds for kinds, _ in near]), return_inverse=True)
+    below = np.cumsum(np.bincount(which, np.concatenate([counts for _, counts in near]))).astype(np.int64)
+    first = np.searchsorted(bits, begin << 16)  # the first value with the upper bits of each rank
+    rank += np.where(first > 0, below[first - 1], 0) - np.where(begin > 0, high[begin - 1], 0)
+    return bits[np.searchsorted(below, rank, side="right")].astype(np.uint32).view(np.float32)
 
 
 def kinds_of(active: SomeRows, allowed: np.ndarray, in_memory: bool = True) -> SomeRows:

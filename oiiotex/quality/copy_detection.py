@@ -9,11 +9,9 @@ from collections import Counter
 from collections.abc import Callable
 from typing import NamedTuple, cast
 
-import numpy as np
-from scipy.ndimage import maximum_filter, minimum_filter
-
 from ..core.demand import MadeRows, SomeRows
 from ..core.source_map import NONE, SourceMap
+from ..deferred import np
 from ..patchmatch.field import box_sums
 from ..stationarity.row_bands import row_bands
 
@@ -47,15 +45,26 @@ def _is_copied(source: SourceMap, rows: slice) -> np.ndarray:
     """Mask of the pixels of some rows that lie in such a block, (rows, width) bool."""
     height, width = source.packed.shape
     first, last = max(0, rows.start - BLOCK), min(height, rows.stop + BLOCK)
-    down, right = np.arange(first, last)[:, None], np.arange(width)[None, :]
-    moved = [places - own for places, own in zip(source[first:last].yx, (down, right), strict=True)]
-    whole = np.logical_and.reduce([maximum_filter(m, BLOCK) == minimum_filter(m, BLOCK) for m in moved])
-    # windows of the filters with an even side start half a side before their pixel; blocks are inside the image
-    half = BLOCK // 2
-    for at, most in ((down, height), (right, width)):
-        whole &= (at >= half) & (at <= most - half)
-    covered = maximum_filter(whole, BLOCK, origin=-1, mode="constant")
+    y, x = source[first:last].yx
+    y -= np.arange(first, last)[:, None]
+    x -= np.arange(width)
+    beside = (y[:, 1:] == y[:, :-1]) & (x[:, 1:] == x[:, :-1])  # neighbors moved alike
+    below = (y[1:] == y[:-1]) & (x[1:] == x[:-1])
+    blocks = _runs(_runs(beside, BLOCK - 1, 1), BLOCK, 0) & _runs(below, BLOCK - 1, 0)[:, : 1 - BLOCK]
+    beyond = BLOCK - 1
+    covered = ~_runs(_runs(np.pad(~blocks, beyond, constant_values=True), BLOCK, 0), BLOCK, 1)
     return covered[rows.start - first : rows.stop - first]
+
+
+def _runs(marked: np.ndarray, length: int, axis: int) -> np.ndarray:
+    """Whether that many in a row are all marked, by their first: shorter by `length` - 1 along the axis."""
+    lines = np.moveaxis(marked, axis, 0)
+    done = 1
+    while done < length:
+        step = min(done, length - done)
+        lines = lines[:-step] & lines[step:] if step < len(lines) else lines[:0]
+        done += step
+    return np.moveaxis(lines, 0, axis)
 
 
 def _kept(source: SourceMap, keeps: Callable[[slice], np.ndarray]) -> SourceMap:

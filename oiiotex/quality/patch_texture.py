@@ -12,12 +12,11 @@ from ..patchmatch.field import Geometry
 from ..patchmatch.matcher import match_patches
 from ..session.progress import Progress
 from ..session.resources import Resources
-from ..stationarity.costs import PATCHES, PATCHES_AT_ONCE, texture_cost
 from ..stationarity.row_bands import row_bands
 
 WHOLE = 1 << 22  # pixels of an image that is matched as a whole; of a larger one, windows with that many in total
+PASSES = 2  # of PatchMatch, from matches that are nearly right; more lower the cost by a few percent
 _ACROSS = 4  # windows along each axis
-_PATCH_BYTES = 160  # per patch that is compared
 
 
 def texture_of(
@@ -36,17 +35,17 @@ def texture_of(
     height, width = lab.shape[:2]
     if min(height, width, *exemplar.shape[:2]) < patch:
         return None
-    windows, most = [Window(0, 0, width, height)], PATCHES
+    windows = [Window(0, 0, width, height)]
     if width * height > WHOLE:
-        windows, wraps, most = _windows(width, height), (False, False), PATCHES // _ACROSS**2
+        windows, wraps = _windows(width, height), (False, False)
     costs = []
     for window in windows:
         domain = Domain(*window.size, *wraps)
         rows, columns = window.inside(Window(0, 0, width, height))
         start = _patches(source[rows], columns, domain, exemplar.shape, patch)
         here = lab[rows][:, columns]
-        matches = match_patches(resources.device, here, exemplar, start, patch, domain, 0, resources.budget)
-        costs.append(texture_cost(here, exemplar, matches, patch, most))
+        _, cost = match_patches(resources.device, here, exemplar, start, patch, domain, 0, resources.budget, PASSES)
+        costs.append(cost)
         progress.advance(2, 3)  # a chance to cancel
     return float(np.mean(costs))
 
@@ -57,8 +56,7 @@ def texture_bytes(size: tuple[int, int], exemplar: tuple[int, int], patch: int) 
     side = max(1, pixels // size[0])
     geometry = Geometry(size[0], side, True, True, exemplar_width=width, exemplar_height=height, patch=patch)
     rows = min(height, piece_halo(patch) + LEAST_ROWS)
-    matched = sum(geometry.layout(None, rows).values()) + 28 * pixels + width * height  # Lab and initial matches
-    return matched + _PATCH_BYTES * min(pixels, PATCHES_AT_ONCE)
+    return sum(geometry.layout(None, rows).values()) + 28 * pixels + width * height  # Lab and initial matches
 
 
 def _windows(width: int, height: int) -> list[Window]:
@@ -71,11 +69,13 @@ def _windows(width: int, height: int) -> list[Window]:
 
 
 def _patches(source: SourceMap, columns: slice, domain: Domain, shape: tuple[int, ...], patch: int) -> SourceMap:
-    """The exemplar patches that the copies belong to."""
+    """The exemplar patches that the copies in the middle of each patch belong to."""
+    half, (width, height) = patch // 2, domain.size
     reach = [n if wraps else n - patch + 1 for n, wraps in zip(domain.size, domain.wraps, strict=True)]
     packed = np.empty((reach[1], reach[0]), np.uint32)
+    right = (np.arange(reach[0]) + half) % width + columns.start
     for band in row_bands(packed):
-        y, x = source[band].yx
-        places = (np.minimum(at[:, columns][:, : reach[0]], n - patch) for at, n in zip((y, x), shape, strict=False))
+        y, x = source[(np.arange(band.start, band.stop) + half) % height][:, right].yx
+        places = (np.clip(at - half, 0, n - patch) for at, n in zip((y, x), shape, strict=False))
         packed[band] = SourceMap.of(*places).packed
     return SourceMap(packed)

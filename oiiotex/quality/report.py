@@ -172,7 +172,7 @@ class Quality:
         def report() -> dict[str, Any]:
             with self.resources.stats.time("measure"):
                 photo, looks = seen()
-                return self._document([self._entry(look, self._measures(photo, look) | more) for look in looks])
+                return self._document([self._entry(look, self._measures(photo, look, more)) for look in looks])
 
         if self.progress.measure:
             need = self._memory()
@@ -262,8 +262,8 @@ class Quality:
 
     # --- measures ---
 
-    def _measures(self, photo: SomeRows, look: Look) -> dict[str, float]:
-        """The `REPORT_MEASURES` of a result, by name."""
+    def _measures(self, photo: SomeRows, look: Look, known: dict[str, float]) -> dict[str, float]:
+        """The `REPORT_MEASURES` of a result, by name; the fidelity only if it is not `known`."""
         height, width = look.lab.shape[:2]
         if min(height, width, *photo.shape[:2]) < _LEAST:
             problem = f"{look.name} is {width}x{height} px, too small to be measured"
@@ -283,19 +283,20 @@ class Quality:
                 measures[f"quieter_{letter}"] = wrap_percentile(light, axis)
         if any(self.wrap):
             measures["seam"] = max(measures[name] for name in ("seam_x", "seam_y") if name in measures)
-        from .fidelity import fidelity  # not needed for help
-
         exemplar = photo if look.exemplar is None else look.exemplar
         measures["loss"] = 1.0 - sharpness(light) / max(sharpness(channel(exemplar, 0)), 1e-12)
-        kept = fidelity(exemplar, None, look.lab, self.wrap[::-1])
-        measures |= {} if kept is None else kept.measures()
+        if "fidelity" not in known:
+            from .fidelity import fidelity  # not needed for help
+
+            kept = fidelity(exemplar, None, look.lab, self.wrap[::-1])
+            measures |= {} if kept is None else kept.measures()
         if look.source is not None:
             self.progress.advance(2, 3)
             measures |= self._of_copies(exemplar, look)
-        return measures
+        return measures | known
 
     def _of_copies(self, photo: SomeRows, look: Look) -> dict[str, float]:
-        from .copy_detection import copies_by_source, label_copies  # slow to import
+        from .copy_detection import copies_by_source, label_copies  # not needed for help
         from .patch_texture import texture_of
 
         source = present(look.source)

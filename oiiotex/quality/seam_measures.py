@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from ..core.demand import SomeRows
+from ..core.elementary import gaussian_taps
 from ..deferred import np
 from ..stationarity.row_bands import row_bands, rows_around
 
@@ -12,13 +13,15 @@ _RADIUS = 4  # px; of a Gaussian of 1 px
 
 def sharpness(gray: SomeRows) -> float:
     """mean |Y - G1 Y|, G1 a Gaussian of 1 px on the torus."""
-    from scipy.ndimage import gaussian_filter  # slow to import
-
-    total = 0.0
+    taps, total = gaussian_taps(1.0, _RADIUS).astype(np.float32), 0.0
     for band in row_bands(gray):
         around = rows_around(gray, band, _RADIUS, wraps=True)
-        apart = np.abs(around - gaussian_filter(around, 1, mode="wrap", radius=_RADIUS))
-        total += float(apart[_RADIUS:-_RADIUS].sum(dtype=np.float64))
+        rows, width = around[_RADIUS:-_RADIUS], around.shape[1]
+        down = sum(tap * around[k : k + len(rows)] for k, tap in enumerate(taps))
+        wide = np.pad(down, ((0, 0), (_RADIUS, _RADIUS)), "wrap")
+        total += float(
+            np.abs(rows - sum(tap * wide[:, k : k + width] for k, tap in enumerate(taps))).sum(dtype=np.float64)
+        )
     return total / (gray.shape[0] * gray.shape[1])
 
 

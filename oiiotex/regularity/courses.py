@@ -17,7 +17,7 @@ from ..core.demand import SomeRows
 from ..core.elementary import gaussian_taps
 from ..core.window import Domain
 from ..deferred import np
-from .lattice import texture_of
+from .lattice import HighPass, high_pass_of
 from .offset_prices import BITS, MOST, STRENGTH, Prices
 
 ALIKE = 0.85  # minimum correlation between the profiles of both halves
@@ -84,7 +84,7 @@ class Courses:
         )
 
 
-def find_courses(values: SomeRows, usable: np.ndarray | None = None) -> Courses | None:
+def find_courses(values: SomeRows, usable: np.ndarray | None = None, seen: HighPass | None = None) -> Courses | None:
     """The courses of a photo. None: it has none.
 
     Parameters
@@ -93,8 +93,10 @@ def find_courses(values: SomeRows, usable: np.ndarray | None = None) -> Courses 
         CIE Lab.
     usable : (height, width) bool or None
         Pixels that count. None: all.
+    seen : HighPass, optional
+        `high_pass_of` these arguments, if it is known.
     """
-    seen = texture_of(values, usable)
+    seen = seen or high_pass_of(values, usable)
     if seen is None:
         return None
     texture, counted = seen

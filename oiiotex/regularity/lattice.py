@@ -10,6 +10,7 @@ the photo than in such shifted photos, in the whole photo and in each half.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -124,7 +125,11 @@ def _looked_at(height: int, width: int) -> tuple[int, int]:
     return round(width * factor), round(height * factor)
 
 
-def texture_of(values: SomeRows, usable: np.ndarray | None) -> tuple[np.ndarray, np.ndarray] | None:
+HighPass = tuple["np.ndarray", "np.ndarray"]
+"""The high-passed photo at the size of the analysis, and its usable pixels."""
+
+
+def high_pass_of(values: SomeRows, usable: np.ndarray | None) -> HighPass | None:
     """The high-passed photo at the size of the analysis, and its usable pixels. None: too few are left."""
     height, width = values.shape[:2]
     small = _looked_at(height, width)
@@ -148,7 +153,9 @@ def texture_of(values: SomeRows, usable: np.ndarray | None) -> tuple[np.ndarray,
     return texture, counted
 
 
-def find_lattice(values: SomeRows, usable: np.ndarray | None = None, of_part: bool = False) -> Lattice | None:
+def find_lattice(
+    values: SomeRows, usable: np.ndarray | None = None, of_part: bool = False, seen: HighPass | None = None
+) -> Lattice | None:
     """The lattice of a photo. None: it has none.
 
     Parameters
@@ -159,8 +166,10 @@ def find_lattice(values: SomeRows, usable: np.ndarray | None = None, of_part: bo
         Pixels that count. None: all.
     of_part : bool
         The image is a part of a photo that has a lattice: fewer periods suffice, and halves are not tested.
+    seen : HighPass, optional
+        `high_pass_of` these arguments, if it is known.
     """
-    seen = texture_of(values, usable)
+    seen = seen or high_pass_of(values, usable)
     if seen is None:
         return None
     (texture, counted), small, (height, width) = seen, _looked_at(*values.shape[:2]), values.shape[:2]
@@ -180,8 +189,10 @@ def find_lattice(values: SomeRows, usable: np.ndarray | None = None, of_part: bo
 def _near_maxima(values: np.ndarray, radius: int) -> np.ndarray:
     """The largest value within a square around each pixel."""
     for axis in (0, 1):
+        count = values.shape[axis]
         padded = np.pad(values, [(radius, radius) if a == axis else (0, 0) for a in (0, 1)], constant_values=-np.inf)
-        values = np.lib.stride_tricks.sliding_window_view(padded, 2 * radius + 1, axis).max(-1)
+        shifted = (padded[k : k + count] if axis == 0 else padded[:, k : k + count] for k in range(2 * radius + 1))
+        values = functools.reduce(np.maximum, shifted)
     return values
 
 

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Merging of an oversegmentation by evidence, until all pairs of regions are more likely two textures than one.
 
-Not in CZF02, whose discs mix textures in patches narrower than they are. Three measures say whether two regions are one
-texture: the similarity of their textons; how finely they are interspersed, like stones and joints; and the size of the
-smaller one, since small regions differ by chance. Their weights are a logistic regression over 1400 merges: of mosaics
-(the half "tune" of benchmarks.shared.mosaics), of quarters of mosaics, and of single textures of 128 to 512 px.
+Not in CZF02, whose discs mix textures in patches narrower than they are. Three measures of a pair say whether it is one
+texture: the similarity of its textons; how finely it is interspersed, like stones and joints; and the size of its
+smaller region, since small regions differ by chance. Their weights are a logistic regression over 1400 merges: of
+mosaics (the half "tune" of benchmarks.shared.mosaics), of quarters of mosaics, and of single textures of 128 to 512 px.
+In addition, a merge must pay for what it saves. With k regions left, the label of a place costs log k to name, so
+merging is easier while there are many, and the last two regions become one only on strong evidence.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ _ROOTS = 2047  # steps of a root of a proportion: products of two histograms are
 _REACH = 2.5  # radius of Gaussians, sigmas
 _WEIGHTS = (2.7, -3.6, 0.48)  # of `_Regions.evidence`, nats
 _BIAS = 6.5
+_NAMING, _USUAL = 1.2, 3.0  # nats of evidence per nat of naming a label; number of regions at which it has no effect
 _WIDE = 512.0**2  # px: the unit of areas
 _LEAST = 1e-3  # least distance between distributions
 
@@ -68,7 +71,7 @@ def merged(
     while pairs:
         a, b = min(pairs, key=lambda pair: (pairs[pair], pair))
         left = len(np.unique(joined))
-        if left <= count if count is not None else pairs[a, b] >= odds:
+        if left <= count if count is not None else pairs[a, b] - naming_cost(left) >= odds:
             break
         joined[joined == b] = a
         state.join(a, b)
@@ -77,6 +80,11 @@ def merged(
         pairs |= {(min(a, c), max(a, c)): state.evidence(a, c) for c in others[others != a].tolist()}
     groups = np.where(seen, joined[regions], joined[0])
     return np.unique(groups, return_inverse=True)[1].reshape(labels.shape)
+
+
+def naming_cost(count: int) -> float:
+    """Evidence, in nats, that two of `count` regions need in addition to stay two; it decreases with their number."""
+    return _NAMING * float(logarithm(np.array(count / _USUAL)))
 
 
 class _Regions:

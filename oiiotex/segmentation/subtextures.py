@@ -78,6 +78,8 @@ class DecompositionSettings:
         Refine the clique partition.
     assign : str
         "competition" or "neighbors".
+    invariant : bool
+        Regard versions of a texture in other directions and scales as that texture; with "bank".
     """
 
     features: str = "bank"
@@ -92,6 +94,7 @@ class DecompositionSettings:
     step: int = 16
     refine: bool = True
     assign: str = "competition"
+    invariant: bool = False
 
 
 @dataclass(frozen=True)
@@ -130,6 +133,7 @@ def decomposed(
                 counts = weighted_counts(pixels, resources, settings.bins)
             else:
                 looks = texture(resources) if texture else texture_of(pixels.lab, pixels.seen, resources)
+                looks = looks.invariant() if settings.invariant else looks
                 counts = bank_counts(looks, resources, settings.bins, _CELL)
         advance(2, 4)
         with resources.stats.time("groups"):

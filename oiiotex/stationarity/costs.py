@@ -1,30 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stationarity as a cost (MJH17 section 3), and the texture cost compared with an exemplar.
+"""Stationarity as a cost (MJH17 section 3).
 
 Plain numpy on rows that may be in a file: these are measures, not steps of a synthesis.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 from ..core.demand import SomeRows
-from ..core.source_map import SourceMap
-from ..core.window import Domain
+from ..core.window import Domain, Window
 from ..deferred import np
+from .grid_statistics import Cells
 from .row_bands import row_bands, rows_around
 from .steerable import ORIENTATIONS, RADIUS, responses
 
 BINS = 64
 RANGES = ((0.0, 100.0), (-60.0, 60.0), (-60.0, 60.0))  # of L, a, b; fixed, so that costs of different images compare
 RESPONSE_RANGES = ((-24.0, 23.25), (-12.0, 11.625), (-12.0, 11.625))  # of filter responses to L, a, b; 0 is a bin
+SHARES = 64  # per bin: a value between two bins is split between them in integer shares
 SITES = 32  # per axis, at which local statistics are compared
 POWER_VARIANCES = (0.0, 1.0, 2.0, 15.0, 96.0)  # of x^p for a normal x: (2p - 1)!! - E[x^p]^2
 FLAT = 1e-6  # Lab; a smaller deviation is rounding
-PATCHES = 1 << 18  # patches of a texture cost; the standard error of the mean is then far below its last digit
-PATCHES_AT_ONCE = 1 << 15
-_EXEMPLAR_BYTES = 16 << 20  # of the exemplar's rows in memory at a time
+_CELLS_PER_SIGMA, _LARGEST_CELL = 8, 512  # px
+_CELL_ROWS = 64  # of cells at a time
 
 
 def stationarity_cost(
@@ -71,45 +70,73 @@ def stationarity_cost(
     windows = _windows(height, sigma, wrap_y), _windows(width, sigma, wrap_x)
     if measure == "moments":
         return _moment_cost(lab, lab if like is None else like, order, *windows)
-    ranges: Iterable[tuple[float, float]] = RANGES
-
-    def planes(band: slice) -> Iterable[np.ndarray]:
-        return np.moveaxis(lab[band], 2, 0)
-
-    def filtered(band: slice) -> Iterable[np.ndarray]:
-        around = rows_around(lab, band, RADIUS, wrap_y)
-        return (p[RADIUS:-RADIUS] for c in range(3) for p in responses(around[..., c], (wrap_x, False)))
-
+    ranges: tuple[tuple[float, float], ...] = RANGES
+    halo = 0
     if measure == "steerable":
-        ranges = [limits for limits in RESPONSE_RANGES for _ in range(ORIENTATIONS)]
-    return _histogram_cost(row_bands(lab), filtered if measure == "steerable" else planes, list(ranges), *windows)
+        ranges, halo = tuple(limits for limits in RESPONSE_RANGES for _ in range(ORIENTATIONS)), RADIUS
+
+    def values(rows: slice) -> np.ndarray:
+        if not halo:
+            return lab[rows]
+        around = rows_around(lab, rows, halo, wrap_y)
+        return np.stack([p[halo:-halo] for c in range(3) for p in responses(around[..., c], (wrap_x, False))], -1)
+
+    cells = Cells.for_sigma(Window(0, 0, width, height), sigma, _LARGEST_CELL, _CELLS_PER_SIGMA)
+    return _histogram_cost(cells, values, ranges, *windows)
+
+
+def cell_histograms(
+    values: np.ndarray, opaque: np.ndarray | None, cells: Cells, ranges: tuple[tuple[float, float], ...]
+) -> np.ndarray:
+    """Histograms with triangular bins (the Parzen window w_r of MJH17 eq. 3), (channels, across, BINS) int32.
+
+    For values (height, width, >= channels) in one row of cells. A pixel counts `SHARES`. A range reaches from the
+    center of the first bin to that of the last.
+    """
+    across = cells.across
+    out = np.empty((len(ranges), across, BINS), np.int32)
+    for c, (low, high) in enumerate(ranges):
+        per_unit = np.float32((BINS - 1) * SHARES / (high - low))
+        place = (values[..., c] - np.float32(low)) * per_unit
+        place = np.rint(np.clip(place, 0, (BINS - 1) * SHARES)).astype(np.int32)
+        lower = np.minimum(place >> 6, BINS - 2)
+        share = place - (lower << 6)
+        lower += BINS * cells.columns
+        if opaque is not None:
+            lower, share = lower[opaque], share[opaque]
+        number = np.bincount(lower.ravel(), minlength=across * BINS).reshape(across, BINS)
+        # integer sums, exact in doubles
+        upper = np.bincount(lower.ravel(), share.ravel(), across * BINS).reshape(across, BINS).astype(np.int32)
+        out[c] = number * SHARES - upper
+        out[c, :, 1:] += upper[:, :-1]
+    return out
 
 
 def _histogram_cost(
-    bands: Iterable[slice], planes: Callable[[slice], Iterable[np.ndarray]], ranges: list[tuple[float, float]],
+    cells: Cells, values: Callable[[slice], np.ndarray], ranges: tuple[tuple[float, float], ...],
     down: np.ndarray, right: np.ndarray,
 ) -> float:  # fmt: skip
-    """Earth mover's distances between local histograms of planes.
+    """Earth mover's distances between local histograms of values (rows, width, channels).
 
-    In one dimension it is the area between the cumulatives; per bin, the mean over all pairs is a Gini mean
-    difference, which sorting gives exactly in N log N.
+    A Gaussian is nearly constant within a cell, so pixels are counted by cells. In one dimension the distance is the
+    area between the cumulatives; per bin, the mean over all pairs is a Gini mean difference, which sorting gives
+    exactly in N log N.
     """
-    from scipy.sparse import csc_array  # slow to import
-
     n = down.shape[0] * right.shape[0]
+    widths = np.diff(cells.starts, append=cells.window.width)
+    across = np.add.reduceat(right, cells.starts, axis=1) / (widths * SHARES)
     local = np.zeros((len(ranges), down.shape[0], BINS * right.shape[0]))  # histograms
-    for band in bands:
-        for k, (plane, (low, high)) in enumerate(zip(planes(band), ranges, strict=True)):
-            place = np.clip((plane.T - low) / ((high - low) / (BINS - 1)), 0.0, BINS - 1.0)
-            first = np.minimum(place.astype(np.int32), BINS - 2)  # a value between two bins is shared by them
-            share, width, height = place - first, *place.shape
-            bins = (first + np.arange(height, dtype=np.int32) * BINS)[..., None] + np.arange(2, dtype=np.int32)
-            shares = np.stack([1.0 - share, share], -1).astype(np.float64)
-            begins = np.arange(width + 1) * (2 * height)
-            members = csc_array((shares.ravel(), bins.ravel(), begins), (height * BINS, width))
-            local[k] += down[:, band] @ (members @ right.T).reshape(height, -1)
-    below = local.reshape(len(ranges), down.shape[0], BINS, -1).cumsum(2)[:, :, :-1]
-    ordered = np.sort(np.moveaxis(below, 2, 1).reshape(len(ranges), BINS - 1, n), -1)
+    for top in range(0, cells.down, _CELL_ROWS):
+        rows = range(top, min(top + _CELL_ROWS, cells.down))
+        sums = np.empty((len(ranges), len(rows), right.shape[0], BINS))
+        weights = np.empty((down.shape[0], len(rows)))
+        for k, row in enumerate(rows):
+            pixels = slice(row * cells.side, min((row + 1) * cells.side, cells.window.height))
+            weights[:, k] = down[:, pixels].mean(1)
+            sums[:, k] = across @ cell_histograms(values(pixels), None, cells, ranges)
+        local += weights @ sums.reshape(len(ranges), len(rows), -1)
+    below = local.reshape(len(ranges), down.shape[0], right.shape[0], BINS).cumsum(3)[..., :-1]
+    ordered = np.sort(np.moveaxis(below, 3, 1).reshape(len(ranges), BINS - 1, n), -1)
     pairs = (ordered @ (2.0 * np.arange(1, n + 1) - n - 1.0)).sum(1) / max(n * (n - 1) / 2.0, 1.0)
     return float(sum(apart * (high - low) / (BINS - 1) for apart, (low, high) in zip(pairs, ranges, strict=True)))
 
@@ -138,47 +165,6 @@ def _mean_and_deviation(rows: SomeRows) -> tuple[np.ndarray, np.ndarray]:
         sums, squares = sums + away.sum(0), squares + (away * away).sum(0)
     mean = sums / count
     return start + mean, np.sqrt(np.maximum(squares / count - mean * mean, 0.0))
-
-
-def texture_cost(
-    lab: np.ndarray, exemplar: SomeRows, matches: SourceMap, patch: int = 11, most: int = PATCHES
-) -> float:
-    """MJH17 eq. 5 for a given field of matches: mean distance of the texture's patches from the exemplar's.
-
-    With matches found by PatchMatch this is an upper bound of the cost, which takes the best matches.
-
-    Parameters
-    ----------
-    lab : (height, width, 3) float
-    exemplar : (h, w, 3) float
-    matches : SourceMap
-        (rows, columns): top-left pixel of the exemplar patch matched to the texture patch with the top-left pixel at
-        that place. Patches across the border of the texture wrap.
-    patch : int
-        Side of a patch.
-    most : int
-        If there are at least that many patches, only those on a grid are compared.
-
-    Returns
-    -------
-    float
-        Mean squared Lab difference per patch pixel.
-    """
-    step = max(1, math.isqrt(matches.packed.size // most))
-    chosen = matches[::step, ::step]
-    height, width = lab.shape[:2]
-    high, total = max(1, _EXEMPLAR_BYTES // (12 * exemplar.shape[1])), 0.0
-    for band in row_bands(chosen.packed, PATCHES_AT_ONCE):
-        places: np.ndarray = np.indices(chosen.packed[band].shape) + np.array([band.start, 0])[:, None, None]
-        (y, x), (match_y, match_x) = places * step, chosen[band].yx
-        for top in range(0, exemplar.shape[0] - patch + 1, high):
-            near, here = exemplar[top : top + high + patch - 1], (match_y >= top) & (match_y < top + high)
-            own_y, own_x, other_y, other_x = y[here], x[here], match_y[here] - top, match_x[here]
-            for dy in range(patch):
-                for dx in range(patch):
-                    own = lab[(own_y + dy) % height, (own_x + dx) % width]
-                    total += float(((own - near[other_y + dy, other_x + dx]).astype(np.float64) ** 2).sum())
-    return total / (chosen.packed.size * patch * patch)
 
 
 def _windows(size: int, sigma: float, wrap: bool) -> np.ndarray:

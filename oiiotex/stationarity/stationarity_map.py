@@ -22,11 +22,10 @@ from ..deferred import np
 from ..scan import scan
 from ..session.progress import Progress
 from ..session.resources import Resources
-from .costs import BINS, FLAT, POWER_VARIANCES, RANGES, RESPONSE_RANGES
+from .costs import BINS, FLAT, POWER_VARIANCES, RANGES, RESPONSE_RANGES, SHARES, cell_histograms
 from .grid_statistics import MARGIN, Cells, correlated, padded, smoothing_taps
 from .steerable import ORIENTATIONS, RADIUS, responses_in
 
-SHARES = 64  # per bin: a value between two bins is split between them in integer shares
 _PLANES = 24  # maximum number of arrays of cells between the sums and the results
 _LARGEST_CELL = 512  # px
 
@@ -77,7 +76,7 @@ def deviation_of(
             limits = RESPONSE_RANGES if lens.space is not None else (RESPONSE_RANGES[0],) * count
             ranges = tuple(r for r in limits for _ in range(ORIENTATIONS))
         shape, dtype = (cells.down, len(ranges), cells.across, BINS), np.int32
-        look = functools.partial(_cell_histograms, cells=cells, ranges=ranges)
+        look = functools.partial(cell_histograms, cells=cells, ranges=ranges)
 
     beside = 8 * _PLANES * (cells.down + 2 * MARGIN) * (cells.across + 2 * MARGIN)
     # results of threads that wait to be summed
@@ -119,33 +118,6 @@ def _cell_powers(
         for p in range(1 + order):
             out[c, :, p] = np.add.reduceat(power.sum(0), cells.starts)
             power = power * steps
-    return out
-
-
-def _cell_histograms(
-    values: np.ndarray, opaque: np.ndarray | None, cells: Cells, ranges: tuple[tuple[float, float], ...]
-) -> np.ndarray:
-    """Histograms with triangular bins (the Parzen window w_r of MJH17 eq. 3), (channels, across, BINS) int32.
-
-    For values (height, width, >= channels) in one row of cells. A pixel counts `SHARES`. A range reaches from the
-    center of the first bin to that of the last.
-    """
-    across = cells.across
-    out = np.empty((len(ranges), across, BINS), np.int32)
-    for c, (low, high) in enumerate(ranges):
-        per_unit = np.float32((BINS - 1) * SHARES / (high - low))
-        place = (values[..., c] - np.float32(low)) * per_unit
-        place = np.rint(np.clip(place, 0, (BINS - 1) * SHARES)).astype(np.int32)
-        lower = np.minimum(place >> 6, BINS - 2)
-        share = place - (lower << 6)
-        lower += BINS * cells.columns
-        if opaque is not None:
-            lower, share = lower[opaque], share[opaque]
-        number = np.bincount(lower.ravel(), minlength=across * BINS).reshape(across, BINS)
-        # integer sums, exact in doubles
-        upper = np.bincount(lower.ravel(), share.ravel(), across * BINS).reshape(across, BINS).astype(np.int32)
-        out[c] = number * SHARES - upper
-        out[c, :, 1:] += upper[:, :-1]
     return out
 
 

@@ -16,22 +16,27 @@ from ..core.source_map import SourceMap
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError
-from .tiles import Edges, edges_of
+from .tiles import COUNTS, Edges, between, edges_of
 
-COUNTS = (4, 16, 64)  # numbers of tiles that fill a square whose side is a power of two
+_CORNERS = ("0010", "0001", "0111", "1011")  # on a torus, every square of four corners occurs once
 _GRID = re.compile(r"(\d{1,2})x(\d{1,2})", re.ASCII)
 
 
 def atlas_edges(count: int) -> list[list[Edges]]:
     """The edges of the tiles of an atlas by row and column.
 
-    Along a side, edge colors follow each other as 0 0 1 1, so that every pair of neighbors occurs equally often, also
-    across the border (Wei04 section 4). Rows and columns are independent, so every combination of four does.
+    Wei04 orders edge colors so that every combination occurs once. For corner colors, `_CORNERS` does so.
     """
     side = math.isqrt(count)
-    colors = [0] * side if count == COUNTS[0] else [n // 2 % 2 for n in range(side)]
-    after = [*colors[1:], colors[0]]
-    return [[Edges(colors[y], after[x], after[y], colors[x]) for x in range(side)] for y in range(side)]
+    corners = [[int(color) if count > COUNTS[0] else 0 for color in row] for row in _CORNERS]
+
+    def corner(y: int, x: int) -> int:
+        return corners[y % side % len(corners)][x % side % len(corners)]
+
+    return [
+        [between(corner(y, x), corner(y, x + 1), corner(y + 1, x), corner(y + 1, x + 1)) for x in range(side)]
+        for y in range(side)
+    ]
 
 
 def atlas_numbers(count: int) -> np.ndarray:
@@ -54,7 +59,7 @@ def mark_as_atlas(part: Part, count: int) -> Part:
 
 
 def atlas_side(spec: oiio.ImageSpec) -> int:
-    """The number of tiles along a side of an image; 0 if it is no atlas."""
+    """The number of tiles along a side of an image; 0 if it is not an atlas."""
     match = _GRID.fullmatch(spec.get_string_attribute(ATLAS))
     side = int(match[1]) if match and match[1] == match[2] else 0
     fits = side * side in COUNTS and not (spec.width % side or spec.height % side)

@@ -2,9 +2,9 @@
 """A plane of Wang tiles, with random access, that repeats after `CELLS` tiles.
 
 CSHD03 (Cohen, Shade, Hiller, Deussen, Wang Tiles for Image and Texture Generation, SIGGRAPH 2003) place tiles row by
-row, so that each depends on the ones above and to the left. Departure: edge colors are hashed from their positions
-(Wei04, see `atlas`), so a tile does not depend on its neighbors. This requires a tile for every combination of four
-edge colors: interchangeable tiles, or the complete set.
+row, so that each depends on the ones above and to the left. Departure: colors are hashed from their positions (Wei04,
+see `atlas`), those of corners (LD06, see `tiles`), so a tile does not depend on its neighbors. This requires a tile for
+every combination of four corners: interchangeable tiles, or the complete set.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Sequence
+from typing import Any
 
 from ..core.attributes import EDGES, TAG
 from ..core.image import Image, Part
@@ -20,10 +21,10 @@ from ..deferred import np, oiio
 from ..errors import ImageError
 from ..patchmatch.field import hash_at
 from .atlas import atlas_edges, atlas_numbers, atlas_side, tiles_of
-from .tiles import TWO_COLORS_FROM, Edges, edges_of
+from .tiles import TWO_COLORS_FROM, Edges, between, edges_of
 
 CELLS = 256  # tiles along x and y after which the plane repeats; renderers read it from an image of this size
-_UP, _LEFT, _CHOICE = 0x71E1, 0x71E2, 0x71E3  # hash streams: edge above, edge to the left, choice of tile
+_CORNER, _CHOICE = 0x71E1, 0x71E3  # hash streams: corner at the upper left, choice of tile
 _EDGES = re.compile(r"n(\d{1,3})e(\d{1,3})s(\d{1,3})w(\d{1,3})", re.ASCII)
 
 
@@ -33,13 +34,14 @@ def plane_of(edges: Sequence[Edges], seed: int) -> np.ndarray:
     Raises
     ------
     ImageError
-        A combination of edge colors is missing.
+        A combination of corners is missing.
     """
-    colors = 1 + max(itertools.chain(*edges))
-    lacking = set(itertools.product(range(colors), repeat=4)) - set(edges)
-    if lacking:
+    colors, given = 1 if max(itertools.chain(*edges)) == 0 else 2, set(edges)
+    every = (between(*corners) for corners in itertools.product(range(colors), repeat=4))
+    lacking = next((one for one in every if one not in given), None)
+    if lacking is not None:
         raise ImageError(
-            f"{len(edges)} tiles are not a complete set: none has the edges {Edges(*min(lacking))};"
+            f"{len(edges)} tiles are not a complete set: none has the edges {lacking};"
             " make it with variants=2 to 7, or 16 and more"
         )
     y, x = np.ogrid[:CELLS, :CELLS]
@@ -47,13 +49,18 @@ def plane_of(edges: Sequence[Edges], seed: int) -> np.ndarray:
     def drawn(stream: int, count: int | np.ndarray) -> np.ndarray:
         return hash_at(seed, stream, y, x).astype(np.int64) * count >> 32
 
-    north, west = drawn(_UP, colors), drawn(_LEFT, colors)
-    around = np.stack([north, np.roll(west, -1, 1), np.roll(north, -1, 0), west])
-    base = colors ** np.arange(3, -1, -1)
-    kinds, wanted = np.array(edges) @ base, np.tensordot(base, around, 1)
+    corner = drawn(_CORNER, colors)
+    right, below = np.roll(corner, -1, 1), np.roll(corner, -1, 0)
+    kinds = np.array([_kind_of(one) for one in edges])
+    wanted = _kind_of(between(corner, right, below, np.roll(right, -1, 0)))
     order = np.argsort(kinds, kind="stable")
     first, count = (np.searchsorted(kinds[order], wanted, side) for side in ("left", "right"))
     return order[first + drawn(_CHOICE, count - first)]
+
+
+def _kind_of(edges: Edges) -> Any:
+    """A number for each combination of edges."""
+    return edges.north << 6 | edges.east << 4 | edges.south << 2 | edges.west
 
 
 def index_image(count: int, seed: int) -> np.ndarray:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What renderers require: shader functions, and a web page that shows the plane."""
+"""Shader functions for renderers, and a web page that shows the plane."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import operators
+from . import operators, wang
 from .images import LINE
 
 
@@ -52,12 +52,13 @@ class Panel(bpy.types.Panel):
         column = layout.column(align=True)
         for one in (operators.Flatten, operators.DominantMask, operators.LabelMasks, operators.Cryptomatte):
             column.operator(one.bl_idname)
+        layout.operator(wang.WangMaterial.bl_idname)
         image = operators.shown(context)
         if image is not None and LINE in image:
             layout.label(text=image[LINE])
 
 
-_CLASSES = (Preferences, Settings, *operators.CLASSES, Panel)
+_CLASSES = (Preferences, Settings, *operators.CLASSES, wang.WangMaterial, Panel)
 
 
 def register():

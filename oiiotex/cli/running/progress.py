@@ -51,7 +51,7 @@ class Display:
                 self.clear()
 
     def advance(self, done: int, total: int) -> None:
-        """Set the number of finished steps. Another total, or fewer steps than before, begin anew."""
+        """Set the number of finished steps. Another total, or fewer steps than before, restart the estimate."""
         with self._lock:
             if done < self._done or (self._total and total != self._total):
                 self._restart(done)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures of a finished tile: sentences with a grade, and the figures behind a disclosure.
+// Measures of a finished tile: sentences with a grade, and the figures in a fold-out list.
 
 import { make } from "./controls.js";
 
@@ -17,7 +17,7 @@ export function measuresOf(lines) {
     else if (row) rows.push(row);
     else others.push(make("p", { textContent: text }));
   }
-  const cells = (tag, texts) => texts.map((text) => make(tag, { textContent: text }));
+  const cells = (tag, words) => words.map((text) => make(tag, { textContent: text }));
   const table = make("table", {}, make("tr", {}, ...cells("th", ["Measure", "Photo", "Tile"])),
     ...rows.map(({ name, photo, tile, title }) => make("tr", { title }, ...cells("td", [name, photo, tile]))));
   return [...verdicts, make("details", {}, make("summary", { textContent: "Figures" }), table, ...others)];

@@ -2,7 +2,7 @@
 // Room Zoom: an unbounded plane. Positions are BigInts in units of 1/2^96 root pixel, so sixty octaves need no rounding.
 // Drawing uses distances from the center of the view, for which doubles are exact enough.
 
-import { button, make, section, whole } from "./controls.js";
+import { button, make, section, slider, whole } from "./controls.js";
 import { canvasOf } from "./wire.js";
 
 const BITS = 96n;
@@ -48,6 +48,7 @@ export class ZoomRoom {
     this.view.append(bar, this.empty);
     this.controls = {
       seed: whole("Seed", { title: "Random seed. The same seed gives the same plane", low: 0, high: 4294967295, change: (seed) => this.set({ seed: seed ?? 0 }) }),
+      jitter: slider("Jitter", { title: "Randomness of all levels (HRRG08 section 4.3). Reduce it where structures break, increase it where the exemplar repeats", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.6, change: (jitter) => this.set({ jitter }) }),
       frames: whole("Frames", { title: "Number of frames of the path", low: 2, high: 65536, change: (frames) => this.set({ frames: frames ?? 96 }) }),
     };
     this.lock = button("Lock exemplar", "No jitter up to the exemplar's own resolution: the photo is kept and only finer detail is added", () => this.set({ lock: this.shell.state.zoom.lock ? 0 : 1 }));
@@ -55,7 +56,7 @@ export class ZoomRoom {
     const panel = make("aside", {},
       section("Position", make("div", { className: "buttons" }, button("Home", "Return to the start (F)", () => this.home()), button("In", "Zoom in by one octave (Page Down)", () => this.fly(1)), button("Out", "Zoom out by one octave (Page Up)", () => this.fly(-1))),
         make("p", { className: "hint", textContent: "Drag to pan, scroll to zoom. The address of the page is a permanent link to this position." })),
-      section("Plane", this.controls.seed, make("div", { className: "buttons" }, this.lock)),
+      section("Plane", this.controls.seed, this.controls.jitter, make("div", { className: "buttons" }, this.lock)),
       section("Path", this.keys, this.controls.frames, make("div", { className: "buttons" }, button("Add keyframe", "Add this position to the path (K)", () => this.addKey()), button("Clear", "Remove all keyframes", () => this.set({ keys: [] })), button("Copy path command", "Copy the command that renders the path (P)", () => this.shell.ask("zoom", { do: "path" })))));
     this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.view)), panel);
     new ResizeObserver(() => this.resized()).observe(this.view);

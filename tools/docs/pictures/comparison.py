@@ -172,7 +172,7 @@ Compare eleven ways to make a tile from a photo, on eight photos at {side} x {si
 oiiotex photo.png --texstationarize -o tile.png
 ```
 
-Each pane shows the result 2 x 2. Wang tiles (16, two colors per edge) are laid out at random over the same area.
+Each pane shows the result 2 x 2. Wang tiles (16) are laid out at random over the same area.
 The panes, from left to right and top to bottom:
 
 | pane | method |
