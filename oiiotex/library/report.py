@@ -22,7 +22,8 @@ _COLUMNS = ("fidelity", "seam", "repeat", "loss", "regular", "normal_length", "h
 _STYLE = """
 body{font:14px/1.4 system-ui,sans-serif;margin:24px;color:#222;background:#fafafa}
 h1{font-size:20px;margin:0 0 4px}p{margin:0 0 14px;color:#555}
-table{border-collapse:collapse;background:#fff}th,td{padding:6px 8px;overflow-wrap:break-word;border-bottom:1px solid #ddd;text-align:left}
+table{border-collapse:collapse;background:#fff}
+th,td{padding:6px 8px;overflow-wrap:break-word;border-bottom:1px solid #ddd;text-align:left}
 td.n{text-align:right;font-variant-numeric:tabular-nums}th{cursor:pointer;position:sticky;top:0;background:#eee}
 th[data-way="1"]::after{content:" \\25B2"}th[data-way="-1"]::after{content:" \\25BC"}
 img{max-height:120px;max-width:26vw;display:block;border-radius:3px}.ok{color:#16703a}.review,.asked{color:#a05a00}.failed{color:#b00020}
@@ -88,8 +89,6 @@ def _row(library: Path, asset: Asset, measures: dict[str, float], columns: list[
 def _picture(library: Path, asset: Asset) -> str:
     with contextlib.suppress(OSError):
         if asset.folder:
-            data = (library / asset.folder / "card.jpg").read_bytes()
-            return (
-                f'<img alt="{html.escape(asset.name)}" src="data:image/jpeg;base64,{base64.b64encode(data).decode()}">'
-            )
+            data = base64.b64encode((library / asset.folder / "card.jpg").read_bytes()).decode()
+            return f'<img alt="{html.escape(asset.name)}" src="data:image/jpeg;base64,{data}">'
     return ""
