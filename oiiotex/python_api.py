@@ -19,7 +19,7 @@ from .core.parameters import nearest
 from .core.window import Window
 from .errors import PYTHON, Error, ImageError, ParameterError, ParameterTypeError, QualityError
 from .io.reading import read
-from .python_types import ImageLike, docstring, signature, takes_none
+from .python_types import ImageLike, ResultBuf, docstring, signature, takes_none
 from .run import Result, run
 from .session import Session
 from .session.resources import Resources
@@ -118,8 +118,30 @@ def _picture(given: Any) -> Image:
         return from_buffer(given)
     if isinstance(given, np.ndarray):
         return from_array(given)
+    if "PIL.Image" in sys.modules and isinstance(given, sys.modules["PIL.Image"].Image):
+        return from_array(_of_pil(given))
     kind = type(given).__name__
+    if hasattr(given, "__dask_graph__"):
+        raise ParameterTypeError(
+            expected=f"an array in memory, not a dask {kind}",
+            hint="call its compute(), or give a file name: files are read in pieces",
+        )
     raise ParameterTypeError(expected=f"an ImageBuf, an array, a file name or a dict of parts, not {kind}")
+
+
+def _of_pil(picture: Any) -> np.ndarray:
+    """Pixels of a PIL image; its alpha is unpremultiplied."""
+    if picture.mode in ("CMYK", "YCbCr", "LAB", "HSV"):
+        problem = f"a PIL image of mode {picture.mode}"
+        raise ParameterTypeError(expected=f"gray, RGB or RGBA, not {problem}", hint='call its convert("RGB")')
+    if picture.mode in ("P", "PA", "LA"):
+        picture = picture.convert("RGBA" if picture.has_transparency_data else "RGB")
+    pixels = np.asarray(picture)
+    if picture.mode != "RGBA":
+        return pixels
+    alpha = pixels[..., 3:].astype(np.uint32)
+    color = (pixels[..., :3] * alpha + 127) // 255
+    return np.concatenate([color, alpha], -1).astype(np.uint8)
 
 
 def _keyword(op: type[Op], name: str, value: ImageLike, first: Image | None, resources: Resources) -> Image:
@@ -141,7 +163,7 @@ def _results_of(bound: Op, session: Session, roi: oiio.ROI | None) -> tuple[list
 
 
 def _buffers(op: type[Op], result: Result, roi: oiio.ROI | None) -> Any:
-    buffers = [to_buffer(part if roi is None else _within(part, roi, op)) for part in result.image.parts]
+    buffers = [to_buffer(part if roi is None else _within(part, roi, op), ResultBuf) for part in result.image.parts]
     return buffers[0] if len(buffers) == 1 else dict(zip(result.names, buffers, strict=True))
 
 

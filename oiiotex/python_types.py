@@ -17,7 +17,7 @@ from OpenImageIO import ROI, ImageBuf
 
 from .core.op import Kind, Op, Output
 from .core.parameters import Numbers, Parameter, Size, SizeRule, Words
-from .errors import PYTHON, spelled
+from .errors import PYTHON, present, spelled
 from .session import Session
 
 FileName = str | os.PathLike[str]
@@ -112,6 +112,22 @@ def _several(op: type[Op]) -> tuple[str, ...]:
 def _without_true(parameter: Parameter, output: Output) -> str:
     named = Path in (parameter.kind or ()) and output.kind is not Kind.CRYPTOMATTE
     return "FileName | Literal[False]" if named else "Literal[False]"
+
+
+# --- results ---
+
+
+class ResultBuf(oiio.ImageBuf):
+    """An ImageBuf that numpy, scikit-image and matplotlib take as an array."""
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """Pixels of the data window in their own type: (height, width, channels), or (height, width) of one channel."""
+        if copy is False:
+            raise ValueError("the pixels of an ImageBuf are always copied")
+        pixels = present(self.get_pixels(self.spec().format))
+        if pixels.shape[2] == 1:
+            pixels = pixels[..., 0]
+        return pixels if dtype is None else pixels.astype(dtype)
 
 
 # --- signature and docstring ---

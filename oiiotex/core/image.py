@@ -338,9 +338,9 @@ def from_buffer(buffer: oiio.ImageBuf) -> Image:
     return Image((from_pixels(name, pixels, spec, spec.format),), buffer.name or "ImageBuf")
 
 
-def to_buffer(part: Part) -> oiio.ImageBuf:
-    """A new ImageBuf of the part, in its own pixel type, which the caller may change."""
-    buffer = oiio.ImageBuf(part.spec)
+def to_buffer(part: Part, kind: type[oiio.ImageBuf] | None = None) -> oiio.ImageBuf:
+    """A new ImageBuf of the part, or of a subclass, in its own pixel type, which the caller may change."""
+    buffer = (kind or oiio.ImageBuf)(part.spec)
     rows = max(1, (8 << 20) // max(1, part.spec.width * part.pixel_bytes))
     for window in part.window.cells(part.spec.width, rows):
         buffer.set_pixels(window.roi(part.spec.nchannels), np.ascontiguousarray(part.read(window)))

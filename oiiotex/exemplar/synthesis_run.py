@@ -51,7 +51,7 @@ class SynthesisRun:
         with resources.stats.time("flatten"):
             self._flat, self._drift = op.flattened(resources, next(self._stages))
         self._progress = next(self._stages)
-        self._measuring = next(self._stages, progress)
+        self._measuring = next(self._stages, self._progress)
         self._in_memory, self._budget = op.holds_photo(resources), op.budget_left(resources)
         with resources.stats.time("read and color"):
             self._maps = [self._in_any_order(image.first) for image in self._flat.all_maps()]
@@ -110,6 +110,7 @@ class SynthesisRun:
         """The tile with all its outputs, as one mapping for each map and variant."""
         first, *others = self._variants() if self._op.variants > 1 else self._one()
         first = _beside_drift(first, self._drift)
+        self._measuring.advance(1, 1)
         return (first, *others) if others else first
 
     def _run(self, recipe: Recipe, constraints: Constraints, progress: Progress | None = None) -> Synthesis:

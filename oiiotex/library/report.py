@@ -22,11 +22,12 @@ _COLUMNS = ("fidelity", "seam", "repeat", "loss", "regular", "normal_length", "h
 _STYLE = """
 body{font:14px/1.4 system-ui,sans-serif;margin:24px;color:#222;background:#fafafa}
 h1{font-size:20px;margin:0 0 4px}p{margin:0 0 14px;color:#555}
-table{border-collapse:collapse;background:#fff}th,td{padding:6px 10px;border-bottom:1px solid #ddd;text-align:left}
+table{border-collapse:collapse;background:#fff}
+th,td{padding:6px 8px;overflow-wrap:break-word;border-bottom:1px solid #ddd;text-align:left}
 td.n{text-align:right;font-variant-numeric:tabular-nums}th{cursor:pointer;position:sticky;top:0;background:#eee}
 th[data-way="1"]::after{content:" \\25B2"}th[data-way="-1"]::after{content:" \\25BC"}
-img{height:120px;display:block;border-radius:3px}.ok{color:#16703a}.review,.asked{color:#a05a00}.failed{color:#b00020}
-td.why{max-width:22em}input{font:inherit;padding:4px 8px;margin-bottom:12px;width:24em}
+img{max-height:120px;max-width:26vw;display:block;border-radius:3px}.ok{color:#16703a}.review,.asked{color:#a05a00}.failed{color:#b00020}
+td.why{max-width:18em;overflow-wrap:anywhere}input{font:inherit;padding:4px 8px;margin-bottom:12px;width:24em}
 """
 _SCRIPT = """
 const body=document.querySelector('tbody'),heads=[...document.querySelectorAll('th')];
@@ -59,7 +60,7 @@ def write_report(catalog: Catalog, title: str) -> Path:
     page = (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
         f"<style>{_STYLE}</style><h1>{html.escape(title)}</h1><p>{made}: {summary}</p>"
-        '<input placeholder="Filter by name, status or reason">'
+        '<input aria-label="Filter by name, status or reason" placeholder="Filter by name, status or reason">'
         f"<table><thead><tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr></thead>"
         f"<tbody>{''.join(rows)}</tbody></table><script>{_SCRIPT}</script></html>\n"
     )
@@ -88,6 +89,6 @@ def _row(library: Path, asset: Asset, measures: dict[str, float], columns: list[
 def _picture(library: Path, asset: Asset) -> str:
     with contextlib.suppress(OSError):
         if asset.folder:
-            data = (library / asset.folder / "card.jpg").read_bytes()
-            return f'<img alt="" src="data:image/jpeg;base64,{base64.b64encode(data).decode()}">'
+            data = base64.b64encode((library / asset.folder / "card.jpg").read_bytes()).decode()
+            return f'<img alt="{html.escape(asset.name)}" src="data:image/jpeg;base64,{data}">'
     return ""

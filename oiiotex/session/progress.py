@@ -54,14 +54,22 @@ class Progress:
     def stages(self, *shares: float) -> Iterator[Progress]:
         """Progress for consecutive stages of an op, each with its share of the expected time.
 
-        The whole is always `WHOLE` steps, so that the time left can be told from the first stage on.
+        The whole is always `WHOLE` steps, so that the time left can be told from the first stage on. Every report
+        is a step further. A stage that begins again, as for another attempt, takes what is left of its share.
         """
-        before, every = 0.0, sum(shares)
+        before, every, last = 0.0, sum(shares), -1
 
         def within(share: float, before: float) -> Tell:
+            reached = begun = 0.0
+
             def tell(done: int, total: int) -> bool | None:
-                part = before + share * done / max(total, 1)
-                return None if self.tell is None else self.tell(round(WHOLE * part / every), WHOLE)
+                nonlocal reached, begun, last
+                part = done / max(total, 1)
+                if begun + (1 - begun) * part < reached:
+                    begun = reached
+                reached = begun + (1 - begun) * part
+                last = min(WHOLE, max(last + 1, round(WHOLE * (before + share * reached) / every)))
+                return None if self.tell is None else self.tell(last, WHOLE)
 
             return tell
 
