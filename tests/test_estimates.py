@@ -94,7 +94,7 @@ def test_invert_turns_the_relief_over_and_bright_joints_are_not_guessed():
     assert correlation(height_of(photo, overcast=True), height_of(photo, overcast=True, invert=True)) < -0.999
     y, x = np.mgrid[:SIDE, :SIDE] % 24
     mortar = np.where((x < 6) | (y < 6), 0.6, 0.15) + np.random.default_rng(1).normal(0, 0.01, (SIDE, SIDE))
-    with pytest.raises(errors.ImageError, match="bright joints.*overcast=True if dark is deep, also invert=True"):
+    with pytest.raises(errors.ImageError, match=r"bright joints.*overcast=True if dark is deep, also invert=True"):
         filters.estimateheight(gray(mortar))
     assert correlation(height_of(mortar, overcast=True, invert=True), -mortar) > 0.5
 

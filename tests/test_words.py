@@ -26,7 +26,10 @@ ROOT = Path(__file__).parents[1]
 # docs/how-to/your_own_filter.md writes ops of its own, which tests/test_plugins.py runs
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md"),
                 *(ROOT / "oiiotex").glob("*/README.md")])  # fmt: skip
-TEXTS = {str(path.relative_to(ROOT)): path.read_text() for path in PAGES if path.name != "your_own_filter.md"}
+# where figures come from, which is not shown, and lines of benchmarks
+OTHER_TEXT = re.compile("<!--.*?-->|`python -m (?:benchmarks|tools)[^`]*`", re.DOTALL)
+TEXTS = {str(path.relative_to(ROOT)): OTHER_TEXT.sub("", path.read_text())
+         for path in PAGES if path.name != "your_own_filter.md"}  # fmt: skip
 TEXTS |= {"--help": help.topic(), "--help all": report.overview()}
 TEXTS |= {f"--help {op.name}": report.page(op.name) for op in (*FILTERS, *host.OPS)}
 # words that are named because they are wrong, or stand for others

@@ -5,8 +5,8 @@ python -m benchmarks.subtextures.outside [--groups judge,mosaics] [--mosaics 16]
 
 scikit-image: Felzenszwalb and Huttenlocher's graph (2004); SLIC superpixels with their region adjacency graph cut at a
 threshold of mean color. OpenCV, if installed (`pip install opencv-python-headless`): pyramidal mean shift. They segment
-by color, not by texture. The parameter of each was set on the first 16 mosaics of the half "tune", by covering: the
-best of `GRID`, which --tune prints. None is told the number.
+by color, not by texture. The parameter of each is from a coarse search on eight mosaics of the half "tune", by covering
+(.39, .33, .37); --tune prints all candidates of `GRID`. None is told the number.
 
 --folder names a folder of your own with `images/NAME.jpg` (or png) and `labels/NAME.png`, such as the Real-World
 Texture Dataset (RWTD, Khan, Mumford et al.). It is not downloaded.

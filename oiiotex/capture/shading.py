@@ -9,6 +9,7 @@ integrability in shape from shading algorithms, PAMI 10(4), 1988).
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -117,7 +118,7 @@ def has_bright_joints(lightness: np.ndarray, opaque: np.ndarray | None, sigma: f
         return False
     density = gaussian_filter(np.histogram(seen, 64, (low, high))[0].astype(float), 2.5)
     peaks = np.flatnonzero((density[1:-1] >= density[:-2]) & (density[1:-1] > density[2:])) + 1
-    for first, second in zip(peaks[:-1], peaks[1:], strict=True):
+    for first, second in itertools.pairwise(peaks):
         valley = first + int(density[first : second + 1].argmin())
         two = density[valley] < _VALLEY * min(density[first], density[second])
         if two and density[valley:].sum() < density[:valley].sum():

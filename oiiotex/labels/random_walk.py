@@ -127,17 +127,16 @@ def _orthonormal(columns: np.ndarray, resources: Resources) -> np.ndarray:
 def _inverse_of_factor(products: np.ndarray) -> np.ndarray:
     """R^-1 where R^T R = products, upper triangular with unit diagonal; columns of 0 for linear dependence."""
     n = len(products)
-    left, inverse = products.copy(), np.eye(n)
+    both, pivots = np.concatenate([products, np.eye(n)], 1), np.ones(n)
     for k in range(n):  # elimination, applied to the unit matrix as well
-        pivot = left[k, k]
+        pivot = both[k, k]
         if pivot <= _LOST:
-            left[k], inverse[k] = 0.0, 0.0
+            both[k] = 0.0
             continue
-        factors = left[k + 1 :, k] / pivot
-        left[k + 1 :] -= factors[:, None] * left[k]
-        inverse[k + 1 :] -= factors[:, None] * inverse[k]
-        inverse[k] /= math.sqrt(pivot)
-    return inverse.T
+        factors = both[k + 1 :, k] / pivot
+        both[k + 1 :] -= factors[:, None] * both[k]
+        pivots[k] = pivot
+    return (both[:, n:] / np.sqrt(pivots)[:, None]).T
 
 
 def _symmetric(matrix: np.ndarray) -> np.ndarray:

@@ -333,8 +333,9 @@ def _next_scale(hierarchy: Hierarchy, labels: np.ndarray, at: int, share: float,
 
 def _mixed_share(groups: np.ndarray, labels: np.ndarray) -> float:
     """Proportion of groups with two or more labels."""
-    pairs = np.unique(np.stack([groups, labels], axis=1), axis=0)
-    return float((np.bincount(pairs[:, 0]) >= 2).mean())
+    count = int(labels.max()) + 1
+    pairs = np.unique(groups.astype(np.int64) * count + labels)
+    return float((np.bincount(pairs // count) >= 2).mean())
 
 
 # --- top-down ---

@@ -63,7 +63,7 @@ from .recipe import Recipe, geometry_at, level_scales
 from .use_prices import Lost, UsePrices, lost_texture
 
 FINE_ITERATIONS, PAPER_FINE_ITERATIONS = 1, 3  # per finer level: the coarsest decides the layout; section 4.2: 2 or 3
-COARSE_PASSES, FINE_PASSES = 2, 1  # of PatchMatch per iteration: coarsest level, finer levels
+COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: coarsest level, finer levels, last iteration
 FINE_SEARCHES = 3  # the coarsest level has found the regions; wide windows find nothing better
 OVERSHOOT = 1.2
 LOOKS = 3  # iterations of the coarsest level between two previews
@@ -130,6 +130,7 @@ def synthesize(
     scales, geometries = scales[start:], geometries[start:]
     fine = PAPER_FINE_ITERATIONS if recipe.literal else FINE_ITERATIONS
     schedule = [[COARSE_PASSES] * recipe.iterations, *([FINE_PASSES] * fine for _ in scales[1:])]
+    schedule[-1][-1] = LAST_PASSES
     sizes = [g.width * g.height for g in geometries]
     steps = [size + _LEVEL * (n == 0) for size, level in zip(sizes, schedule, strict=True) for n in range(len(level))]
     whole = sum(steps) + 2 * sizes[-1]  # picking the pixels, and measuring what is lost
@@ -200,9 +201,11 @@ def synthesize(
                 prices_of_flatness = use_prices.handed_on(device, buffers) if recipe.complete else np.zeros(0)
                 levels.keep(level, geometry, field, prices_of_flatness)
         source = matcher.pick()
+        progress(whole - sizes[-1], whole)
         if fixed is not None:
             source = SourceMap(np.where(fixed.where, fixed.places.packed, source.packed))
         lost = None if prices is None else lost_texture(source, image, patches, geometry)
+        progress(whole, whole)
         return Synthesis(source, present(field), lost)
 
 

@@ -92,12 +92,10 @@ def grow_labels(
         raise ImageError("the label map has no labels to grow")
     width, height = (max(_PATCHES[-1], -(-n // side)) for n in domain.size)
     values = apart(len(labels))[index]
-    best, steps = None, 0
+    best, attempt = None, 0
 
-    def counted(_: int, total: int) -> None:
-        nonlocal steps
-        steps += 1
-        progress(steps, total * tries)
+    def counted(done: int, total: int) -> None:
+        progress(attempt * total + done, tries * total)
 
     patch = _patch(cells.shape, allowed, (height, width))
     for attempt in range(tries):

@@ -51,7 +51,7 @@ class Hierarchy:
     def partition_of(self, count: int) -> np.ndarray:
         """The partition into `count` superpixels, from counts[-1] to n, as from `partition`."""
         n = int(self.counts[0])
-        parent = np.arange(n)
+        parent = list(range(n))  # faster than an array, one by one
         for a, b in self.merges[: n - count][::-1].tolist():  # backwards, so that the root of a is known
             parent[b] = parent[a]
         _, number = np.unique(parent, return_inverse=True)
