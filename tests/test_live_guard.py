@@ -178,8 +178,8 @@ def test_nonsense_on_the_wire_is_refused_in_words_and_a_flood_closes_it(served):
     wire.until("hello")
     for nonsense in (
         b"{}", b"[", b"[]", b'{"do":"set"}', b'{"do":"dance","room":"tile"}', b'{"do":"set","room":"tile","values":[]}',
-        b'{"do":"brush","room":"tile","name":"../../x"}', b'{"do":"tiles","room":"zoom","level":99,"tiles":[]}',
-        b'{"do":"tiles","room":"zoom","level":1,"tiles":[["1e9",0]]}',
+        b'{"do":"brush","room":"tile","name":"../../x"}', b'{"do":"tiles","room":"zoom","tiles":[[99,"0","0"]]}',
+        b'{"do":"tiles","room":"zoom","tiles":[[1,"1e9",0]]}',
         b'{"do":"seeds","room":"tile","first":"x","count":1}',
         b'{"do":"bring","room":"paint","name":"../secret.png"}', b'{"do":"bring","room":"paint","name":["photo.png"]}',
         b'{"do":"bring","room":"paint","name":"secret.txt"}',
