@@ -95,6 +95,7 @@ def test_an_interrupted_run_ends_at_once_and_leaves_nothing_half(folder):
         line("--workers", 1), cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True,
     )  # fmt: skip
+    assert process.stdout.readline() == "5 to make (m0, m1, m2, ...), 0 unchanged\n"
     assert re.match(r"m\d: ok", process.stdout.readline())
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
@@ -117,7 +118,7 @@ def test_two_runs_at_once_share_the_work(folder):
     ]
     printed = [process.communicate(timeout=300) for process in both]
     assert [process.returncode for process in both] == [0, 0], printed
-    made = [re.match(r"(m\d): ok", text)[1] for out, _ in printed for text in out.splitlines()[:-1]]
+    made = [re.match(r"(m\d): ok", text)[1] for out, _ in printed for text in out.splitlines()[1:-1]]
     assert sorted(made) == [f"m{n}" for n in range(MATERIALS)]  # nothing twice, nothing left out
     with Catalog(folder / "library") as catalog:
         assert list(check(catalog)) == []

@@ -22,16 +22,16 @@ from tests.any_filter import buffer
 def test_stages_share_what_is_opened_once_and_go_on_counting():
     seen = []
     session = Session(progress=lambda done, total: seen.append((done, total)))
-    stages = session.stages()
+    stages = session.stages(1, 1)
     first = next(stages)
     for done in (1, 2):
         first.progress.advance(done, 2)
     second = next(stages)
     second.progress.advance(1, 3)
-    assert seen == [(1, 2), (2, 2), (3, 5)]
+    assert seen == [(2500, 10000), (5000, 10000), (6667, 10000)]
     assert second.resources is first.resources is session.resources
     with pytest.raises(errors.Interrupted):  # a stage can be stopped
-        next(Progress(lambda done, total: False).stages()).advance(1, 2)
+        next(Progress(lambda done, total: False).stages(1)).advance(1, 2)
 
 
 def test_settings_change_for_all_that_share_resources():

@@ -42,7 +42,7 @@ __kernel void atlas_missing(const __global uint *restrict spots, const __global 
 
 // The pixel of the photo that contains a place, clamped to the border.
 static inline int pixel_at(int2 place, int width, int height) {
-  int x = clamp(place.x >> 8, 0, width - 1), y = clamp(place.y >> 8, 0, height - 1);
+  int x = max(0, min(place.x >> 8, width - 1)), y = max(0, min(place.y >> 8, height - 1));
   return y * width + x;
 }
 

@@ -201,11 +201,9 @@ def synthesize(
                 prices_of_flatness = use_prices.handed_on(device, buffers) if recipe.complete else np.zeros(0)
                 levels.keep(level, geometry, field, prices_of_flatness)
         source = matcher.pick()
-        progress(whole - sizes[-1], whole)
         if fixed is not None:
             source = SourceMap(np.where(fixed.where, fixed.places.packed, source.packed))
         lost = None if prices is None else lost_texture(source, image, patches, geometry)
-        progress(whole, whole)
         return Synthesis(source, present(field), lost)
 
 
