@@ -230,7 +230,10 @@ def test_a_stroke_changes_its_neighborhood_alone_and_is_undone_to_the_bit(page, 
     page.wait_for_selector("[data-step='0']")
     before = pixels_of(page, "texture")
     assert before.shape == (384, 512, 3)
-    page.locator(".swatch").nth(1).click()
+    having_finer = "[...document.querySelectorAll('.entry')].findIndex((one) => one.querySelector('.within button'))"
+    chosen = page.evaluate(having_finer)
+    entry = page.locator(".entry").nth(chosen)  # the first label with finer ones
+    entry.locator(".swatch").first.click()
     view = page.locator("canvas[aria-label=Painting]").bounding_box()
     scale = min((view["width"] - 24) / 512, (view["height"] - 24) / 384)
     corner = view["x"] + (view["width"] - 512 * scale) / 2, view["y"] + (view["height"] - 384 * scale) / 2
@@ -250,7 +253,7 @@ def test_a_stroke_changes_its_neighborhood_alone_and_is_undone_to_the_bit(page, 
     reach = 32 + 2 * 16  # px: half the brush, and patches around it
     assert 150 - reach < columns.min() and columns.max() < 250 + reach
     assert 150 - reach < rows.min() and rows.max() < 200 + reach
-    assert len(rows) > 3000
+    assert len(rows) > 2000
     words = copied_line(page)
     np.testing.assert_array_equal(after, shown_of(words, folder, SPACE))
     page.keyboard.press("Control+z")
@@ -263,8 +266,8 @@ def test_a_stroke_changes_its_neighborhood_alone_and_is_undone_to_the_bit(page, 
     page.wait_for_selector("[data-step='1']")
     np.testing.assert_array_equal(pixels_of(page, "texture"), after)
     # a finer label, which does not leave the one that it is part of
-    page.locator(".swatch").nth(1).click()
-    page.locator(".entry.chosen .within button").first.click()
+    entry.locator(".swatch").first.click()
+    entry.locator(".within button").first.click()
     page.mouse.move(corner[0] + 100 * scale, corner[1] + 175 * scale)
     page.mouse.down()
     page.mouse.move(corner[0] + 250 * scale, corner[1] + 175 * scale, steps=5)
@@ -280,16 +283,16 @@ def test_a_stroke_changes_its_neighborhood_alone_and_is_undone_to_the_bit(page, 
     coarse = load(folder / "photo.paint" / "000002.png")
     assert np.count_nonzero(painted) > 3000 and (coarse[painted] == coarse[175, 200]).all()
     table = json.loads((folder / "photo.palette.json").read_text())
-    chosen = table["labels"][1]["children"][0]
+    finer = table["labels"][chosen]["children"][0]
     paint = next(n for n, word in enumerate(words) if word.startswith("--texpaint"))
     words = [*words[1:paint], f"{words[paint]}:keep=1", "-o", "labels.exr"]
     done = oiiotex(*words, cwd=folder)
     assert done.returncode == 0, done.stderr
     labels = load(folder / "labels.exr", table["level"] - 1)[..., 0]  # after the picture comes label.1
-    assert (labels[painted] == chosen).mean() > 0.8
+    assert (labels[painted] == finer).mean() > 0.8
     # a painting from elsewhere is a step of this one; what was undone stays in the history before it
     ids = np.full((384, 512, 1), table["labels"][0]["id"])
-    ids[100:250, 200:400] = table["labels"][2]["id"]
+    ids[100:250, 200:400] = table["labels"][-1]["id"]
     save(ids, folder / "elsewhere.exr", "uint32")
     page.get_by_role("button", name="Open", exact=True).click()
     page.get_by_role("button", name="elsewhere.exr").click()

@@ -230,7 +230,9 @@ def test_every_keyword_is_annotated(op):
 def kinds_of(result: object) -> str:
     if isinstance(result, list):
         return f"list[{kinds_of(result[0])}]"
-    return "dict[str, ImageBuf]" if isinstance(result, dict) else type(result).__name__
+    if isinstance(result, dict):
+        return "dict[str, ImageBuf]"
+    return "ImageBuf" if isinstance(result, oiio.ImageBuf) else type(result).__name__
 
 
 def test_results_are_as_the_stub_says():

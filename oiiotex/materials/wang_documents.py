@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import Error
+from ..io.atomic import written
 from ..wang.plane import CELLS
 from .documents import SPACES, STANDARD_INPUTS, loaded_libraries, materialx, node_of, opengl_normals
 
@@ -79,16 +80,17 @@ def write_wang_materialx(material: WangMaterial, path: Path) -> list[Path]:
     Error
         MaterialX is not installed, or rejects a document.
     """
-    written = [path]
+    paths = [path]
     document = _document(material, own_node=True)
     _write(document, path)
     for kind, (result, channels) in _SWIZZLES.items():
         name = f"{IMAGE}_{kind}"
-        written.append(path.with_name(f"{name}.glsl"))
-        written[-1].write_text(_GLSL.format(name=name, kind=result, channels=channels))
-    written.append(path.with_name(f"{path.stem}{STANDARD}.mtlx"))
-    _write(_translated(_document(material, own_node=False), material.identifier), written[-1])
-    return written
+        paths.append(path.with_name(f"{name}.glsl"))
+        with written(paths[-1]) as file:
+            file.write(_GLSL.format(name=name, kind=result, channels=channels).encode())
+    paths.append(path.with_name(f"{path.stem}{STANDARD}.mtlx"))
+    _write(_translated(_document(material, own_node=False), material.identifier), paths[-1])
+    return paths
 
 
 def _translated(document: Any, name: str) -> Any:
