@@ -89,7 +89,7 @@ def patchmatch(far: Far) -> None:
     items, band = (X if far.lanes == 1 else X // 64, Y), (0, HEIGHT, 0)
     run("vote", items, exemplar, field, image, *field_size, WIDTH, SIDE, 1, 1, *band, *all_rows)
     assert image[Y, X].tolist() == [11, 22, 33]
-    run("pick", (X, Y), field, np.ones(25, np.int32), following, *field_size, WIDTH, 1, 1, *band)
+    run("pick", items, field, np.ones(25, np.int32), following, *field_size, WIDTH, 1, 1, *band)
     assert following[Y, X] == AT_E
 
 
