@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..deferred import np
 from ..opencl.buffers import Buffers
-from ..opencl.device import Program
+from ..opencl.program import Program
 from ..session.resources import Resources
 from .charts import Frames, covered, in_pixels, walk
 from .mesh import Mesh
