@@ -35,9 +35,7 @@ class Program:
             words = runtime.compilers_words(str(error))
             raise BuildError(f"{device.info.name} cannot build {stem}.cl: {words}") from error
         self._kernels = {k.function_name: k for k in built.all_kernels()}
-        self._types: dict[
-            str, tuple[str | None, ...]
-        ] = {}  # of a kernel's arguments: untyped numbers cost 6 us each
+        self._types: dict[str, tuple[str | None, ...]] = {}  # of a kernel's arguments: untyped numbers cost 6 us each
         self._launching = threading.Lock()  # a kernel keeps its arguments: two threads would mix theirs
 
     def __call__(
