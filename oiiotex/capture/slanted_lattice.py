@@ -35,8 +35,7 @@ _FEWEST = 4  # least number of parts with a lattice that determine perspective
 _ALIKE = 0.25  # of a cell: tolerance of a part's frequencies as integer combinations of its neighbors'
 _UPRIGHT = math.radians(35)  # greatest angle between a side of the cell and the photo's side
 # Bricks and square tiles may have the same lattice. With this value courses that rise by up to 13 degrees in the photo,
-# and tiles rotated by up to 30, get their natural sides
-# turned by up to 30, have their own sides
+# and tiles rotated by up to 30, get their natural sides.
 _LEAN = 2
 _VIEW = 512  # px; longer side of the rectified photo in which joints are looked for
 _STRONGEST = 0.9  # quantile of the gradients that are taken for joints
@@ -333,7 +332,7 @@ def is_sheared(values: SomeRows, lattice: SlantedLattice, corners: np.ndarray, c
     first, last = lattice.cells_at(corners[[0, 2]])
     across, down = (first[a] + (last[a] - first[a]) * (np.arange(n) + 0.5) / n for a, n in ((0, width), (1, height)))
     points = lattice.points_at(np.stack(np.meshgrid(across, down), -1).reshape(-1, 2)) - 0.5
-    light = map_coordinates(np.asarray(values[..., 0], np.float64), points.T[::-1], order=1, mode="nearest")
+    light = map_coordinates(values[..., 0], points.T[::-1], order=1, mode="nearest")
     light = gaussian_filter(light.reshape(height, width), max(1.0, min(width / cells[0], height / cells[1]) / 24))
     rise, run = np.gradient(light)
     power = rise**2 + run**2

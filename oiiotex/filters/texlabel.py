@@ -171,12 +171,12 @@ class Label(OnePart, InLab, ScanThenMap):
             tries=self.tries,
             seed=self.seed,
         )
-        from ..segmentation.superpixel_materials import superpixel_materials
-
         coarsest: list[Callable[..., np.ndarray]] = []
         if self.coarsest:
             coarsest.append(functools.partial(superpixel_subtextures, count=self.labels))
         if self.materials:
+            from ..segmentation.superpixel_materials import superpixel_materials
+
             coarsest.append(superpixel_materials)
         maps = label_maps(
             self.source, lens, session.resources, session.progress, self.features, settings,
