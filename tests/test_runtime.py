@@ -248,6 +248,17 @@ def test_the_name_is_changed_in_the_wheels_build_alone(monkeypatch):
         opencl_cpu.name_cpu(handle(4096), "znver2")  # nothing is mapped there
 
 
+def test_the_wheels_library_is_known_in_a_folder_with_spaces(monkeypatch, tmp_path):
+    library = tmp_path / "a b" / opencl_cpu._LIBRARY
+    library.parent.mkdir()
+    library.write_bytes(b"12345")
+    monkeypatch.setattr(opencl_cpu, "_LIBRARY_BYTES", 5)
+    monkeypatch.setattr(opencl_cpu, "_maps", lambda: [f"7f0000-7f1000 r-xp 00000000 08:01 123    {library}"])
+    assert opencl_cpu._wheels_library_is_loaded()
+    monkeypatch.setattr(opencl_cpu, "_LIBRARY_BYTES", 6)
+    assert not opencl_cpu._wheels_library_is_loaded()
+
+
 def test_words_of_a_compiler_without_its_options():
     said = (
         "clBuildProgram failed: BUILD_PROGRAM_FAILURE - clBuildProgram failed\n\nBuild on <pyopencl.Device 'x'>:\n\n"

@@ -92,7 +92,7 @@ def name_cpu(device: cl.Device, name: str) -> None:
 
 
 def _wheels_library_is_loaded() -> bool:
-    paths = {Path(line.split()[-1]) for line in _maps() if line.endswith(_LIBRARY)}
+    paths = {Path(line.split(maxsplit=5)[5]) for line in _maps() if line.endswith(_LIBRARY)}  # it can have spaces
     return any(path.name == _LIBRARY and path.stat().st_size == _LIBRARY_BYTES for path in paths)
 
 
