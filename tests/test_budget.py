@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
-from tests import budget
+from tests import budget, forked
 
 OWN = {"test_a": 30.0, "test_b": 60.0, "test_c": 10.0}
 
@@ -21,7 +22,18 @@ def test_shares_are_compared_and_not_times():
 
 
 def test_a_run_of_a_few_files_is_not_compared():
-    assert budget.above({"test_c": 90.0}, OWN) == budget.above({}, OWN) == []
+    assert budget.above({"test_b": 60.0, "test_c": 90.0}, OWN) == budget.above({}, OWN) == []
+
+
+def test_seconds_are_those_of_tests_by_file_with_those_of_forks(monkeypatch):
+    def report(file: str, *keywords: str) -> SimpleNamespace:
+        return SimpleNamespace(user_properties=[("cpu", 2.0), ("x", 9)], keywords=keywords, fspath=f"tests/{file}.py")
+
+    spent = budget.of_reports([report("test_a"), report("test_a"), report("test_a", "slow"), object()])
+    assert spent == {"fast": {"test_a": 4.0}, "slow": {"test_a": 2.0}}
+    before = budget.seconds()
+    monkeypatch.setattr(forked, "spent", forked.spent + 1000)
+    assert 1000 <= budget.seconds() - before < 1100
 
 
 def test_the_file_is_renewed_by_files(monkeypatch, tmp_path):

@@ -27,6 +27,19 @@ def test_two_modes_are_split_between_them_on_any_axis():
     upper = divided(points, 50)
     assert upper is not None and (upper == second).mean() > 0.98
     assert divided(points, 500) is None  # the smaller one is too small
+    alike = random.normal(0, 30, (2000, 1)) + random.normal(0, 3, (2000, 2))
+    alike[second] += 10, -10
+    upper = divided(alike, 50)  # only the difference of the two has two modes
+    assert upper is not None and max((upper == second).mean(), (upper != second).mean()) > 0.95
+
+
+def test_materials_of_one_color_are_told_apart_by_texture():
+    rough = np.indices((192, 192)).sum(0) // 48 % 2 == 0
+    noise = np.random.default_rng(0).normal(0, 1, (192, 192, 1))
+    made = filters.label(buffer(np.clip(0.5 + noise * np.where(rough, 0.15, 0.01)[..., None], 0, 1)), materials=True)
+    labels = list(made.values())[-1].get_pixels(oiio.UINT32)[..., 0].astype(np.int64)
+    table = np.histogram2d(rough.ravel(), labels.ravel(), [2, labels.max()])[0]
+    assert labels.max() >= 2 and table.max(0).sum() > 0.85 * labels.size
 
 
 def test_interspersed_materials_are_a_level_and_one_material_is_none():
