@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rez package: `rez build --install` in this folder installs the wheel from PyPI and the dependencies that your packages lack."""
+"""Rez package: `rez build --install` here installs the wheel from PyPI, and dependencies that your packages lack."""
 
 name = "oiiotex"
 version = "0.1.0"
