@@ -285,7 +285,7 @@ def work(photo: NDArray[np.uint8]) -> oiio.ImageBuf:
     assert_type(filters.lab(photo, inverse=True), oiio.ImageBuf)
     assert_type(filters.flatten(photo), oiio.ImageBuf)
     assert_type(filters.graph(photo, photo, json="g.json"), oiio.ImageBuf)
-    tiles = filters.stationarize(photo, maps=[photo], kinds=["color", "normal"], match=(1, 0.5))
+    tiles = filters.stationarize(photo, maps=[photo], kinds=["color", "normal"], mapweights=(1, 0.5))
     if isinstance(tiles, list):
         print(len(tiles))
     try:

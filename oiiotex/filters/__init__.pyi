@@ -34,7 +34,7 @@ def atlas(
     convention: Literal['opengl', 'directx'] = 'opengl',
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -121,7 +121,7 @@ def atlas(
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
-    match : float | Sequence[float] | None, default None
+    mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
@@ -159,7 +159,7 @@ def atlas(
     convention: Literal['opengl', 'directx'] = 'opengl',
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -186,7 +186,7 @@ def atlas(
     convention: Literal['opengl', 'directx'] = 'opengl',
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -305,9 +305,9 @@ def composite(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: Literal[False] = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: Literal[False] = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -346,10 +346,10 @@ def composite(
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
         Expected: an integer from 8 to 256 px. Default: the labels' scale or, without labels, shorter
         side / 8, as a power of two; less if a label is rare.
-    guidance : float, default 1.0
+    guideweight : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
-    keep : bool, default False
+    keeplabels : bool, default False
         Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
@@ -371,7 +371,8 @@ def composite(
           [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
           with stmap]
-        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with keep]
+        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with
+          keeplabels]
         - plan: Offsets and cuts. [.npz; with plan]
         - grown: Grown label map, a guide for `quilt` and `paint`. [32-bit ids; with grown]
         - report: Measures of the result, for programs. [JSON; with report]
@@ -395,7 +396,7 @@ def composite(
         Number of times that a region of the exemplar may be copied before further copies are penalized,
         relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
-    finer : float, default 0.5
+    finerweight : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
     level : int | None, default None
@@ -435,9 +436,9 @@ def composite(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -464,9 +465,9 @@ def composite(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -493,9 +494,9 @@ def composite(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -511,7 +512,7 @@ def content(
     /,
     *,
     labels: ImageLike | None = None,
-    at: float | Sequence[float] | None = None,
+    center: float | Sequence[float] | None = None,
     level: int | None = None,
     patch: int | None = None,
     table: bool = False,
@@ -525,7 +526,7 @@ def content(
 
     The two most frequent labels in a square patch are its key, by which `quilt` selects patches (LSA16: Lockerman,
     Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
-    2016, section 6.1). Use this to see why a guide selects certain patches. The patch at `at` is outlined on the
+    2016, section 6.1). Use this to see why a guide selects certain patches. The patch at `center` is outlined on the
     photo, and the centers of all patches with the same key are marked red (figure 10). The label histograms of the
     patch at each level are printed (figure 9); json= writes them to a file. With `table`, a table shows a patch for
     each key: rows are the first label, columns the second (figure 11). The result is an 8-bit sRGB image for
@@ -538,7 +539,7 @@ def content(
     labels : ImageLike | None, default None
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
-    at : float | Sequence[float] | None, default None
+    center : float | Sequence[float] | None, default None
         Center X,Y of the patch, in the data window. Expected: a number or a sequence of numbers in px.
         Default: the center of the image.
     level : int | None, default None
@@ -575,7 +576,7 @@ def content(
     --------
     >>> from oiiotex import filters
     >>> labeled = filters.label("photo.png", keep=True)
-    >>> same = filters.content(labeled, at=(20, 30))
+    >>> same = filters.content(labeled, center=(20, 30))
     """
 
 @overload
@@ -1166,7 +1167,7 @@ def estimateao(
     /,
     *,
     radius: int = 32,
-    scale: float | None = None,
+    relief: float | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -1177,7 +1178,7 @@ def estimateao(
 
     1 is unoccluded, 0 is fully occluded. In each of sixteen directions the steepest horizon within the radius is
     found, and the light between the horizons is integrated in closed form (Jimenez and others 2016, eq. 10). Results
-    agree with ray tracing of the same heights to 0.01. The scale of the heights is a guess unless `scale` or the
+    agree with ray tracing of the same heights to 0.01. The scale of the heights is a guess unless `relief` or the
     attribute oiiotex:heightpx gives it. Occlusion from farther away than the radius is ignored.
 
     Parameters
@@ -1186,7 +1187,7 @@ def estimateao(
         Height map: its first channel, where larger is nearer.
     radius : int, default 32
         Maximum distance at which the surface occludes. Expected: an integer from 2 to 1024 px.
-    scale : float | None, default None
+    relief : float | None, default None
         Height that a value of 1 stands for. Expected: a number from 1e-06 to 1000000 px. Default: the
         attribute oiiotex:heightpx, else longer side / 32.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
@@ -1424,7 +1425,7 @@ def flatten(
     amount: float = 1.0,
     contrast: float = 1.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
-    keep: Literal['level', 'none'] = 'level',
+    tone: Literal['photo', 'gray'] = 'photo',
     drift: FileName | Literal[False] = False,
     data: bool = False,
     colorspace: str | None = None,
@@ -1455,9 +1456,9 @@ def flatten(
         Expected: a number from 0 to 1.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the image tiles. The result then tiles along the same axes.
-    keep : Literal['level', 'none'], default 'level'
-        Overall color of the result. level: the median of the local levels; none: middle gray (L 50, a
-        0, b 0), which makes photos comparable.
+    tone : Literal['photo', 'gray'], default 'photo'
+        Overall color of the result. photo: the median of the photo's local levels; gray: middle gray (L
+        50, a 0, b 0), which makes photos comparable.
     drift : bool | FileName, default False
         Correction that removes gradients and stains. 1: append it as part 'drift'; a file name: write
         it to that file.
@@ -1503,7 +1504,7 @@ def flatten(
     amount: float = 1.0,
     contrast: float = 1.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
-    keep: Literal['level', 'none'] = 'level',
+    tone: Literal['photo', 'gray'] = 'photo',
     drift: Literal[True],
     data: bool = False,
     colorspace: str | None = None,
@@ -1521,7 +1522,7 @@ def flatten(
     amount: float = 1.0,
     contrast: float = 1.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
-    keep: Literal['level', 'none'] = 'level',
+    tone: Literal['photo', 'gray'] = 'photo',
     drift: bool | FileName = False,
     data: bool = False,
     colorspace: str | None = None,
@@ -1534,7 +1535,7 @@ def graph(
     *photos: ImageLike,
     graph: FileName | None = None,
     json: FileName | None = None,
-    scale: float | Sequence[float] | None = None,
+    ratio: float | Sequence[float] | None = None,
     loop: int | None = None,
     scales: int = 1,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -1547,7 +1548,7 @@ def graph(
     """Create an exemplar graph from one or more photos, or draw an existing graph.
 
     An exemplar graph says which photo supplies finer detail for which (an edge), and how many octaves finer it is
-    (r). Several photos, coarsest first, become a chain: each has pixels `scale` times smaller than the one before.
+    (r). Several photos, coarsest first, become a chain: each has pixels `ratio` times smaller than the one before.
     A single photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of
     it, from the whole photo at reduced resolution to a crop at full resolution.
 
@@ -1563,7 +1564,7 @@ def graph(
         Existing graph to draw (JSON or YAML), instead of creating one.
     json : FileName | None, default None
         File for the graph.
-    scale : float | Sequence[float] | None, default None
+    ratio : float | Sequence[float] | None, default None
         Ratio between the pixel sizes of each photo and the next, or one ratio for all. Expected: a
         number or a sequence of numbers >= 1. Default: 8, less for small photos; with scales, 2.
     loop : int | None, default None
@@ -1618,7 +1619,7 @@ def join(
     """Join crops of an image that were rendered separately, as on a farm.
 
     Takes all images on the stack, in any order. They must be crops of one display window, as `synth` renders them with
-    tiles=1/8 to tiles=8/8, and must cover it. They must have the same channels, pixel type and parts, and must be equal
+    chunk=1/8 to chunk=8/8, and must cover it. They must have the same channels, pixel type and parts, and must be equal
     where they overlap. The result has the same pixels as a single run.
 
     Parameters
@@ -1925,7 +1926,7 @@ def labelview(
     *,
     side: int = 384,
     columns: int = 3,
-    strength: float = 0.65,
+    opacity: float = 0.65,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -1946,7 +1947,7 @@ def labelview(
         Longer side of a panel. Expected: an integer from 64 to 4096 px.
     columns : int, default 3
         Number of panels in a row. Expected: an integer from 1 to 16.
-    strength : float, default 0.65
+    opacity : float, default 0.65
         Opacity of the label colors over the photo. Expected: a number from 0 to 1.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
@@ -1983,19 +1984,19 @@ def paint(
     fine: ImageLike | None = None,
     level: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
     plan: FileName | None = None,
-    before: FileName | None = None,
+    previous: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: Literal[False] = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: Literal[False] = False,
     data: bool = False,
     seed: int = 0,
     stmap: FileName | Literal[False] = False,
@@ -2010,7 +2011,7 @@ def paint(
     optional second painting, `fine`, overlays labels of the next finer level; where it is empty (black, id 0 or alpha
     0), the first painting applies (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
     Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE from `palette` maps colors to
-    labels; paintings of ids do not need it. To edit a result, write plan=FILE and pass it as before=FILE to the next
+    labels; paintings of ids do not need it. To edit a result, write plan=FILE and pass it as previous=FILE to the next
     run: patches whose labels did not change are kept, so pixels elsewhere are bit-identical.
 
     Parameters
@@ -2031,8 +2032,8 @@ def paint(
         Size of the result. Expected: (width, height) from 8 to 4194304 px. Default: the painting's
         size.
     plan : FileName | None, default None
-        File (.npz) to write for a later edit: the next run reads it with `before`.
-    before : FileName | None, default None
+        File (.npz) to write for a later edit: the next run reads it with `previous`.
+    previous : FileName | None, default None
         Plan of an earlier run. Patches whose labels did not change are kept.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the result tiles.
@@ -2040,10 +2041,10 @@ def paint(
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
         Expected: an integer from 8 to 256 px. Default: the labels' scale or, without labels, shorter
         side / 8, as a power of two; less if a label is rare.
-    guidance : float, default 1.0
+    guideweight : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
-    keep : bool, default False
+    keeplabels : bool, default False
         Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
@@ -2065,7 +2066,8 @@ def paint(
           [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
           with stmap]
-        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with keep]
+        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with
+          keeplabels]
         - plan: Painted labels and the patches used for them. [.npz; with plan]
         - report: Measures of the result, for programs. [JSON; with report]
 
@@ -2074,7 +2076,7 @@ def paint(
     labels : ImageLike | None, default None
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
-    soft : float, default 0.2
+    tolerance : float, default 0.2
         Largest distance, in Oklab, at which a color counts as the nearest color of the table. Black and
         white are 1 apart. Blends of soft brushes lie within 0.2 of the colors of `palette`. 0: exact
         colors only. Expected: a number from 0 to 1.
@@ -2089,7 +2091,7 @@ def paint(
         Number of times that a region of the exemplar may be copied before further copies are penalized,
         relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
-    finer : float, default 0.5
+    finerweight : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
     data : bool, default False
@@ -2121,19 +2123,19 @@ def paint(
     fine: ImageLike | None = None,
     level: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
     plan: FileName | None = None,
-    before: FileName | None = None,
+    previous: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     data: bool = False,
     seed: int = 0,
     stmap: Literal[True],
@@ -2152,19 +2154,19 @@ def paint(
     fine: ImageLike | None = None,
     level: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
     plan: FileName | None = None,
-    before: FileName | None = None,
+    previous: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     data: bool = False,
     seed: int = 0,
     stmap: bool | FileName = False,
@@ -2352,13 +2354,13 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -2456,7 +2458,7 @@ def patchmatch(
     uniformity : float, default 0.01
         Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to
         use more of the photo. Above 0.1, structures break up. Expected: a number from 0 to 1.
-    reuse : float, default 1.0
+    reusepenalty : float, default 1.0
         Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
         is closer to the photo and repeats more. Expected: a number from 0 to 1.
     resume : bool, default False
@@ -2470,7 +2472,7 @@ def patchmatch(
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
-    match : float | Sequence[float] | None, default None
+    mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
@@ -2511,13 +2513,13 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -2547,13 +2549,13 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -2633,7 +2635,7 @@ def quilt(
     guide: ImageLike | None = None,
     label: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     overlap: int | None = None,
     plan: FileName | None = None,
     render: bool = False,
@@ -2644,9 +2646,9 @@ def quilt(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: Literal[False] = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: Literal[False] = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -2691,10 +2693,10 @@ def quilt(
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
         Expected: an integer from 8 to 256 px. Default: the labels' scale or, without labels, shorter
         side / 8, as a power of two; less if a label is rare.
-    guidance : float, default 1.0
+    guideweight : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
-    keep : bool, default False
+    keeplabels : bool, default False
         Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
@@ -2721,7 +2723,8 @@ def quilt(
           [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
           with stmap]
-        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with keep]
+        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with
+          keeplabels]
         - plan: Plan of the quilt: offsets and cuts. [.npz; with plan]
         - report: Measures of the result, for programs. [JSON; with report]
 
@@ -2733,7 +2736,7 @@ def quilt(
     table : FileName | None, default None
         JSON file that maps ids or 8-bit colors of the guide to labels or pairs of labels: {"255,0,0":
         3, "0,0,255": [1, 2]}.
-    soft : float, default 0.2
+    tolerance : float, default 0.2
         Largest distance, in Oklab, at which a color counts as the nearest color of the table. Black and
         white are 1 apart. Blends of soft brushes lie within 0.2 of the colors of `palette`. 0: exact
         colors only. Expected: a number from 0 to 1.
@@ -2756,7 +2759,7 @@ def quilt(
         Number of times that a region of the exemplar may be copied before further copies are penalized,
         relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
-    finer : float, default 0.5
+    finerweight : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
     level : int | None, default None
@@ -2788,7 +2791,7 @@ def quilt(
     guide: ImageLike | None = None,
     label: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     overlap: int | None = None,
     plan: FileName | None = None,
     render: bool = False,
@@ -2799,9 +2802,9 @@ def quilt(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -2822,7 +2825,7 @@ def quilt(
     guide: ImageLike | None = None,
     label: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     overlap: int | None = None,
     plan: FileName | None = None,
     render: bool = False,
@@ -2833,9 +2836,9 @@ def quilt(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -3139,13 +3142,13 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -3290,7 +3293,7 @@ def stationarize(
     uniformity : float, default 0.01
         Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to
         use more of the photo. Above 0.1, structures break up. Expected: a number from 0 to 1.
-    reuse : float, default 1.0
+    reusepenalty : float, default 1.0
         Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
         is closer to the photo and repeats more. Expected: a number from 0 to 1.
     resume : bool, default False
@@ -3304,7 +3307,7 @@ def stationarize(
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
-    match : float | Sequence[float] | None, default None
+    mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
@@ -3358,13 +3361,13 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -3404,13 +3407,13 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -3451,13 +3454,13 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -3607,16 +3610,16 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    tiles: str | None = None,
+    chunk: str | None = None,
     level: int | None = None,
-    toroidal: bool = False,
+    tile: Literal['none', 'xy'] = 'none',
     resume: bool = False,
     stmap: FileName | Literal[False] = False,
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -3652,8 +3655,9 @@ def synth(
         Resolution. At level N, the root exemplar (without `graph`, the photo) is 2^N pixels wide.
         Reduce it for a preview. Expected: an integer from 0 to 60. Default: finest level of the
         exemplars.
-    toroidal : bool, default False
-        Tiling result. Requires size, with sides that are multiples of 2^level pixels.
+    tile : Literal['none', 'xy'], default 'none'
+        Axes along which the result tiles. xy requires size, with sides that are multiples of 2^level
+        pixels.
     graph : FileName | None, default None
         Exemplar graph (JSON or YAML), as the graph filter writes it: photos at several scales, and
         which one refines which.
@@ -3693,7 +3697,7 @@ def synth(
 
     Other Parameters
     ----------------
-    tiles : str | None, default None
+    chunk : str | None, default None
         Chunk I of N of the rows of the result, as I/N, for a render farm.
     resume : bool, default False
         Save a checkpoint after each finished piece next to the output, in the folder OUTPUT.parts. Run
@@ -3711,15 +3715,15 @@ def synth(
         Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
         coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
         endless zoom and with paper.
-    correct : bool, default True
+    matchcolor : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
-    dims : int, default 16
+    components : int, default 16
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
-        preserve contrast in endless zooms.
+        Settings of the paper (HRRG08): components=6, jitter on all levels, and without the corrections
+        that preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
@@ -3743,16 +3747,16 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    tiles: str | None = None,
+    chunk: str | None = None,
     level: int | None = None,
-    toroidal: bool = False,
+    tile: Literal['none', 'xy'] = 'none',
     resume: bool = False,
     stmap: Literal[True],
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -3772,16 +3776,16 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    tiles: str | None = None,
+    chunk: str | None = None,
     level: int | None = None,
-    toroidal: bool = False,
+    tile: Literal['none', 'xy'] = 'none',
     resume: bool = False,
     stmap: bool | FileName = False,
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -3916,16 +3920,16 @@ def zoom(
     first: int = 1,
     speed: float = 0.05,
     level: float | None = None,
-    at: float | Sequence[float] | None = None,
+    center: float | Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
     movie: FileName | None = None,
-    count: int = 48,
-    rate: float = 24.0,
+    frames: int = 48,
+    fps: float = 24.0,
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -3959,16 +3963,16 @@ def zoom(
     level : float | None, default None
         Level of detail of the first frame, as in `synth`. Expected: a number from 0 to 60. Default:
         resolution of the root.
-    at : float | Sequence[float] | None, default None
+    center : float | Sequence[float] | None, default None
         Point X,Y to zoom into, in pixels of the root. Expected: a number or a sequence of numbers in
         px. Default: center of the root.
     size : tuple[int, int] | None, default None
         Size of the frame. Expected: (width, height) from 1 to 65536 px. Default: size of the root.
     movie : FileName | None, default None
         File for a preview movie: .gif (Pillow), or .mp4 (requires ffmpeg in $PATH).
-    count : int, default 48
+    frames : int, default 48
         Number of frames of the movie, from this frame on. Expected: an integer from 2 to 65536.
-    rate : float, default 24.0
+    fps : float, default 24.0
         Frames per second of the movie. Expected: a number from 0.1 to 240.
     graph : FileName | None, default None
         Exemplar graph (JSON or YAML), as the graph filter writes it: photos at several scales, and
@@ -4010,15 +4014,15 @@ def zoom(
         Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
         coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
         endless zoom and with paper.
-    correct : bool, default True
+    matchcolor : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
-    dims : int, default 16
+    components : int, default 16
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
-        preserve contrast in endless zooms.
+        Settings of the paper (HRRG08): components=6, jitter on all levels, and without the corrections
+        that preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
