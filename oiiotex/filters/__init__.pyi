@@ -3,13 +3,13 @@
 """The filters as functions."""
 
 from collections.abc import Sequence
-from typing import Literal, overload
+from typing import Any, Literal, overload
 
 from OpenImageIO import ROI, ImageBuf
 
 from ..core.op import Op
 from ..deferred import Shelf
-from ..python_types import FileName, ImageLike, Picture
+from ..python_types import Array, FileName, ImageLike, Picture
 from ..session import Session
 
 SHELVES: tuple[Shelf, ...]
@@ -44,6 +44,7 @@ def atlas(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create a texture for a mesh, continuous across the borders of its UV charts.
 
@@ -100,6 +101,8 @@ def atlas(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -169,6 +172,7 @@ def atlas(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def atlas(
@@ -196,7 +200,36 @@ def atlas(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def atlas(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    mesh: FileName | None = None,
+    size: tuple[int, int] | None = None,
+    udim: tuple[int, int] | None = None,
+    scale: float | None = None,
+    unwrapped: FileName | None = None,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def checkmaterial(
@@ -212,6 +245,7 @@ def checkmaterial(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Check the maps of a material for problems in rendering, and pass them on unchanged.
 
@@ -251,6 +285,8 @@ def checkmaterial(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -286,7 +322,25 @@ def checkmaterial(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def checkmaterial(
+    source: ImageLike,
+    /,
+    *,
+    maps: Sequence[ImageLike] = (),
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    fail: Literal['errors', 'warnings', 'none'] = 'errors',
+    json: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def composite(
@@ -316,6 +370,7 @@ def composite(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create a texture of any size that varies as the photo does.
 
@@ -362,6 +417,8 @@ def composite(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -446,6 +503,7 @@ def composite(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def composite(
@@ -475,6 +533,7 @@ def composite(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def composite(
@@ -504,8 +563,40 @@ def composite(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def composite(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    size: tuple[int, int] | None = None,
+    tries: int = 4,
+    plan: FileName | None = None,
+    grown: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: int | None = None,
+    candidates: int = 256,
+    reuse: float = 1.0,
+    finer: float = 0.5,
+    guidance: float = 1.0,
+    keep: bool = False,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def content(
     source: ImageLike,
     /,
@@ -520,6 +611,7 @@ def content(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Show where an image has the same content as a given patch, or draw a table of all contents.
 
@@ -559,6 +651,8 @@ def content(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -577,6 +671,23 @@ def content(
     >>> labeled = filters.label("photo.png", keep=True)
     >>> same = filters.content(labeled, at=(20, 30))
     """
+@overload
+def content(
+    source: ImageLike,
+    /,
+    *,
+    labels: ImageLike | None = None,
+    at: float | Sequence[float] | None = None,
+    level: int | None = None,
+    patch: int | None = None,
+    table: bool = False,
+    json: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def cut(
@@ -601,6 +712,7 @@ def cut(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Synthesize a texture from large patches of a photo, joined along minimum-error seams (graph cuts).
 
@@ -646,6 +758,8 @@ def cut(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -710,6 +824,7 @@ def cut(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def cut(
@@ -734,7 +849,33 @@ def cut(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def cut(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    size: tuple[int, int] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    patch: int | None = None,
+    passes: int = 1,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    structure: float = 0.5,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def decompose(
@@ -765,6 +906,7 @@ def decompose(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Segment a texture into the simpler textures that it consists of.
 
@@ -815,6 +957,8 @@ def decompose(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -896,6 +1040,7 @@ def decompose(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def decompose(
@@ -926,6 +1071,7 @@ def decompose(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def decompose(
@@ -956,7 +1102,39 @@ def decompose(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def decompose(
+    source: ImageLike,
+    /,
+    *,
+    labels: int | None = None,
+    group: Literal['merging', 'cliques'] | None = None,
+    threshold: float | None = None,
+    radius: float | None = None,
+    shift: float | None = None,
+    features: Literal['bank', 'haar'] = 'bank',
+    bins: int | None = None,
+    step: int | None = None,
+    scales: int = 1,
+    search: Literal['grid', 'meanshift'] = 'grid',
+    refine: bool = True,
+    assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
+    paper: bool = False,
+    keep: bool = False,
+    cryptomatte: bool | FileName = False,
+    names: FileName | None = None,
+    single: bool = False,
+    json: FileName | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def dominant(
@@ -980,6 +1158,7 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Find the dominant texture of a photo: a mask without objects, cracks, stains and shadows.
 
@@ -1031,6 +1210,8 @@ def dominant(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1090,6 +1271,7 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def dominant(
@@ -1113,6 +1295,7 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def dominant(
@@ -1136,6 +1319,7 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def dominant(
@@ -1159,8 +1343,34 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def dominant(
+    source: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    patch: int | None = None,
+    step: int | None = None,
+    rule: Literal['repaired', 'paper'] = 'repaired',
+    mode: Literal['diffusion', 'euclidean', 'spectral'] = 'diffusion',
+    paper: bool = False,
+    strict: bool = False,
+    keep: bool = False,
+    types: bool = False,
+    score: bool = False,
+    json: FileName | None = None,
+    chart: FileName | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def estimateao(
     source: ImageLike,
     /,
@@ -1172,6 +1382,7 @@ def estimateao(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Compute ambient occlusion from a height map.
 
@@ -1199,6 +1410,8 @@ def estimateao(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1217,6 +1430,20 @@ def estimateao(
     >>> height = filters.estimateheight("photo.png")
     >>> occlusion = filters.estimateao(height)
     """
+@overload
+def estimateao(
+    source: ImageLike,
+    /,
+    *,
+    radius: int = 32,
+    scale: float | None = None,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def estimateheight(
@@ -1237,6 +1464,7 @@ def estimateheight(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Estimate heights and normals of a material from the shading of one photo.
 
@@ -1285,6 +1513,8 @@ def estimateheight(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1330,6 +1560,7 @@ def estimateheight(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def estimateheight(
@@ -1350,8 +1581,31 @@ def estimateheight(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def estimateheight(
+    source: ImageLike,
+    /,
+    *,
+    normal: bool | FileName = False,
+    light: float | None = None,
+    overcast: bool = False,
+    elevation: float = 45.0,
+    invert: bool = False,
+    sigma: float | None = None,
+    strength: float = 1.0,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def estimateroughness(
     source: ImageLike,
     /,
@@ -1364,6 +1618,7 @@ def estimateroughness(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Estimate the roughness of a material from the local contrast of one photo.
 
@@ -1392,6 +1647,8 @@ def estimateroughness(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1413,6 +1670,21 @@ def estimateroughness(
     >>> from oiiotex import filters
     >>> roughness = filters.estimateroughness("photo.png", middle=0.5)
     """
+@overload
+def estimateroughness(
+    source: ImageLike,
+    /,
+    *,
+    sigma: float | None = None,
+    middle: float = 0.6,
+    amount: float = 0.3,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def flatten(
@@ -1431,6 +1703,7 @@ def flatten(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Remove low-frequency variation (gradients of light, stains) from an image.
 
@@ -1469,6 +1742,8 @@ def flatten(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1510,6 +1785,7 @@ def flatten(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def flatten(
@@ -1528,8 +1804,29 @@ def flatten(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def flatten(
+    source: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    radius: float | None = None,
+    amount: float = 1.0,
+    contrast: float = 1.0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    keep: Literal['level', 'none'] = 'level',
+    drift: bool | FileName = False,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def graph(
     *photos: ImageLike,
     graph: FileName | None = None,
@@ -1543,6 +1840,7 @@ def graph(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create an exemplar graph from one or more photos, or draw an existing graph.
 
@@ -1582,6 +1880,8 @@ def graph(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1607,13 +1907,31 @@ def graph(
     >>> drawing = filters.graph("photo.png", json="graph.json")
     >>> texture = filters.synth(None, graph="graph.json", size=(256, 256))
     """
+@overload
+def graph(
+    *photos: ImageLike,
+    graph: FileName | None = None,
+    json: FileName | None = None,
+    scale: float | Sequence[float] | None = None,
+    loop: int | None = None,
+    scales: int = 1,
+    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    thumb: int = 128,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def join(
     *shares: ImageLike,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]:
     """Join crops of an image that were rendered separately, as on a farm.
 
@@ -1633,6 +1951,8 @@ def join(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1651,6 +1971,15 @@ def join(
     >>> halves = [filters.flatten("photo.png", roi=oiio.ROI(x, x + 48, 0, 96)) for x in (0, 48)]  # of 96 x 96 px
     >>> joined = filters.join(*halves)
     """
+@overload
+def join(
+    *shares: ImageLike,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def lab(
@@ -1663,6 +1992,7 @@ def lab(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Convert to and from CIE Lab (D65).
 
@@ -1688,6 +2018,8 @@ def lab(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1718,7 +2050,21 @@ def lab(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def lab(
+    source: ImageLike,
+    /,
+    *,
+    inverse: bool = False,
+    to: str | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def label(
@@ -1749,6 +2095,7 @@ def label(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]:
     """Segment an image into labels at several scales, without training.
 
@@ -1799,6 +2146,8 @@ def label(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1887,6 +2236,7 @@ def label(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def label(
@@ -1917,8 +2267,41 @@ def label(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def label(
+    source: ImageLike,
+    /,
+    *,
+    features: Literal['textons', 'moments', 'gabor', 'quadtree'] = 'textons',
+    cluster: Literal['nmf', 'kmeans', 'spectral'] = 'nmf',
+    persistence: float = 0.95,
+    share: float = 0.5,
+    coarsest: bool = True,
+    materials: bool = False,
+    labels: int | None = None,
+    neighbors: int = 256,
+    tries: int = 0,
+    runs: int = 1,
+    minsize: int | None = None,
+    seed: int = 0,
+    paper: Literal[False, True, 'authors'] = False,
+    keep: bool = False,
+    soft: bool = False,
+    cryptomatte: bool | FileName = False,
+    names: FileName | None = None,
+    single: bool = False,
+    json: FileName | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def labelview(
     source: ImageLike,
     /,
@@ -1930,6 +2313,7 @@ def labelview(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Visualize label maps as a contact sheet of all levels, with the tree of labels.
 
@@ -1956,6 +2340,8 @@ def labelview(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1972,6 +2358,20 @@ def labelview(
     >>> from oiiotex import filters
     >>> sheet = filters.labelview(filters.label("photo.png", keep=True))
     """
+@overload
+def labelview(
+    source: ImageLike,
+    /,
+    *,
+    side: int = 384,
+    columns: int = 3,
+    strength: float = 0.65,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def paint(
@@ -2003,6 +2403,7 @@ def paint(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Turn a painting of labels into a texture, at one or two scales.
 
@@ -2056,6 +2457,8 @@ def paint(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2141,6 +2544,7 @@ def paint(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def paint(
@@ -2172,7 +2576,40 @@ def paint(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def paint(
+    exemplar: ImageLike,
+    painting: ImageLike,
+    /,
+    *,
+    labels: ImageLike | None = None,
+    fine: ImageLike | None = None,
+    level: int | None = None,
+    table: FileName | None = None,
+    soft: float = 0.2,
+    size: tuple[int, int] | None = None,
+    plan: FileName | None = None,
+    before: FileName | None = None,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: int | None = None,
+    candidates: int = 256,
+    reuse: float = 1.0,
+    finer: float = 0.5,
+    guidance: float = 1.0,
+    keep: bool = False,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def palette(
@@ -2194,6 +2631,7 @@ def palette(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create a chart of the labels of a texture: a row for each label, with its sublabels.
 
@@ -2231,6 +2669,8 @@ def palette(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2290,6 +2730,7 @@ def palette(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def palette(
@@ -2311,6 +2752,7 @@ def palette(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def palette(
@@ -2332,7 +2774,30 @@ def palette(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def palette(
+    exemplar: ImageLike,
+    /,
+    *,
+    labels: ImageLike | None = None,
+    side: int = 96,
+    rows: int = 24,
+    children: int = 8,
+    chips: bool | FileName = False,
+    paints: FileName | None = None,
+    json: FileName | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def patchmatch(
@@ -2368,6 +2833,7 @@ def patchmatch(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Resynthesize a photo by PatchMatch alone, for comparison: the baseline of MJH17 (section 5.2).
 
@@ -2423,6 +2889,8 @@ def patchmatch(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2527,6 +2995,7 @@ def patchmatch(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def patchmatch(
@@ -2563,8 +3032,47 @@ def patchmatch(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def patchmatch(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    inpaint: ImageLike | None = None,
+    weight: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    contrast: float = 1.0,
+    relevel: bool = False,
+    size: Literal['pow2'] | tuple[int, int] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    variants: int = 1,
+    pack: Literal['atlas'] | None = None,
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    reuse: float = 1.0,
+    resume: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def preview(
     tile: ImageLike,
     /,
@@ -2576,6 +3084,7 @@ def preview(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Preview a tile as it will be used: repeated 2 x 2 and 3 x 3, and on a plane in perspective.
 
@@ -2606,6 +3115,8 @@ def preview(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2622,6 +3133,20 @@ def preview(
     >>> from oiiotex import filters
     >>> sheet = filters.preview(filters.stationarize("photo.png"), panels=["3x3"])
     """
+@overload
+def preview(
+    tile: ImageLike,
+    /,
+    *,
+    exemplar: ImageLike | None = None,
+    panels: Sequence[str] | None = None,
+    height: int = 512,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def quilt(
@@ -2656,6 +3181,7 @@ def quilt(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Synthesize a texture of any size from patches of a photo, joined along minimum-error cuts.
 
@@ -2712,6 +3238,8 @@ def quilt(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2811,6 +3339,7 @@ def quilt(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def quilt(
@@ -2845,7 +3374,43 @@ def quilt(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def quilt(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    guide: ImageLike | None = None,
+    label: int | None = None,
+    table: FileName | None = None,
+    soft: float = 0.2,
+    overlap: int | None = None,
+    plan: FileName | None = None,
+    render: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    size: tuple[int, int] | None = None,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: int | None = None,
+    candidates: int = 256,
+    reuse: float = 1.0,
+    finer: float = 0.5,
+    guidance: float = 1.0,
+    keep: bool = False,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    structure: float = 0.5,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def rectify(
@@ -2862,6 +3427,7 @@ def rectify(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Correct the perspective of a flat surface that was photographed obliquely.
 
@@ -2898,6 +3464,8 @@ def rectify(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2943,6 +3511,7 @@ def rectify(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def rectify(
@@ -2959,8 +3528,27 @@ def rectify(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def rectify(
+    source: ImageLike,
+    /,
+    *,
+    corners: float | Sequence[float] | None = None,
+    size: tuple[int, int] | None = None,
+    physical: float | Sequence[float] | None = None,
+    filter: Literal['lanczos3', 'mitchell', 'triangle'] = 'lanczos3',
+    stmap: bool | FileName = False,
+    json: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def sigmas(
     exemplar: ImageLike,
     /,
@@ -2977,6 +3565,7 @@ def sigmas(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Compare the effect of sigma in `stationarize` on a photo, as a contact sheet with equal visible steps.
 
@@ -3014,6 +3603,8 @@ def sigmas(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3040,7 +3631,27 @@ def sigmas(
     >>> from oiiotex import filters
     >>> sheet = filters.sigmas("photo.png", n=4)
     """
+@overload
+def sigmas(
+    exemplar: ImageLike,
+    /,
+    *,
+    n: int = 9,
+    size: tuple[int, int] | None = None,
+    measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
+    order: int | None = None,
+    seed: int = 0,
+    columns: int = 3,
+    json: FileName | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def stationarity(
     source: ImageLike,
     /,
@@ -3053,6 +3664,7 @@ def stationarity(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Map the stationarity of an image: how much each place differs statistically from the rest.
 
@@ -3085,6 +3697,8 @@ def stationarity(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3109,6 +3723,21 @@ def stationarity(
     >>> deviation = filters.stationarity("photo.png")
     >>> worst = deviation.get_pixels().max()  # Lab units
     """
+@overload
+def stationarity(
+    source: ImageLike,
+    /,
+    *,
+    sigma: float | None = None,
+    measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
+    order: int | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def stationarize(
@@ -3155,6 +3784,7 @@ def stationarize(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create a seamlessly tiling texture from a photo, without visible repetition.
 
@@ -3235,6 +3865,8 @@ def stationarize(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3374,6 +4006,7 @@ def stationarize(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def stationarize(
@@ -3420,6 +4053,7 @@ def stationarize(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def stationarize(
@@ -3467,7 +4101,56 @@ def stationarize(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def stationarize(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    inpaint: ImageLike | None = None,
+    weight: ImageLike | None = None,
+    sigmamap: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    flatten: float | None = None,
+    drift: bool | FileName = False,
+    sigma: float | None = None,
+    amount: float | None = None,
+    contrast: float | None = None,
+    target: Literal['flat', 'exemplar'] = 'flat',
+    measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
+    order: int | None = None,
+    structure: float = 0.5,
+    preset: Literal['even', 'clean', 'keep'] | None = None,
+    paper: bool = False,
+    relevel: bool = False,
+    size: Literal['pow2'] | tuple[int, int] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    variants: int = 1,
+    pack: Literal['atlas'] | None = None,
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    reuse: float = 1.0,
+    resume: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def superpixel(
@@ -3488,6 +4171,7 @@ def superpixel(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Segment an image into superpixels: small connected regions of similar color.
 
@@ -3525,6 +4209,8 @@ def superpixel(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3578,6 +4264,7 @@ def superpixel(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def superpixel(
@@ -3598,7 +4285,29 @@ def superpixel(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def superpixel(
+    source: ImageLike,
+    /,
+    *,
+    sigma: float | None = None,
+    count: int | None = None,
+    finest: float | None = None,
+    compactness: float = 20.0,
+    iterations: int = 1000,
+    runs: int = 1,
+    minsize: int | None = None,
+    seed: int = 0,
+    keep: bool = False,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def synth(
@@ -3628,6 +4337,7 @@ def synth(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Synthesize an unbounded texture from one exemplar, or from a graph of exemplars at different scales.
 
@@ -3678,6 +4388,8 @@ def synth(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3764,6 +4476,7 @@ def synth(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def synth(
@@ -3793,8 +4506,40 @@ def synth(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def synth(
+    exemplar: ImageLike | None = None,
+    /,
+    *,
+    size: tuple[int, int] | None = None,
+    window: str | None = None,
+    tiles: str | None = None,
+    level: int | None = None,
+    toroidal: bool = False,
+    resume: bool = False,
+    stmap: bool | FileName = False,
+    graph: FileName | None = None,
+    lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
+    correct: bool = True,
+    dims: int = 16,
+    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    paper: bool = False,
+    seed: int | None = None,
+    data: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    structure: float = 0.5,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def variants(
     exemplar: ImageLike,
     /,
@@ -3810,6 +4555,7 @@ def variants(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Compare results of a synthesis filter in a contact sheet, with a column for each seed.
 
@@ -3843,6 +4589,8 @@ def variants(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3859,7 +4607,26 @@ def variants(
     >>> from oiiotex import filters
     >>> sheet = filters.variants("photo.png", filter="quilt", seeds=3)
     """
+@overload
+def variants(
+    exemplar: ImageLike,
+    /,
+    *,
+    filter: Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'] = 'stationarize',
+    seeds: int = 4,
+    seed: int = 0,
+    vary: str | None = None,
+    over: Sequence[str] | None = None,
+    thumb: int = 256,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def warp(
     source: ImageLike,
     st: ImageLike,
@@ -3869,6 +4636,7 @@ def warp(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Rearrange the pixels of an image by a map of source coordinates, without interpolation.
 
@@ -3890,6 +4658,8 @@ def warp(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3907,7 +4677,20 @@ def warp(
     >>> made = filters.stationarize("photo.png", stmap=True)
     >>> rough_tile = filters.warp("roughness.png", made["st"])
     """
+@overload
+def warp(
+    source: ImageLike,
+    st: ImageLike,
+    /,
+    *,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def zoom(
     exemplar: ImageLike | None = None,
     /,
@@ -3936,6 +4719,7 @@ def zoom(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Render one frame of a zoom into an unbounded texture.
 
@@ -3989,6 +4773,8 @@ def zoom(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -4035,3 +4821,34 @@ def zoom(
     >>> from oiiotex import filters
     >>> frames = [filters.zoom("photo.png", frame=n, size=(640, 360)) for n in (1, 2)]
     """
+@overload
+def zoom(
+    exemplar: ImageLike | None = None,
+    /,
+    *,
+    frame: int | None = None,
+    first: int = 1,
+    speed: float = 0.05,
+    level: float | None = None,
+    at: float | Sequence[float] | None = None,
+    size: tuple[int, int] | None = None,
+    movie: FileName | None = None,
+    count: int = 48,
+    rate: float = 24.0,
+    graph: FileName | None = None,
+    lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
+    correct: bool = True,
+    dims: int = 16,
+    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    paper: bool = False,
+    seed: int | None = None,
+    data: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
