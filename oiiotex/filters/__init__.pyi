@@ -3,13 +3,13 @@
 """The filters as functions."""
 
 from collections.abc import Sequence
-from typing import Literal, overload
+from typing import Any, Literal, overload
 
 from OpenImageIO import ROI, ImageBuf
 
 from ..core.op import Op
 from ..deferred import Shelf
-from ..python_types import FileName, ImageLike, Picture
+from ..python_types import Array, FileName, ImageLike, Picture
 from ..session import Session
 
 SHELVES: tuple[Shelf, ...]
@@ -44,6 +44,7 @@ def atlas(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create a texture for a mesh, continuous across the borders of its UV charts.
 
@@ -100,6 +101,8 @@ def atlas(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -169,6 +172,7 @@ def atlas(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def atlas(
@@ -196,7 +200,36 @@ def atlas(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def atlas(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    mesh: FileName | None = None,
+    size: tuple[int, int] | None = None,
+    udim: tuple[int, int] | None = None,
+    scale: float | None = None,
+    unwrapped: FileName | None = None,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def checkmaterial(
@@ -212,6 +245,7 @@ def checkmaterial(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Check the maps of a material for problems in rendering, and pass them on unchanged.
 
@@ -251,6 +285,8 @@ def checkmaterial(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -286,7 +322,25 @@ def checkmaterial(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def checkmaterial(
+    source: ImageLike,
+    /,
+    *,
+    maps: Sequence[ImageLike] = (),
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    fail: Literal['errors', 'warnings', 'none'] = 'errors',
+    json: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def composite(
@@ -316,6 +370,7 @@ def composite(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create a texture of any size that varies as the photo does.
 
@@ -362,6 +417,8 @@ def composite(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -447,6 +504,7 @@ def composite(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def composite(
@@ -476,6 +534,7 @@ def composite(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def composite(
@@ -505,8 +564,40 @@ def composite(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def composite(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    size: tuple[int, int] | None = None,
+    tries: int = 4,
+    plan: FileName | None = None,
+    grown: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: int | None = None,
+    candidates: int = 256,
+    reuse: float = 1.0,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def content(
     source: ImageLike,
     /,
@@ -521,6 +612,7 @@ def content(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Show where an image has the same content as a given patch, or draw a table of all contents.
 
@@ -560,6 +652,8 @@ def content(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -578,6 +672,23 @@ def content(
     >>> labeled = filters.label("photo.png", keep=True)
     >>> same = filters.content(labeled, center=(20, 30))
     """
+@overload
+def content(
+    source: ImageLike,
+    /,
+    *,
+    labels: ImageLike | None = None,
+    center: float | Sequence[float] | None = None,
+    level: int | None = None,
+    patch: int | None = None,
+    table: bool = False,
+    json: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def cut(
@@ -602,6 +713,7 @@ def cut(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Synthesize a texture from large patches of a photo, joined along minimum-error seams (graph cuts).
 
@@ -647,6 +759,8 @@ def cut(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -711,6 +825,7 @@ def cut(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def cut(
@@ -735,7 +850,33 @@ def cut(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def cut(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    size: tuple[int, int] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    patch: int | None = None,
+    passes: int = 1,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    structure: float = 0.5,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def decompose(
@@ -766,6 +907,7 @@ def decompose(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Segment a texture into the simpler textures that it consists of.
 
@@ -816,6 +958,8 @@ def decompose(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -897,6 +1041,7 @@ def decompose(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def decompose(
@@ -927,6 +1072,7 @@ def decompose(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def decompose(
@@ -957,7 +1103,39 @@ def decompose(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def decompose(
+    source: ImageLike,
+    /,
+    *,
+    labels: int | None = None,
+    group: Literal['merging', 'cliques'] | None = None,
+    threshold: float | None = None,
+    radius: float | None = None,
+    shift: float | None = None,
+    features: Literal['bank', 'haar'] = 'bank',
+    bins: int | None = None,
+    step: int | None = None,
+    scales: int = 1,
+    search: Literal['grid', 'meanshift'] = 'grid',
+    refine: bool = True,
+    assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
+    paper: bool = False,
+    keep: bool = False,
+    cryptomatte: bool | FileName = False,
+    names: FileName | None = None,
+    single: bool = False,
+    json: FileName | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def dominant(
@@ -981,6 +1159,7 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Find the dominant texture of a photo: a mask without objects, cracks, stains and shadows.
 
@@ -1032,6 +1211,8 @@ def dominant(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1091,6 +1272,7 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def dominant(
@@ -1114,6 +1296,7 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def dominant(
@@ -1137,6 +1320,7 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def dominant(
@@ -1160,8 +1344,34 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def dominant(
+    source: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    patch: int | None = None,
+    step: int | None = None,
+    rule: Literal['repaired', 'paper'] = 'repaired',
+    mode: Literal['diffusion', 'euclidean', 'spectral'] = 'diffusion',
+    paper: bool = False,
+    strict: bool = False,
+    keep: bool = False,
+    types: bool = False,
+    score: bool = False,
+    json: FileName | None = None,
+    chart: FileName | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def estimateao(
     source: ImageLike,
     /,
@@ -1173,6 +1383,7 @@ def estimateao(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Compute ambient occlusion from a height map.
 
@@ -1200,6 +1411,8 @@ def estimateao(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1218,6 +1431,20 @@ def estimateao(
     >>> height = filters.estimateheight("photo.png")
     >>> occlusion = filters.estimateao(height)
     """
+@overload
+def estimateao(
+    source: ImageLike,
+    /,
+    *,
+    radius: int = 32,
+    relief: float | None = None,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def estimateheight(
@@ -1238,6 +1465,7 @@ def estimateheight(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Estimate heights and normals of a material from the shading of one photo.
 
@@ -1286,6 +1514,8 @@ def estimateheight(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1331,6 +1561,7 @@ def estimateheight(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def estimateheight(
@@ -1351,8 +1582,31 @@ def estimateheight(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def estimateheight(
+    source: ImageLike,
+    /,
+    *,
+    normal: bool | FileName = False,
+    light: float | None = None,
+    overcast: bool = False,
+    elevation: float = 45.0,
+    invert: bool = False,
+    sigma: float | None = None,
+    strength: float = 1.0,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def estimateroughness(
     source: ImageLike,
     /,
@@ -1365,6 +1619,7 @@ def estimateroughness(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Estimate the roughness of a material from the local contrast of one photo.
 
@@ -1393,6 +1648,8 @@ def estimateroughness(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1414,6 +1671,21 @@ def estimateroughness(
     >>> from oiiotex import filters
     >>> roughness = filters.estimateroughness("photo.png", middle=0.5)
     """
+@overload
+def estimateroughness(
+    source: ImageLike,
+    /,
+    *,
+    sigma: float | None = None,
+    middle: float = 0.6,
+    amount: float = 0.3,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def flatten(
@@ -1432,6 +1704,7 @@ def flatten(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Remove low-frequency variation (gradients of light, stains) from an image.
 
@@ -1470,6 +1743,8 @@ def flatten(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1511,6 +1786,7 @@ def flatten(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def flatten(
@@ -1529,8 +1805,29 @@ def flatten(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def flatten(
+    source: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    radius: float | None = None,
+    amount: float = 1.0,
+    contrast: float = 1.0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tone: Literal['photo', 'gray'] = 'photo',
+    drift: bool | FileName = False,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def graph(
     *photos: ImageLike,
     graph: FileName | None = None,
@@ -1544,6 +1841,7 @@ def graph(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create an exemplar graph from one or more photos, or draw an existing graph.
 
@@ -1583,6 +1881,8 @@ def graph(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1608,13 +1908,31 @@ def graph(
     >>> drawing = filters.graph("photo.png", json="graph.json")
     >>> texture = filters.synth(None, graph="graph.json", size=(256, 256))
     """
+@overload
+def graph(
+    *photos: ImageLike,
+    graph: FileName | None = None,
+    json: FileName | None = None,
+    ratio: float | Sequence[float] | None = None,
+    loop: int | None = None,
+    scales: int = 1,
+    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    thumb: int = 128,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def join(
     *shares: ImageLike,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]:
     """Join crops of an image that were rendered separately, as on a farm.
 
@@ -1634,6 +1952,8 @@ def join(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1652,6 +1972,15 @@ def join(
     >>> halves = [filters.flatten("photo.png", roi=oiio.ROI(x, x + 48, 0, 96)) for x in (0, 48)]  # of 96 x 96 px
     >>> joined = filters.join(*halves)
     """
+@overload
+def join(
+    *shares: ImageLike,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def lab(
@@ -1664,6 +1993,7 @@ def lab(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Convert to and from CIE Lab (D65).
 
@@ -1689,6 +2019,8 @@ def lab(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1719,7 +2051,21 @@ def lab(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def lab(
+    source: ImageLike,
+    /,
+    *,
+    inverse: bool = False,
+    to: str | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def label(
@@ -1750,6 +2096,7 @@ def label(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]:
     """Segment an image into labels at several scales, without training.
 
@@ -1800,6 +2147,8 @@ def label(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1888,6 +2237,7 @@ def label(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def label(
@@ -1918,8 +2268,41 @@ def label(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def label(
+    source: ImageLike,
+    /,
+    *,
+    features: Literal['textons', 'moments', 'gabor', 'quadtree'] = 'textons',
+    cluster: Literal['nmf', 'kmeans', 'spectral'] = 'nmf',
+    persistence: float = 0.95,
+    share: float = 0.5,
+    coarsest: bool = True,
+    materials: bool = False,
+    labels: int | None = None,
+    neighbors: int = 256,
+    tries: int = 0,
+    runs: int = 1,
+    minsize: int | None = None,
+    seed: int = 0,
+    paper: Literal[False, True, 'authors'] = False,
+    keep: bool = False,
+    soft: bool = False,
+    cryptomatte: bool | FileName = False,
+    names: FileName | None = None,
+    single: bool = False,
+    json: FileName | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def labelview(
     source: ImageLike,
     /,
@@ -1931,6 +2314,7 @@ def labelview(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Visualize label maps as a contact sheet of all levels, with the tree of labels.
 
@@ -1957,6 +2341,8 @@ def labelview(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1973,6 +2359,20 @@ def labelview(
     >>> from oiiotex import filters
     >>> sheet = filters.labelview(filters.label("photo.png", keep=True))
     """
+@overload
+def labelview(
+    source: ImageLike,
+    /,
+    *,
+    side: int = 384,
+    columns: int = 3,
+    opacity: float = 0.65,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def paint(
@@ -2004,6 +2404,7 @@ def paint(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Turn a painting of labels into a texture, at one or two scales.
 
@@ -2057,6 +2458,8 @@ def paint(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2143,6 +2546,7 @@ def paint(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def paint(
@@ -2174,7 +2578,40 @@ def paint(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def paint(
+    exemplar: ImageLike,
+    painting: ImageLike,
+    /,
+    *,
+    labels: ImageLike | None = None,
+    fine: ImageLike | None = None,
+    level: int | None = None,
+    table: FileName | None = None,
+    tolerance: float = 0.2,
+    size: tuple[int, int] | None = None,
+    plan: FileName | None = None,
+    previous: FileName | None = None,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: int | None = None,
+    candidates: int = 256,
+    reuse: float = 1.0,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def palette(
@@ -2196,6 +2633,7 @@ def palette(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create a chart of the labels of a texture: a row for each label, with its sublabels.
 
@@ -2233,6 +2671,8 @@ def palette(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2292,6 +2732,7 @@ def palette(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def palette(
@@ -2313,6 +2754,7 @@ def palette(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def palette(
@@ -2334,7 +2776,30 @@ def palette(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def palette(
+    exemplar: ImageLike,
+    /,
+    *,
+    labels: ImageLike | None = None,
+    side: int = 96,
+    rows: int = 24,
+    children: int = 8,
+    chips: bool | FileName = False,
+    paints: FileName | None = None,
+    json: FileName | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def patchmatch(
@@ -2370,6 +2835,7 @@ def patchmatch(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Resynthesize a photo by PatchMatch alone, for comparison: the baseline of MJH17 (section 5.2).
 
@@ -2425,6 +2891,8 @@ def patchmatch(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2529,6 +2997,7 @@ def patchmatch(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def patchmatch(
@@ -2565,8 +3034,47 @@ def patchmatch(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def patchmatch(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    inpaint: ImageLike | None = None,
+    weight: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    contrast: float = 1.0,
+    relevel: bool = False,
+    size: Literal['pow2'] | tuple[int, int] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    variants: int = 1,
+    pack: Literal['atlas'] | None = None,
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    reusepenalty: float = 1.0,
+    resume: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def preview(
     tile: ImageLike,
     /,
@@ -2578,6 +3086,7 @@ def preview(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Preview a tile as it will be used: repeated 2 x 2 and 3 x 3, and on a plane in perspective.
 
@@ -2608,6 +3117,8 @@ def preview(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2624,6 +3135,20 @@ def preview(
     >>> from oiiotex import filters
     >>> sheet = filters.preview(filters.stationarize("photo.png"), panels=["3x3"])
     """
+@overload
+def preview(
+    tile: ImageLike,
+    /,
+    *,
+    exemplar: ImageLike | None = None,
+    panels: Sequence[str] | None = None,
+    height: int = 512,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def quilt(
@@ -2658,6 +3183,7 @@ def quilt(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Synthesize a texture of any size from patches of a photo, joined along minimum-error cuts.
 
@@ -2714,6 +3240,8 @@ def quilt(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2814,6 +3342,7 @@ def quilt(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def quilt(
@@ -2848,7 +3377,43 @@ def quilt(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def quilt(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    guide: ImageLike | None = None,
+    label: int | None = None,
+    table: FileName | None = None,
+    tolerance: float = 0.2,
+    overlap: int | None = None,
+    plan: FileName | None = None,
+    render: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    size: tuple[int, int] | None = None,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: int | None = None,
+    candidates: int = 256,
+    reuse: float = 1.0,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    structure: float = 0.5,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def rectify(
@@ -2865,6 +3430,7 @@ def rectify(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Correct the perspective of a flat surface that was photographed obliquely.
 
@@ -2901,6 +3467,8 @@ def rectify(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2946,6 +3514,7 @@ def rectify(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def rectify(
@@ -2962,8 +3531,27 @@ def rectify(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def rectify(
+    source: ImageLike,
+    /,
+    *,
+    corners: float | Sequence[float] | None = None,
+    size: tuple[int, int] | None = None,
+    physical: float | Sequence[float] | None = None,
+    filter: Literal['lanczos3', 'mitchell', 'triangle'] = 'lanczos3',
+    stmap: bool | FileName = False,
+    json: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def sigmas(
     exemplar: ImageLike,
     /,
@@ -2980,6 +3568,7 @@ def sigmas(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Compare the effect of sigma in `stationarize` on a photo, as a contact sheet with equal visible steps.
 
@@ -3017,6 +3606,8 @@ def sigmas(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3043,7 +3634,27 @@ def sigmas(
     >>> from oiiotex import filters
     >>> sheet = filters.sigmas("photo.png", n=4)
     """
+@overload
+def sigmas(
+    exemplar: ImageLike,
+    /,
+    *,
+    n: int = 9,
+    size: tuple[int, int] | None = None,
+    measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
+    order: int | None = None,
+    seed: int = 0,
+    columns: int = 3,
+    json: FileName | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def stationarity(
     source: ImageLike,
     /,
@@ -3056,6 +3667,7 @@ def stationarity(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Map the stationarity of an image: how much each place differs statistically from the rest.
 
@@ -3088,6 +3700,8 @@ def stationarity(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3112,6 +3726,21 @@ def stationarity(
     >>> deviation = filters.stationarity("photo.png")
     >>> worst = deviation.get_pixels().max()  # Lab units
     """
+@overload
+def stationarity(
+    source: ImageLike,
+    /,
+    *,
+    sigma: float | None = None,
+    measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
+    order: int | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def stationarize(
@@ -3158,6 +3787,7 @@ def stationarize(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create a seamlessly tiling texture from a photo, without visible repetition.
 
@@ -3238,6 +3868,8 @@ def stationarize(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3377,6 +4009,7 @@ def stationarize(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def stationarize(
@@ -3423,6 +4056,7 @@ def stationarize(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def stationarize(
@@ -3470,7 +4104,56 @@ def stationarize(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def stationarize(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    inpaint: ImageLike | None = None,
+    weight: ImageLike | None = None,
+    sigmamap: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    flatten: float | None = None,
+    drift: bool | FileName = False,
+    sigma: float | None = None,
+    amount: float | None = None,
+    contrast: float | None = None,
+    target: Literal['flat', 'exemplar'] = 'flat',
+    measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
+    order: int | None = None,
+    structure: float = 0.5,
+    preset: Literal['even', 'clean', 'keep'] | None = None,
+    paper: bool = False,
+    relevel: bool = False,
+    size: Literal['pow2'] | tuple[int, int] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    variants: int = 1,
+    pack: Literal['atlas'] | None = None,
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    reusepenalty: float = 1.0,
+    resume: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def superpixel(
@@ -3491,6 +4174,7 @@ def superpixel(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Segment an image into superpixels: small connected regions of similar color.
 
@@ -3528,6 +4212,8 @@ def superpixel(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3581,6 +4267,7 @@ def superpixel(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def superpixel(
@@ -3601,7 +4288,29 @@ def superpixel(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def superpixel(
+    source: ImageLike,
+    /,
+    *,
+    sigma: float | None = None,
+    count: int | None = None,
+    finest: float | None = None,
+    compactness: float = 20.0,
+    iterations: int = 1000,
+    runs: int = 1,
+    minsize: int | None = None,
+    seed: int = 0,
+    keep: bool = False,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def synth(
@@ -3631,6 +4340,7 @@ def synth(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Synthesize an unbounded texture from one exemplar, or from a graph of exemplars at different scales.
 
@@ -3682,6 +4392,8 @@ def synth(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3768,6 +4480,7 @@ def synth(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def synth(
@@ -3797,8 +4510,40 @@ def synth(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def synth(
+    exemplar: ImageLike | None = None,
+    /,
+    *,
+    size: tuple[int, int] | None = None,
+    window: str | None = None,
+    chunk: str | None = None,
+    level: int | None = None,
+    tile: Literal['none', 'xy'] = 'none',
+    resume: bool = False,
+    stmap: bool | FileName = False,
+    graph: FileName | None = None,
+    lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
+    matchcolor: bool = True,
+    components: int = 16,
+    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    paper: bool = False,
+    seed: int | None = None,
+    data: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    structure: float = 0.5,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def variants(
     exemplar: ImageLike,
     /,
@@ -3814,6 +4559,7 @@ def variants(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Compare results of a synthesis filter in a contact sheet, with a column for each seed.
 
@@ -3847,6 +4593,8 @@ def variants(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3863,7 +4611,26 @@ def variants(
     >>> from oiiotex import filters
     >>> sheet = filters.variants("photo.png", filter="quilt", seeds=3)
     """
+@overload
+def variants(
+    exemplar: ImageLike,
+    /,
+    *,
+    filter: Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'] = 'stationarize',
+    seeds: int = 4,
+    seed: int = 0,
+    vary: str | None = None,
+    over: Sequence[str] | None = None,
+    thumb: int = 256,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def warp(
     source: ImageLike,
     st: ImageLike,
@@ -3873,6 +4640,7 @@ def warp(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Rearrange the pixels of an image by a map of source coordinates, without interpolation.
 
@@ -3894,6 +4662,8 @@ def warp(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3911,7 +4681,20 @@ def warp(
     >>> made = filters.stationarize("photo.png", stmap=True)
     >>> rough_tile = filters.warp("roughness.png", made["st"])
     """
+@overload
+def warp(
+    source: ImageLike,
+    st: ImageLike,
+    /,
+    *,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def zoom(
     exemplar: ImageLike | None = None,
     /,
@@ -3940,6 +4723,7 @@ def zoom(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Render one frame of a zoom into an unbounded texture.
 
@@ -3993,6 +4777,8 @@ def zoom(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -4039,3 +4825,34 @@ def zoom(
     >>> from oiiotex import filters
     >>> frames = [filters.zoom("photo.png", frame=n, size=(640, 360)) for n in (1, 2)]
     """
+@overload
+def zoom(
+    exemplar: ImageLike | None = None,
+    /,
+    *,
+    frame: int | None = None,
+    first: int = 1,
+    speed: float = 0.05,
+    level: float | None = None,
+    center: float | Sequence[float] | None = None,
+    size: tuple[int, int] | None = None,
+    movie: FileName | None = None,
+    frames: int = 48,
+    fps: float = 24.0,
+    graph: FileName | None = None,
+    lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
+    matchcolor: bool = True,
+    components: int = 16,
+    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    paper: bool = False,
+    seed: int | None = None,
+    data: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
