@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import hashlib
 import json
 import shlex
 import shutil
@@ -32,6 +31,7 @@ from ..recipes.found import Material, extract, link_or_copy
 from ..recipes.lines import SOURCE, ProductStep, source_name, steps_of
 from ..recipes.recipe import LibraryRecipe
 from .catalog import SIDECAR
+from .digests import digest_of, faults
 
 SCHEMA = "oiiotex.asset/2"
 _STEP = 0.1  # of a height map's range, between neighboring pixels
@@ -114,26 +114,6 @@ def read_sidecar(folder: Path) -> dict[str, Any]:
         raise Error(f"{folder / SIDECAR}: {error}") from error
     read_as(_Sidecar, sidecar, str(folder / SIDECAR), Error, more=True)
     return dict(sidecar)
-
-
-def faults(folder: Path, files: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Errors of the files of a folder, compared with their recorded sizes and hashes."""
-    wrong = []
-    for file in files:
-        path = folder / file["path"]
-        if not path.is_relative_to(folder) or ".." in path.relative_to(folder).parts:
-            wrong.append(f"{path} is outside the asset's folder")
-        elif not path.is_file():
-            wrong.append(f"{path} is missing")
-        elif path.stat().st_size != file["bytes"] or digest_of(path) != file["sha256"]:
-            wrong.append(f"{path} has changed since it was written")
-    return wrong
-
-
-def digest_of(path: Path) -> str:
-    """The SHA-256 of a file."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def run_line(step: ProductStep, folder: Path, budget: int = 0, threads: int = 0) -> int:

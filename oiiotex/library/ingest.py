@@ -25,9 +25,9 @@ from ..errors import Error, ParameterError, one_line
 from ..recipes.found import Material, materials
 from ..recipes.lines import require_confined, require_lines
 from ..recipes.recipe import LibraryRecipe
-from .asset import AssetJob, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
+from .asset import AssetJob, Outcome, key_of, make, read_sidecar, role_of
 from .catalog import PLACES, SIDECAR, Asset, AssetLabel, Catalog
-from .digests import digests_of, is_text
+from .digests import digest_of, digests_of, faults, is_text
 from .runs import WORK, FoldersAlone
 
 log = logging.getLogger("oiiotex")

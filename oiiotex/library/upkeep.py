@@ -11,8 +11,9 @@ from typing import Any
 
 from ..api import materials
 from ..errors import Error
-from .asset import faults, read_sidecar
+from .asset import read_sidecar
 from .catalog import PLACES, SIDECAR, Catalog
+from .digests import faults
 from .runs import WORK
 
 
