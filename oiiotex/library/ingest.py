@@ -275,7 +275,8 @@ class _IngestRun:
         measures = ", ".join(f"{m} {own[m]:.3g}" for m in ("seam", "repeat") if m in own)
         reasons = f" ({'; '.join(sidecar['reasons'])})" if sidecar["reasons"] else ""
         self.say(
-            f"{name}: {sidecar['status']}{reasons}, {len(sidecar['files'])} files, {outcome.seconds:.1f} s"
+            f"{name}: {sidecar['status']}{reasons}, {len(sidecar['files'])} files, "
+            f"{sum(file['bytes'] for file in sidecar['files']) / 1e6:.1f} MB, {outcome.seconds:.1f} s"
             + (f", {measures}" if measures else "")
         )
 
