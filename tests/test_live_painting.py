@@ -15,8 +15,8 @@ from oiiotex import filters
 from oiiotex.core.demand import PieceCache
 from oiiotex.errors import ImageError
 from oiiotex.io.reading import read
-from oiiotex.live.history import Steps, fine_of, paintings_in
-from oiiotex.live.palette import COARSE, FINE, LAYERS, LabelPalette, extended, require_replaceable, step_facts
+from oiiotex.live.painting.palette import COARSE, FINE, LAYERS, LabelPalette, extended, require_replaceable, step_facts
+from oiiotex.live.painting.steps import Steps, fine_of, paintings_in
 from oiiotex.quilting.painted_plans import changed_box
 from tests import test_painting
 from tests.conftest import save

@@ -9,11 +9,11 @@ from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
-from ..api.images import read
-from ..api.service import BRUSH, EXPORT, Client, Request
-from .history import Steps
-from .hub import Hub
+from ...api.images import read
+from ...api.service import BRUSH, EXPORT, Client, Request
+from ..hub import Hub
 from .palette import COARSE, FINE
+from .steps import Steps
 
 _PATCHES = 16, 64  # px, smallest and largest
 
