@@ -11,7 +11,7 @@ from . import operators, wang
 from .images import LINE
 from .jobs import running, shown
 
-_WIDTH = 40  # characters of a line of the panel
+_MARGIN, _CHARACTER = 50, 7  # px, of the panel and of its text
 
 
 class Preferences(bpy.types.AddonPreferences):
@@ -52,10 +52,6 @@ class Panel(bpy.types.Panel):
         row = layout.row(align=True)
         row.prop(settings, "seed")
         row.operator(operators.NextSeed.bl_idname, text="", icon="FILE_REFRESH")
-        if running:
-            job, row = running["job"], layout.row(align=True)
-            row.progress(factor=job.progress, text=f"{running['label']}: {100 * job.progress:.0f} %")
-            row.operator(operators.Cancel.bl_idname, text="", icon="X")
         column = layout.column(align=True)
         column.enabled = not running
         for one in (operators.MakeTile, operators.MakeMaterial, operators.TextureMesh):
@@ -67,11 +63,16 @@ class Panel(bpy.types.Panel):
         for one in (operators.Flatten, operators.DominantMask, operators.LabelMasks, operators.Cryptomatte):
             column.operator(one.bl_idname)
         layout.operator(wang.WangMaterial.bl_idname)
+        if running:
+            job, row = running["job"], layout.row(align=True)
+            row.progress(factor=job.progress, text=f"{running['label']}: {100 * job.progress:.0f} %")
+            row.operator(operators.Cancel.bl_idname, text="", icon="X")
         image = shown(context)
         if image is not None and LINE in image:
             column = layout.column(align=True)
             column.scale_y = 0.7
-            for line in textwrap.wrap(image[LINE], _WIDTH, break_on_hyphens=False):
+            width = context.region.width / context.preferences.system.ui_scale - _MARGIN
+            for line in textwrap.wrap(image[LINE], max(16, int(width / _CHARACTER)), break_on_hyphens=False):
                 column.label(text=line)
 
 
