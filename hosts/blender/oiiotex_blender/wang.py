@@ -97,6 +97,7 @@ def _build(material, group, maps: dict[str, Path], relief: float, eevee: bool) -
     """Connect the maps to the material's surface."""
     nodes, links = material.node_tree.nodes, material.node_tree.links
     surface = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
+    surface.inputs["Roughness"].default_value = 0.7  # of photos, as in their MaterialX documents
     coordinate, place = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeGroup")
     place.node_tree, place.location = group, (-900, 0)
     coordinate.location = (-1100, 0)
