@@ -185,7 +185,7 @@ def test_a_display_without_the_view_that_is_chosen_shows_one_of_its_own(page, fo
 
 
 def test_a_painted_mask_is_in_the_line(page, folder):
-    page.keyboard.press("b")
+    page.keyboard.press("p")
     view = page.locator("canvas[aria-label=Photo]").bounding_box()
     middle = [view["x"] + view["width"] / 2, view["y"] + view["height"] / 2]
     page.mouse.move(middle[0] - 150, middle[1] - 100)
@@ -315,7 +315,7 @@ def test_two_pages_see_the_same_and_a_killed_server_is_reopened(page, browser, s
     wait(other, "document.querySelector(\"select[title^='Statistics']\").value === '\"moments\"'")
     page.keyboard.press("v")
     page.wait_for_timeout(1200)  # the last second may be lost
-    page.keyboard.press("b")
+    page.keyboard.press("p")
     view = page.locator("canvas[aria-label=Photo]").bounding_box()
     page.mouse.move(view["x"] + 200, view["y"] + 200)
     page.mouse.down()

@@ -100,7 +100,7 @@ def test_numbers_out_of_range_are_refused_and_automatic_values_are_those_in_effe
 
 
 def test_undo_of_the_first_stroke_removes_the_mask(page):
-    page.keyboard.press("b")
+    page.keyboard.press("p")
     view = page.locator("canvas[aria-label=Photo]").bounding_box()
     page.mouse.move(view["x"] + view["width"] / 2, view["y"] + view["height"] / 2)
     page.mouse.down()

@@ -7,15 +7,15 @@ import asyncio
 from collections.abc import Sequence
 from typing import Any
 
-from ..api.images import Image, as_float, from_array, read, resized, write
+from ..api.images import Image, as_float, from_array, read, write
 from ..api.painting import codes_of, color_of
 from ..api.service import BRUSH, LOOKS, LinkError, Request, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ImageError
 from .hub import Hub, Page, labels_of
+from .inspection import MOST_SHOWN, Inspection, histogram, reduced
 from .lines import line, word_of
 
-MOST_SHOWN = 2048  # px; longest side of an image sent to a page
 THUMBNAIL = 128  # px
 MOST_THUMBNAILS = 12
 _FLAG = "--texstationarize"
@@ -37,6 +37,7 @@ class TileRoom:
         self._thumbnails: list[Request] = []
         self._numbers: dict[str, int] = {}  # of brush images in the resident process
         self._photo: np.ndarray | None = None
+        self._inspection = Inspection(hub)
 
     # --- pages ---
 
@@ -52,8 +53,12 @@ class TileRoom:
         if self._measures is not None:
             self._hub.tell(self._measures)
         self._tell_line()
+        self._inspection.show_presets(page)
         if self._turn == 0:
-            await self._begin()
+            self._turn = 1
+            await self._inspection.find_presets(self._values())
+            if self._turn == 1:
+                await self._begin()
 
     async def changed(self, room: str, names: set[str]) -> None:
         """Resynthesize the tile, or update its display transform."""
@@ -61,6 +66,7 @@ class TileRoom:
             return
         if room == "view":
             self._show_photo()
+            self._inspection.show_presets()
             if self._tile is not None:
                 self._hub.show(*self._framed(*self._tile))
         if room in ("tile", "output"):
@@ -87,6 +93,13 @@ class TileRoom:
                 self._hub.tell({"do": "note", "text": "The tile will be saved when it is finished"})
         elif do == "seeds":
             await self._seeds(int(asked["first"]), int(asked["count"]))
+        elif do == "presets":
+            await self._inspection.find_presets(self._values())
+        elif do == "sample":
+            if asked["what"] == "photo" or self._image is not None:
+                await self._inspection.sample(page, asked, self._image if asked["what"] == "tile" else None)
+        elif do == "measure":
+            await self._inspection.show_measure(asked["name"], self._image, self._hub.document.state["tile"]["measure"])
         elif do == "overlay":
             await self._overlay(asked["name"])
         else:
@@ -123,7 +136,7 @@ class TileRoom:
             return
         loop = asyncio.get_running_loop()
         self._request = request = client.make(
-            "stationarize", [number], self._values(), optional=optional, priority=BRUSH, measure=True,
+            "stationarize", [number], self._values() | {"stmap": 1}, optional=optional, priority=BRUSH, measure=True,
             on_look=lambda pixels, whole: loop.call_soon_threadsafe(self._looked, turn, pixels, whole),
             on_progress=lambda done, total: loop.call_soon_threadsafe(self._advanced, turn, done, total),
         )  # fmt: skip
@@ -157,11 +170,12 @@ class TileRoom:
         if turn != self._turn:
             return
         facts = {"kind": "tile", "turn": turn, "whole": whole, "size": [pixels.shape[1], pixels.shape[0]]}
-        self._tile = _reduced(pixels), facts
+        self._tile = reduced(pixels), facts
         self._hub.show(*self._framed(*self._tile))
 
     def _framed(self, pixels: np.ndarray, facts: dict[str, Any]) -> tuple[dict[str, Any], np.ndarray]:
-        return facts | {"room": "tile"}, self._hub.picture(pixels, self._hub.shown())
+        picture = self._hub.picture(pixels, self._hub.shown())
+        return facts | {"room": "tile", "histogram": histogram(picture)}, picture
 
     def _advanced(self, turn: int, done: int, total: int) -> None:
         if turn == self._turn:
@@ -248,7 +262,7 @@ class TileRoom:
                 _, (pixels, *_) = await asyncio.wrap_future(request)
             except asyncio.CancelledError:
                 return
-            small = self._hub.picture(_reduced(pixels, THUMBNAIL), self._hub.shown())
+            small = self._hub.picture(reduced(pixels, THUMBNAIL), self._hub.shown())
             self._hub.show({"room": "tile", "kind": "seed", "seed": seed}, small)
 
     def _stop_thumbnails(self) -> None:
@@ -262,14 +276,14 @@ class TileRoom:
         source = self._hub.source.image
         assert source is not None
         if self._photo is None:
-            self._photo = _reduced(as_float(source.first.pixels()))
+            self._photo = reduced(as_float(source.first.pixels()))
         picture = self._hub.picture(self._photo, self._hub.shown())
-        self._hub.show({"room": "tile", "kind": "photo"}, picture, page)
+        self._hub.show({"room": "tile", "kind": "photo", "histogram": histogram(picture)}, picture, page)
 
     def _show_brush(self, name: str, page: Page | None = None) -> None:
         path = self._hub.document.beside(_BRUSHES[name])
         if path.exists():
-            pixels = _reduced(as_float(read(path, self._hub.session.resources.cache).first.pixels()))
+            pixels = reduced(as_float(read(path, self._hub.session.resources.cache).first.pixels()))
             marked = np.where(pixels[..., :1] > 0.5, 255, 0).astype(np.uint8)
             self._hub.show({"room": "tile", "kind": "brush", "name": name}, marked, page)
 
@@ -307,10 +321,3 @@ class TileRoom:
         step = -(-max(ids.shape) // MOST_SHOWN)
         facts = {"room": "tile", "kind": "overlay", "name": name, "ids": there, "colors": colors}
         self._hub.show(facts, ids[::step, ::step, None])
-
-
-def _reduced(pixels: np.ndarray, most: int = MOST_SHOWN) -> np.ndarray:
-    """(height, width, channels) float32, reduced so that no side exceeds `most`."""
-    scale = min(1.0, most / max(pixels.shape[:2]))
-    height, width = (max(1, round(n * scale)) for n in pixels.shape[:2])
-    return resized(pixels, width, height)

@@ -110,11 +110,13 @@ function showUnsaved(text) {
 }
 
 const KEYS = [
-  ["1 2 3", "Switch tabs"], ["F", "Fit the image"], ["Wheel", "Zoom"], ["Middle drag, Space drag", "Pan"],
+  ["1 2 3", "Switch tabs"], ["F  0", "Fit the image, 1:1"], ["Wheel", "Zoom"], ["Middle drag, Space drag", "Pan"],
+  ["Arrows  Page Up, Page Down", "Pan and zoom the view in focus"],
   ["C", "Copy command"], ["+ -", "Viewing exposure, 1/4 stop"], ["?", "This list"],
   ["S", "Tile: next seed"], ["V", "Tile: keep variant"], ["T", "Tile: 1 × 1, 2 × 2, plane"],
-  ["M", "Tile: dominant texture"], ["B  E", "Brush, eraser"], ["[  ]", "Brush size"], ["Ctrl Z  Ctrl Shift Z", "Undo, redo"],
-  ["G  I", "Paint: fill, pick label"], ["Arrows  Page Up, Page Down", "Zoom: move, zoom"], ["K", "Zoom: add keyframe"], ["P", "Zoom: copy path command"],
+  ["M", "Tile: dominant texture"], ["D  R", "Tile: false color of drift, of repetition"],
+  ["W  L", "Tile: wipe, link the views"], ["A  B", "Tile: show A, B, or the tile again"], ["Shift A  Shift B", "Tile: store the tile as A, as B"], ["P  E", "Brush, eraser"], ["[  ]", "Brush size"], ["Ctrl Z  Ctrl Shift Z", "Undo, redo"],
+  ["G  I", "Paint: fill, pick label"], ["K", "Zoom: add keyframe"], ["P", "Zoom: copy path command"],
 ];
 
 function help() {

@@ -44,7 +44,7 @@ export class PaintRoom {
       view.empty.hidden = false;
       view.empty.textContent = "Finding the labels of the photo ...";
     }
-    this.tools = segments("Tool", [["brush", "Brush", "Paint with the chosen label (B)"], ["fill", "Fill", "Fill the connected area (G)"], ["pick", "Pick", "Pick the label under the pointer (I)"]], (tool) => this.setTool(tool));
+    this.tools = segments("Tool", [["brush", "Brush", "Paint with the chosen label (P)"], ["fill", "Fill", "Fill the connected area (G)"], ["pick", "Pick", "Pick the label under the pointer (I)"]], (tool) => this.setTool(tool));
     this.tools.set("brush");
     this.undo = button("Undo", "Undo one step (Ctrl Z)", () => this.ask({ do: "undo" }));
     this.redo = button("Redo", "Redo one step (Ctrl Shift Z)", () => this.ask({ do: "redo" }));
@@ -365,7 +365,7 @@ export class PaintRoom {
     else if (key === "z" && (event.ctrlKey || event.metaKey)) this.ask({ do: event.shiftKey ? "redo" : "undo" });
     else if (event.ctrlKey || event.metaKey) return false;
     else if (key === "f") for (const view of views) view.fit();
-    else if (key === "b") this.setTool("brush");
+    else if (key === "p") this.setTool("brush");
     else if (key === "g") this.setTool("fill");
     else if (key === "i") this.setTool("pick");
     else if (key === "[" || key === "]") {

@@ -1,15 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// The strip below the photo and its tile: variants that were kept, and previews of other seeds.
+// The strip below the photo and its tile: coarse tiles of the presets, variants that were kept, other seeds.
 
 import { button, make } from "./controls.js";
 
 const SEEDS = 8;
+const PRESETS = [["", "Automatic"], ["even", "Even"], ["clean", "Clean"], ["keep", "Keep"]];
+// parameters that override a preset
+const DECIDED = { sigma: null, amount: null, patch: null, contrast: null };
 
 export class Strip {
   constructor(room) {
     this.room = room;
     this.shell = room.shell;
     this.seeds = new Map(); // canvases
+    this.presets = new Map(); // canvases by preset, "": none
     this.element = make("div", { className: "strip" });
   }
 
@@ -46,13 +50,30 @@ export class Strip {
   }
 
   showVariants() {
-    const kept = JSON.stringify(this.shell.state.variants.list.map((one) => one.tile));
-    if (kept !== this.kept) this.show();
+    if (this.state() !== this.kept) this.show();
+  }
+
+  /** The state that the strip shows, as text. */
+  state() {
+    const { variants, tile } = this.shell.state ?? {};
+    return JSON.stringify([variants?.list.map((one) => one.tile), tile && this.chosenPreset()]);
+  }
+
+  /** The preset that is in effect alone; undefined if other parameters override it. */
+  chosenPreset() {
+    const { tile } = this.shell.state;
+    return Object.keys(DECIDED).every((name) => tile[name] === null) ? tile.preset ?? "" : undefined;
   }
 
   show() {
     const list = this.shell.state?.variants.list ?? [];
-    this.kept = JSON.stringify(list.map((one) => one.tile));
+    this.kept = this.state();
+    const presets = PRESETS.filter(([preset]) => this.presets.has(preset)).map(([preset, title]) => {
+      const one = button("", `Use the preset ${title}`, () => this.room.set({ ...DECIDED, preset: preset || null }), { className: "thumb" });
+      one.setAttribute("aria-pressed", String(this.chosenPreset() === preset));
+      one.append(this.presets.get(preset), make("span", { textContent: title }));
+      return one;
+    });
     const seeds = [...this.seeds].map(([seed, canvas]) => {
       const one = button("", `Use seed ${seed}`, () => this.room.set({ seed }), { className: "thumb" });
       one.append(canvas, make("span", { textContent: `seed ${seed}` }));
@@ -69,7 +90,7 @@ export class Strip {
       return one;
     });
     const group = (caption, what, none) => make("div", { className: "group" }, make("span", { className: "caption", textContent: caption }), ...(what.length ? what : [make("span", { className: "hint", textContent: none })]));
-    this.element.replaceChildren(group("Variants", variants, "Press V to keep a variant"), group("Seeds", seeds, "Show seeds previews eight more seeds"));
+    this.element.replaceChildren(group("Presets", presets, "Coarse tiles of the presets ..."), group("Variants", variants, "Press V to keep a variant"), group("Seeds", seeds, "Show seeds previews eight more seeds"));
   }
 
   caption(tile) {
