@@ -110,6 +110,11 @@ class Hub:
                     room.forget()
             return self._client
 
+    async def warm_up(self) -> None:
+        """Start the resident process, and make what a page shows on opening; a page is told of errors later."""
+        with contextlib.suppress(Error):
+            await (self.client() if self.source.image is None else self.rooms["tile"].prepare())
+
     def tries_again(self) -> bool:
         """Whether to restart a resident process that has ended: not twice in quick succession."""
         now = time.monotonic()

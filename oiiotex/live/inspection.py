@@ -12,7 +12,7 @@ from typing import Any
 from ..api.images import Window, as_float, resized
 from ..api.measures import region_uses
 from ..api.painting import PRESETS
-from ..api.service import BRUSH, LinkError, spec_of
+from ..api.service import BRUSH, spec_of
 from ..deferred import np, oiio
 from ..errors import Error
 from .hub import Hub, Page
@@ -47,19 +47,17 @@ class Inspection:
     async def find_presets(self, values: Mapping[str, Any]) -> None:
         """Synthesize coarse tiles of all presets, with the other modifiers of the document."""
         others = {name: value for name, value in values.items() if name not in _DECIDED}
-        for preset in ("", *sorted(PRESETS, key=lambda name: name == "clean")):  # the slow one last
-            try:
-                pixels = await (self._clean(others) if preset == "clean" else self._coarse(preset, others))
-            except LinkError:
-                return
-            except Error:  # choosing the preset says why
-                continue
-            self._presets[preset] = as_float(pixels)
-            self._show_preset(preset)
-
-    async def _coarse(self, preset: str, values: Mapping[str, Any]) -> np.ndarray:
         async with self._fitted(_COARSE) as (number, _):
-            return await self._made("stationarize", number, {**values, "preset": preset} if preset else values)
+            for preset in ("", *(name for name in PRESETS if name != "clean")):
+                with contextlib.suppress(Error):  # choosing the preset says why
+                    pixels = await self._made("stationarize", number, others | ({"preset": preset} if preset else {}))
+                    self._found(preset, pixels)
+        with contextlib.suppress(Error):
+            self._found("clean", await self._clean(others))
+
+    def _found(self, preset: str, pixels: np.ndarray) -> None:
+        self._presets[preset] = as_float(pixels)
+        self._show_preset(preset)
 
     async def _clean(self, values: Mapping[str, Any]) -> np.ndarray:
         client = await self._hub.client()

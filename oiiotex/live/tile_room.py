@@ -38,6 +38,7 @@ class TileRoom:
         self._numbers: dict[str, int] = {}  # of brush images in the resident process
         self._photo: np.ndarray | None = None
         self._inspection = Inspection(hub)
+        self._prepared, self._preparing = False, asyncio.Lock()
 
     # --- pages ---
 
@@ -56,9 +57,16 @@ class TileRoom:
         self._inspection.show_presets(page)
         if self._turn == 0:
             self._turn = 1
-            await self._inspection.find_presets(self._values())
+            await self.prepare()
             if self._turn == 1:
                 await self._begin()
+
+    async def prepare(self) -> None:
+        """Make the coarse tiles of the presets, once."""
+        async with self._preparing:
+            if not self._prepared:
+                self._prepared = True
+                await self._inspection.find_presets(self._values())
 
     async def changed(self, room: str, names: set[str]) -> None:
         """Resynthesize the tile, or update its display transform."""
