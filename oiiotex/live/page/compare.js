@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Comparing: linked views, a wipe, and two stored tiles, A and B, to flip between.
 
-import { button, make, section, segments } from "./controls.js";
+import { button, make, segments } from "./controls.js";
 import { Viewer } from "./viewer.js";
 
 const STEP = 0.02; // of the view, of an arrow key
+const USUAL = { structure: 0.5, seed: 0, measure: "histogram", mask: "", inpaint: "" }; // other parameters: null
 
 export class Compare {
   constructor(room) {
@@ -32,11 +33,10 @@ export class Compare {
     this.picker = segments("Shown", [["", "Tile", "The current tile"], ["A", "A", "The tile stored as A (A)"], ["B", "B", "The tile stored as B (B)"]], (name) => this.show(name));
     this.picker.set("");
     this.use = button("Use", "Set the parameters to those of the tile that is shown", () => room.set({ ...this.stored[this.showing].tile }), { disabled: true });
-    this.text = make("p", { className: "hint", ariaLive: "polite" });
-    this.element = section("Compare",
-      make("div", { className: "buttons" }, button("Fit", "Fit the images into the views (F)", () => this.fit()), button("1:1", "One pixel of the file is one of the screen (0)", () => this.oneToOne()), this.linkButton, this.wipeButton),
-      make("div", { className: "buttons" }, this.picker, button("Set A", "Store the tile as A (Shift A)", () => this.store("A")), button("Set B", "Store the tile as B (Shift B)", () => this.store("B")), this.use),
-      this.text);
+    this.text = make("span", { className: "fact", ariaLive: "polite", hidden: true });
+    tileView.element.append(make("div", { className: "bar low" }, this.text,
+      button("Fit", "Fit the images into the views (F)", () => this.fit()), button("1:1", "One pixel of the file is one of the screen (0)", () => this.oneToOne()), this.linkButton, this.wipeButton,
+      this.picker, button("Set A", "Store the tile as A (Shift A)", () => this.store("A")), button("Set B", "Store the tile as B (Shift B)", () => this.store("B")), this.use));
   }
 
   fit() {
@@ -102,14 +102,25 @@ export class Compare {
   /** The parameters in which A and B differ; of a single one, those that are set. */
   describe() {
     const { A, B } = this.stored;
-    const said = (one, other) => Object.entries(one.tile).filter(([name, value]) => (other ? value !== other.tile[name] : value !== null && value !== ""))
-      .map(([name, value]) => `${name} ${value === null ? "automatic" : value || "none"}`).join(", ") || (other ? "the same parameters" : "automatic");
+    const said = (one, other) => Object.entries(one.tile).filter(([name, value]) => value !== (other ? other.tile[name] : USUAL[name] ?? null))
+      .map(([name, value]) => `${name} ${value === null ? "automatic" : value === "" ? "none" : value}`).join(", ") || (other ? "the same parameters" : "automatic");
+    this.text.hidden = !A && !B;
     this.text.textContent = [A && `A: ${said(A, B)}.`, B && `B: ${said(B, A)}.`].filter(Boolean).join(" ");
   }
 
-  /** The tile that the view shows: {canvas, size}. */
+  /** Show a thumbnail while the pointer or the focus is on it; null: no more. */
+  peek(canvas) {
+    if (this.peeked === canvas) return;
+    this.peeked = canvas;
+    this.room.picked();
+  }
+
+  /** The tile that the view shows, before the first one the coarse tile of its preset: {canvas, size}. */
   shown() {
-    return this.stored[this.showing] ?? { canvas: this.room.tile, size: this.room.size };
+    const { tile, size, shell, strip } = this.room;
+    const peeked = this.peeked ?? (tile ? null : strip.presets.get(strip.chosenPreset()));
+    if (peeked) return { canvas: peeked, size: tile ? size : shell.facts.photo };
+    return this.stored[this.showing] ?? { canvas: tile, size };
   }
 
   // --- drawing ---
@@ -120,7 +131,7 @@ export class Compare {
     const { inspect } = room;
     const { canvas, size } = this.shown();
     const area = size.map((n) => n * times);
-    repeat(context, showing ? canvas : inspect.picture("tile", canvas), size, area);
+    repeat(context, canvas === room.tile ? inspect.picture("tile", canvas) : canvas, size, area);
     if (this.wipe === null) return;
     const other = showing && this.stored[showing === "A" ? "B" : "A"];
     const { canvas: before, size: own } = other || { canvas: inspect.picture("photo", room.photo), size: room.shell.facts.photo };

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Looking closely: values under the pointer, a histogram, and measures in false color. The server computes them.
 
-import { make, section } from "./controls.js";
+import { make } from "./controls.js";
 
 const PATIENCE = 500; // ms until a sample that was not answered is asked again
 const RAMP = [[0, 0, 4], [87, 16, 110], [188, 55, 84], [249, 142, 9], [252, 255, 164]]; // dark to bright
-const TEXTS = { drift: "Drift: deviation from the rest, in units of Lab", repetition: "Repetition: uses of a region of the photo" };
+const TEXTS = { drift: ["Drift", "Deviation of the statistics of a place from the rest, in units of Lab (--texstationarity)"], repetition: ["Repetition", "Number of uses of the region of the photo around a pixel, 32 px wide"] };
 
 export class Inspect {
   constructor(room) {
@@ -13,9 +13,9 @@ export class Inspect {
     this.maps = { photo: null, tile: null }; // {name, high, plane, width, height, canvas}
     this.name = ""; // of the measure that is shown
     this.asked = 0; // time of the sample that is not answered yet
-    this.canvas = make("canvas", { width: 240, height: 72, role: "img", className: "histogram", ariaLabel: "Histogram of the tile, filled, and of the photo, as a line, as they are displayed" });
+    this.canvas = make("canvas", { width: 300, height: 140, role: "img", className: "histogram", ariaLabel: "Histogram of the tile, filled, and of the photo, as a line, as they are displayed" });
     this.legend = make("p", { className: "hint", hidden: true });
-    this.element = section("Histogram", this.canvas, this.legend);
+    this.element = make("div", { className: "inspect" }, this.canvas, this.legend);
   }
 
   // --- false color ---
@@ -31,7 +31,8 @@ export class Inspect {
   ask() {
     if (!this.name) return;
     this.maps = { photo: null, tile: null };
-    this.legend.textContent = `${TEXTS[this.name]}. Measuring ...`;
+    this.legend.title = TEXTS[this.name][1];
+    this.legend.textContent = `${TEXTS[this.name][0]} ...`;
     this.room.shell.ask("tile", { do: "measure", name: this.name });
   }
 
@@ -43,7 +44,7 @@ export class Inspect {
     for (let n = 0; n < out.length; n++) out[n] = colors[plane[n]];
     canvas.getContext("2d").putImageData(image, 0, 0);
     this.maps[what] = { name, high, plane, width, height, canvas };
-    if (name === this.name) this.legend.replaceChildren(`${TEXTS[name]}. 0 `, make("span", { className: "ramp" }), ` ${Number(high.toPrecision(3))}`);
+    if (name === this.name) this.legend.replaceChildren(`${TEXTS[name][0]} 0 `, make("span", { className: "ramp" }), ` ${Number(high.toPrecision(3))}`);
   }
 
   /** What the views draw for the photo or the tile: the measure, or the image. */
@@ -61,7 +62,7 @@ export class Inspect {
     const times = what === "photo" || this.room.mode === "1x1" ? 1 : 2;
     if (x === null || x < 0 || y < 0 || x >= times * width || y >= times * height) return this.room.shell.place("");
     const place = { what, x: x % width, y: y % height };
-    const own = what === "photo" || (!this.room.compare.showing && this.room.whole);
+    const own = what === "photo" || (this.room.compare.shown().canvas === this.room.tile && this.room.whole);
     if (!own) return this.tell({ ...place, values: [], shown: this.displayed(place, width, height) });
     if (performance.now() - this.asked < PATIENCE) this.wanted = place;
     else this.askFor(place);

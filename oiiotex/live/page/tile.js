@@ -45,7 +45,7 @@ export class TileRoom {
       },
     });
     this.tileView = new Viewer("Tile", {
-      size: () => (this.tile ? this.compare.shown().size.map((n) => n * this.times()) : [0, 0]),
+      size: () => (this.compare.shown().canvas ? this.compare.shown().size.map((n) => n * this.times()) : [0, 0]),
       sampled: (x, y) => this.inspect.sample("tile", x, y),
       draw: (context, viewer) => this.compare.draw(context, viewer, this.times()),
     });
@@ -66,7 +66,7 @@ export class TileRoom {
     this.tileView.empty.hidden = false;
     this.strip = new Strip(this);
     this.element = make("div", { className: "room" },
-      make("div", { className: "work" }, make("div", { className: "views" }, this.photoView.element, this.tileView.element), this.strip.element),
+      make("div", { className: "work" }, make("div", { className: "views" }, this.photoView.element, this.tileView.element), make("div", { className: "shelf" }, this.strip.element, this.inspect.element)),
       this.panel());
     this.modes.set(this.mode);
     this.strip.show();
@@ -102,8 +102,6 @@ export class TileRoom {
       section("Result", this.controls.seed, this.controls.width, this.controls.height,
         make("div", { className: "buttons" }, button("Keep variant", "Add these parameters to the variants below (V)", () => this.strip.keep()), button("Show seeds", "Preview eight more seeds at low resolution", () => this.strip.askSeeds()), button("Show presets", "Preview all presets with the other parameters, at low resolution", () => this.shell.ask("tile", { do: "presets" })))),
       section("Measures", this.measures),
-      this.compare.element,
-      this.inspect.element,
       this.output.element,
       section("Regions", this.controls.mask, this.controls.inpaint, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
         make("div", { className: "buttons" }, this.erase, button("Clear", "Erase everything painted", () => this.fill(0)), button("Invert", "Invert the painted mask", () => this.fill(null)))));
@@ -222,6 +220,8 @@ export class TileRoom {
     } else if (facts.kind === "preset") {
       this.strip.presets.set(facts.preset, canvasOf(facts, bytes));
       this.strip.show();
+      this.tileView.empty.hidden = true;
+      if (!this.tile) this.picked();
     } else if (facts.kind === "measure") {
       this.inspect.take(facts, new Uint8Array(bytes));
       this.photoView.redraw();
@@ -301,7 +301,7 @@ export class TileRoom {
   }
 
   drawPlane() {
-    if (this.mode !== "plane" || !this.tile) return;
+    if (this.mode !== "plane" || !this.compare.shown().canvas) return;
     const { clientWidth, clientHeight } = this.tileView.element;
     if (!clientWidth) return;
     this.planeCanvas.width = clientWidth;
