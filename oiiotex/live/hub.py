@@ -23,7 +23,7 @@ from ..api.painting import AUTOMATIC, INPAINTED, PRESETS
 from ..api.service import BRUSH, EXPORT, Client, LinkError, ResidentSettings, connect, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ParameterError
-from .document import Document
+from .document import INNER, Document
 from .lines import output_name, type_in
 
 SAVE_EVERY = 0.5  # s; at most this much work is lost
@@ -280,17 +280,36 @@ class Hub:
     def _answer(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
         if len(self._tasks) > MOST_TASKS:
             raise Error("too many requests at once: wait until some have finished")
-        if asked["do"] != "set":
+        if asked["do"] in ("undo", "redo"):
+            self._go(asked["do"] == "redo", page)
+        elif asked["do"] != "set":
             self.begin(self.rooms[asked["room"]].take(page, asked, data), page)
-            return
-        room = asked["room"]
-        if room == "history":
-            raise ParameterError("history is read-only: only the Paint room sets it")
-        changed = self.document.change(room, asked["values"])
-        if changed:
-            self.tell({"do": "set", "room": room, "values": changed}, but=page)
-            for one in self.rooms.values():
-                self.begin(one.changed(room, set(changed)))
+        elif asked["room"] in INNER:
+            raise ParameterError(f"{asked['room']} is read-only: the server sets it")
+        else:
+            self.change(asked["room"], asked["values"], gesture=gesture_of(page, asked), but=page)
+
+    def change(
+        self, room: str, values: dict[str, Any], text: str = "", gesture: object = None, but: Page | None = None
+    ) -> None:
+        """Set values of a room, and tell pages and rooms those that have changed."""
+        if changed := self.document.change(room, values, text, gesture):
+            self._changed(room, changed, but)
+            self.tell({"do": "history"} | self.document.history.facts())
+
+    def _changed(self, room: str, values: dict[str, Any], but: Page | None = None) -> None:
+        self.tell({"do": "set", "room": room, "values": values}, but)
+        for one in self.rooms.values():
+            self.begin(one.changed(room, set(values)))
+
+    def _go(self, forward: bool, page: Page) -> None:
+        """Undo or redo a step of the document's history, and tell the page that asked what it was."""
+        if gone := self.document.go(forward):
+            for room, values in gone[1].items():
+                self._changed(room, values)
+            facts = {"do": "history"} | self.document.history.facts()
+            self.tell(facts, page)
+            page.tell(json.dumps(facts | {"gone": gone[0], "forward": forward, "rooms": list(gone[1])}))
 
     def _facts(self) -> dict[str, Any]:
         spec = None if self.source.image is None else self.source.image.first.spec
@@ -302,6 +321,7 @@ class Hub:
             "type": self.source.pixel_type,
             "presets": {"": AUTOMATIC, "inpaint": INPAINTED} | PRESETS,
             "unsaved": self.unsaved,
+            "history": self.document.history.facts(),
         }
 
     # --- colors ---
@@ -357,6 +377,11 @@ class Hub:
         if self._client is not None:
             with contextlib.suppress(LinkError):
                 self._client.close()
+
+
+def gesture_of(page: Page, asked: dict[str, Any]) -> object:
+    """The drag, click or key press of a page that a request comes from; None if it does not say."""
+    return (id(page), asked["gesture"]) if type(asked.get("gesture")) is int else None
 
 
 def _free(path: Path) -> Path:
