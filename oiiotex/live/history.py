@@ -32,7 +32,7 @@ class _History(TypedDict):
 
 
 class History:
-    """Steps and a position among them. Undone steps are not lost: a new step first undoes them in a step of its own.
+    """Steps and a position among them. Undone steps are not lost: a new step first adds one that undoes them.
 
     `at`: the number of steps that are in effect.
     """
@@ -85,7 +85,7 @@ class History:
         return step["text"], values
 
     def facts(self) -> Values:
-        """Texts of the steps that undo and redo would change; '' if there are none."""
+        """Names of the steps that undo and redo would change; '' if there are none."""
         texts = [step["text"] for step in self.steps]
         return {"undo": texts[self.at - 1] if self.at else "", "redo": "".join(texts[self.at : self.at + 1])}
 

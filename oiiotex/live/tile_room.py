@@ -205,7 +205,7 @@ class TileRoom:
         return number, optional
 
     def _mask(self, name: str) -> Path | None:
-        """The file of a painted mask. Each stroke has a file of its own, so that lines and undo find it."""
+        """The file of a painted mask. Each stroke has another file, so that lines and undo find it."""
         number = self._hub.document.state["masks"][name]
         return self._hub.document.beside("masks") / f"{number:06d}.png" if number else None
 

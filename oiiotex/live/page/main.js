@@ -79,7 +79,7 @@ function beginGesture() {
 }
 addEventListener("pointerdown", beginGesture, true);
 addEventListener("keydown", (event) => { if (!event.repeat) beginGesture(); }, true);
-for (const early of [true, false]) // a field that loses the focus has a gesture of its own; a slider does not
+for (const early of [true, false]) // a field that loses the focus begins another gesture; a slider does not
   addEventListener("change", (event) => { if (event.target.type !== "range") beginGesture(); }, early);
 
 function go(forward) {

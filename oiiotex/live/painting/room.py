@@ -390,7 +390,7 @@ class PaintRoom:
         source = self._hub.source
         if self._step < 0 or source.image is None:
             raise ParameterError("there is no painting yet: open the Paint room first")
-        values: dict[str, Any] = {"table": self._sewing.table, "before": self._steps.plan(self._step)}
+        values: dict[str, Any] = {"table": self._sewing.table, "previous": self._steps.plan(self._step)}
         values |= {"seed": self._seed} if self._seed else {}
         if self._steps.fine(self._step).exists():
             values["fine"] = self._steps.fine(self._step)
