@@ -13,9 +13,10 @@ from ..api.painting import codes_of, color_of
 from ..api.service import BRUSH, LOOKS, LinkError, Request, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ImageError
-from .hub import Hub, Page, gesture_of, labels_of
+from .hub import Hub, labels_of
 from .lines import line, word_of
 from .numbered import make_folder, next_number
+from .pages import Page, gesture_of
 
 MOST_SHOWN = 2048  # px; longest side of an image sent to a page
 THUMBNAIL = 128  # px

@@ -20,8 +20,9 @@ from ...api.service import BRUSH, LinkError
 from ...deferred import np
 from ...errors import Error, ImageError, ParameterError
 from ..document import KEPT
-from ..hub import Hub, Page
+from ..hub import Hub
 from ..lines import line, word_of
+from ..pages import Page
 from .palette import COARSE, FINE, LAYERS, LabelPalette, Layers, extended, palette_of, step_facts
 from .sewing import LiveSewing
 from .steps import Steps, fine_of, paintings_in
