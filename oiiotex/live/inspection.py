@@ -15,7 +15,8 @@ from ..api.painting import PRESETS
 from ..api.service import BRUSH, spec_of
 from ..deferred import np, oiio
 from ..errors import Error
-from .hub import Hub, Page
+from .hub import Hub
+from .pages import Page
 
 MOST_SHOWN = 2048  # px; longest side of an image sent to a page
 BINS = 64  # of a histogram, for each channel

@@ -357,7 +357,6 @@ export class TileRoom {
   }
 
   strokeFrom(x, y, event) {
-    this.remember();
     this.last = [x, y];
     this.strokeTo(x, y, event);
   }
@@ -374,57 +373,26 @@ export class TileRoom {
     this.sendBrush(this.brush.name);
   }
 
-  /** Send a painted plane, and what the parameter of that name becomes: "brush", or its value before the first stroke. */
-  sendBrush(name, value = "brush") {
-    const other = this.shell.state.tile[name] !== value;
-    if (other && value !== "brush") { // first, because nothing can be made of an empty mask
-      this.set({ [name]: value });
-      this.tell();
-    }
+  /** Send a painted plane, and use it. */
+  sendBrush(name) {
     this.shell.ask("tile", { do: "brush", name }, this.planes[name]);
     this.tintStale = true;
     this.photoView.redraw();
-    if (other && value === "brush") this.set({ [name]: value });
+    if (this.shell.state.tile[name] !== "brush") this.set({ [name]: "brush" });
   }
 
   fill(value) {
     if (!this.brush.name) return this.shell.status("First choose what to paint: Source or Replace");
-    this.remember();
     const plane = this.plane();
     if (value === null) for (let n = 0; n < plane.length; n++) plane[n] = 255 - plane[n];
     else plane.fill(value);
     this.sendBrush(this.brush.name);
   }
 
-  /** Keep the painted plane, and whether it was used, for undo. */
-  remember() {
-    this.history ??= { mask: { past: [], future: [] }, inpaint: { past: [], future: [] } };
-    const history = this.history[this.brush.name];
-    history.past.push(this.painted());
-    if (history.past.length > 50) history.past.shift();
-    history.future = [];
-  }
-
-  painted() {
-    return { plane: this.plane().slice(), value: this.shell.state.tile[this.brush.name] };
-  }
-
-  undo(forward) {
-    const { name } = this.brush;
-    const [from, to] = forward ? ["future", "past"] : ["past", "future"];
-    const steps = this.history?.[name];
-    if (!name || !steps?.[from].length) return;
-    steps[to].push(this.painted());
-    const { plane, value } = steps[from].pop();
-    this.planes[name] = plane;
-    this.sendBrush(name, value);
-  }
-
   // --- keys ---
 
   key(key, event) {
     if (key === " ") this.photoView.space = this.tileView.space = true;
-    else if (key === "z" && (event.ctrlKey || event.metaKey)) this.undo(event.shiftKey);
     else if (event.ctrlKey || event.metaKey) return false;
     else if (key === "f") this.compare.fit();
     else if (key === "0") this.compare.oneToOne();
