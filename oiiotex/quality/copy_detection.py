@@ -11,7 +11,7 @@ from typing import NamedTuple, cast
 
 from ..core.demand import MadeRows, SomeRows
 from ..core.source_map import NONE, SourceMap
-from ..deferred import np
+from ..deferred import np, oiio
 from ..patchmatch.field import box_sums
 from ..stationarity.row_bands import row_bands
 
@@ -88,6 +88,28 @@ def _uses(source: SourceMap, size: tuple[int, int]) -> np.ndarray:
 def most_shown(source: SourceMap, size: tuple[int, int]) -> tuple[float, float]:
     """`shown` and `over_fair` from sources of pixels, or `NONE`, in an exemplar of (h, w), at least `REGION`."""
     return _most_shown(_uses(source, size), math.prod(source.packed.shape))
+
+
+def region_uses(st: np.ndarray, spec: oiio.ImageSpec) -> tuple[np.ndarray, np.ndarray]:
+    """How often the region of `REGION` px around each pixel is used, as a mean of its pixels.
+
+    Parameters
+    ----------
+    st : (height, width, 2) float32
+        Part 'st' of a result.
+    spec : ImageSpec
+        Of the exemplar.
+
+    Returns
+    -------
+    (h, w) float32, (height, width) float32
+        At the pixels of the exemplar, and at those of the result, where they are taken from.
+    """
+    from scipy.ndimage import uniform_filter
+
+    source = SourceMap.of_coordinates(st, spec, "st")
+    uses = uniform_filter(_uses(source, (spec.height, spec.width)).astype(np.float32), REGION, mode="nearest")
+    return uses, uses.ravel()[source.flat(spec.width)]
 
 
 def _most_shown(used: np.ndarray, pixels: int) -> tuple[float, float]:
