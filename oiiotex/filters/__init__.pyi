@@ -1699,7 +1699,7 @@ def fill(
     mattes: ImageLike | None = None,
     label: int | None = None,
     matte: str | None = None,
-    source_label: int | None = None,
+    sourcelabel: int | None = None,
     adapt: float | None = None,
     drift: FileName | Literal[False] = False,
     cut: int = 0,
@@ -1711,7 +1711,7 @@ def fill(
     relevel: bool = False,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -1720,6 +1720,7 @@ def fill(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Replace a region of a photo by texture from the rest of it, or from another photo.
 
@@ -1753,7 +1754,7 @@ def fill(
     matte : str | None, default None
         Object to replace, from the photo's Cryptomatte: its name, or its id in hexadecimal. All pixels
         that it covers are replaced, even partly covered ones.
-    source_label : int | None, default None
+    sourcelabel : int | None, default None
         Id of a label. Only pixels of that label are used as a source. Expected: an integer >= 1.
     adapt : float | None, default None
         Fraction of the difference in light gradient and color level that is corrected. 0: every pixel
@@ -1779,6 +1780,8 @@ def fill(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1820,7 +1823,7 @@ def fill(
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
-    match : float | Sequence[float] | None, default None
+    mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
@@ -1856,7 +1859,7 @@ def fill(
     mattes: ImageLike | None = None,
     label: int | None = None,
     matte: str | None = None,
-    source_label: int | None = None,
+    sourcelabel: int | None = None,
     adapt: float | None = None,
     drift: Literal[True],
     cut: int = 0,
@@ -1868,7 +1871,7 @@ def fill(
     relevel: bool = False,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -1877,6 +1880,7 @@ def fill(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def fill(
@@ -1890,7 +1894,7 @@ def fill(
     mattes: ImageLike | None = None,
     label: int | None = None,
     matte: str | None = None,
-    source_label: int | None = None,
+    sourcelabel: int | None = None,
     adapt: float | None = None,
     drift: bool | FileName = False,
     cut: int = 0,
@@ -1902,7 +1906,7 @@ def fill(
     relevel: bool = False,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -1911,6 +1915,7 @@ def fill(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def fill(
@@ -1925,7 +1930,7 @@ def fill(
     maps: Sequence[ImageLike] = (),
     label: int | None = None,
     matte: str | None = None,
-    source_label: int | None = None,
+    sourcelabel: int | None = None,
     adapt: float | None = None,
     drift: bool | FileName = False,
     cut: int = 0,
@@ -1937,7 +1942,7 @@ def fill(
     relevel: bool = False,
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -1946,7 +1951,44 @@ def fill(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    label: int | None = None,
+    matte: str | None = None,
+    sourcelabel: int | None = None,
+    adapt: float | None = None,
+    drift: bool | FileName = False,
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def flatten(
@@ -3069,12 +3111,11 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3111,18 +3152,14 @@ def patchmatch(
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
-    inpaint : ImageLike | None, default None
-        Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero
-        label id). They are filled from patches outside the marked area; all other pixels are kept
-        unchanged. A string is the name of a part of the first image, or a file name.
     maps : Sequence[ImageLike], default ()
         Further maps, resynthesized from the same source pixels. A string is the name of a part of the
         first image, or a file name.
     size : Literal['pow2'] | tuple[int, int] | None, default None
         Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
         'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
-    tile : Literal['xy', 'x', 'y', 'none'] | None, default None
-        Axes along which the result tiles. Default: xy; with inpaint, none.
+    tile : Literal['xy', 'x', 'y', 'none'], default 'xy'
+        Axes along which the result tiles.
     variants : int, default 1
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
         which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
@@ -3231,12 +3268,11 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3267,13 +3303,12 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3304,13 +3339,12 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4010,7 +4044,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -4026,7 +4059,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4067,10 +4100,6 @@ def stationarize(
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
-    inpaint : ImageLike | None, default None
-        Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero
-        label id). They are filled from patches outside the marked area; all other pixels are kept
-        unchanged. A string is the name of a part of the first image, or a file name.
     sigmamap : ImageLike | None, default None
         Float image of the result's size whose first channel is sigma, in pixels, at each pixel. Use it
         to keep structure in some areas and even out others. A string is the name of a part of the first
@@ -4080,11 +4109,11 @@ def stationarize(
         first image, or a file name.
     flatten : float | None, default None
         Fraction of the photo's gradients and stains to remove before synthesis. 0: every pixel is a
-        verbatim copy. Expected: a number from 0 to 1. Default: 1; with inpaint or for data, 0.
+        verbatim copy. Expected: a number from 0 to 1. Default: 1; for data, 0.
     sigma : float | None, default None
         Scale, in pixels, above which the result is statistically uniform. Smaller structures are kept.
         Reduce it if features still repeat visibly. Expected: a number from 0.5 to 1000000 px. Default:
-        longer side / 8; with inpaint, longer side / 32; at least patch / 4.
+        longer side / 8, at least patch / 4.
     structure : float, default 0.5
         Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
         does not hold complete repeats, the result gets the nearest size that does, unless size is set.
@@ -4098,8 +4127,8 @@ def stationarize(
     size : Literal['pow2'] | tuple[int, int] | None, default None
         Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
         'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
-    tile : Literal['xy', 'x', 'y', 'none'] | None, default None
-        Axes along which the result tiles. Default: xy; with inpaint, none.
+    tile : Literal['xy', 'x', 'y', 'none'], default 'xy'
+        Axes along which the result tiles.
     variants : int, default 1
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
         which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
@@ -4164,7 +4193,7 @@ def stationarize(
     contrast : float | None, default None
         Strength with which the overall colors of the result are matched to the histogram of `target`.
         Increase it if rare colors are missing. At 0, the colors of rare objects, such as windows in a
-        wall, may vanish. Expected: a number from 0 to 1. Default: 0.7; with inpaint, 0.
+        wall, may vanish. Expected: a number from 0 to 1. Default: 0.7.
     target : Literal['flat', 'exemplar'], default 'flat'
         Histogram that `contrast` matches. flat: that of the photo after evening out. exemplar: that of
         the photo as it is, matched only on the coarsest level, as in the paper.
@@ -4232,7 +4261,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -4248,7 +4276,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4279,7 +4307,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -4295,7 +4322,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4326,7 +4353,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
@@ -4343,7 +4369,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4374,7 +4400,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
@@ -4391,7 +4416,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
