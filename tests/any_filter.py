@@ -72,6 +72,8 @@ def operands(op: type[Op], photo: oiio.ImageBuf) -> list[oiio.ImageBuf]:
         return [ids(np.indices((64, 72)).sum(0) // 30 + 1)]
     if op.name in PAINTINGS:
         return [photo, quarters()]
+    if op.name in REGIONS:
+        return [photo, ids(np.indices((64, 72))[1] >= 20)]
     return [photo, *(scramble(40, 48, photo) for _ in op.images()[1:])]
 
 
@@ -102,6 +104,7 @@ def is_view(op: type[Op]) -> bool:
 RESAMPLED = ("zoom",)  # their results are pixels of another size
 LABELED = ("composite", "palette", "paint")  # take a picture with its label maps
 PAINTINGS = ("paint",)  # and a painting of labels
+REGIONS = ("fill",)  # and a mask of what is replaced: most of the photo
 SUMS = ("preview",)  # what a pixel is worth is a difference of sums over all before it
 PICTURES = [op for op in filters.FILTERS if image_kind(op) is not Kind.PICTURE]  # take pictures and draw no sheets
 COLOR = [op for op in PICTURES if op.space is Space.LAB]
