@@ -11,7 +11,7 @@ from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError
 from .frame_motion import FrameMotion, Shot
-from .sampling import REACH, at_points, centers
+from .sampling import REACH, at_points, centers, grown
 
 MOST_SCALE = 4.0  # plate pixels per pixel of the given frame
 _MOST_SIDE = 1 << 15  # px
@@ -164,8 +164,6 @@ def assembled(
 
 def _margin(region: np.ndarray) -> np.ndarray:
     """A region with the pixels around it that rendering reads, (h, w, 1) float32."""
-    from .tracking import grown
-
     return grown(region, _MARGIN)[..., None].astype(np.float32)
 
 

@@ -9,9 +9,10 @@ from ..core.window import Window
 from ..deferred import np
 from .frame_motion import FrameMotion
 from .light import gains, grain
-from .sampling import REACH, at_points, centers, reduced
+from .sampling import REACH, at_points, centers, grown, reduced
 
 _AROUND = 64  # px around the region in which light and grain are measured, and a quarter of its size
+_FILLED = 2 * REACH + 2  # px around the region where the plate may be filled, too: no frame shows them whole
 _STEEP = 1.15  # plate pixels per pixel of the frame: from here on the plate is reduced first
 
 
@@ -61,7 +62,7 @@ def rendered(
     fill, values, amount = seen[..., :-1], frame[at], region[at]
     fill = np.where(covered[..., None], fill, values)
     colors = list(matched)
-    usable = covered & (amount == 0) & np.isfinite(values).all(2)
+    usable = covered & ~grown(amount > 0, _FILLED) & np.isfinite(values).all(2)
     sources = np.where(usable[..., None], values[..., colors], 0)
     fill[..., colors] *= gains(sources, fill[..., colors], usable)
     if grain_amount:

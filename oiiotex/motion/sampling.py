@@ -40,3 +40,14 @@ def centers(window: Window) -> np.ndarray:
     """The pixel centers of a window, (rows, columns, 2) float64."""
     x, y = np.arange(window.left, window.right) + 0.5, np.arange(window.top, window.bottom) + 0.5
     return np.stack(np.broadcast_arrays(x[None], y[:, None]), -1)
+
+
+def grown(mask: np.ndarray, reach: int) -> np.ndarray:
+    """A mask grown by a square of that reach, px."""
+    for axis in (0, 1):
+        wide = np.pad(mask, [(reach, reach) if a == axis else (0, 0) for a in (0, 1)])
+        total = np.cumsum(np.insert(wide.astype(np.int32), 0, 0, axis), axis)
+        size = mask.shape[axis]
+        span = 2 * reach + 1
+        mask = np.take(total, np.arange(span, span + size), axis) > np.take(total, np.arange(size), axis)
+    return mask

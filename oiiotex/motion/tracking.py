@@ -10,6 +10,7 @@ from ..capture.homography import through
 from ..deferred import np
 from ..errors import Error, ImageError
 from .frame_motion import FrameMotion
+from .sampling import grown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -156,14 +157,3 @@ def surroundings(region: np.ndarray) -> np.ndarray:
     top, left = max(0, rows[0] - reach), max(0, columns[0] - reach)
     around[top : rows[-1] + reach, left : columns[-1] + reach] = True
     return around & ~grown(region, _ALONE + _WINDOW // 2)
-
-
-def grown(mask: np.ndarray, reach: int) -> np.ndarray:
-    """A mask grown by a square of that reach, px."""
-    for axis in (0, 1):
-        wide = np.pad(mask, [(reach, reach) if a == axis else (0, 0) for a in (0, 1)])
-        total = np.cumsum(np.insert(wide.astype(np.int32), 0, 0, axis), axis)
-        size = mask.shape[axis]
-        span = 2 * reach + 1
-        mask = np.take(total, np.arange(span, span + size), axis) > np.take(total, np.arange(size), axis)
-    return mask
