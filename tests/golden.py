@@ -68,9 +68,9 @@ CASES = {
         ("--texstationarize:target=exemplar:contrast=1",),
         "lin_rec709_scene",
     ),
-    "stationarize_inpaint_moss_hdr": Case(
+    "fill_moss_hdr": Case(
         lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),
-        ("second.exr", "--texstationarize:inpaint=1:seed=3:patch=7"),
+        ("second.exr", "--texfill:seed=3:patch=7"),
         "lin_rec709_scene",
         second=lambda: (np.hypot(*(np.indices((112, 96)) - np.array([46, 60])[:, None, None])) < 24)[..., None] * 1.0,
     ),

@@ -36,7 +36,7 @@ patchmatch
 wang
 quality
 exemplar graphcut
-quilting multiscale capture atlas
+quilting multiscale capture atlas fill
 charts motion
 materials
 python_types plugin installed_filters notebook

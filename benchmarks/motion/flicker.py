@@ -6,7 +6,7 @@ python -m benchmarks.motion.flicker [--photos castle_brick_broken,clover_lawn] [
 Shots of 480 x 270 px are rendered from photos, with known motion, grain, changing light, and an object on the surface.
 Flicker is the root mean square of the difference of successive frames after compensation of the true motion, inside
 the region (3 px from its border) divided by that in the surroundings (40 px). 'coarse' is the same after a blur of
-3 px, by which grain hardly counts. 'grain' is the deviation of finest detail in time, inside over outside.
+3 px, by which grain hardly counts.
 """
 
 from __future__ import annotations
@@ -21,12 +21,9 @@ import numpy as np
 import OpenImageIO as oiio
 from scipy.ndimage import binary_dilation, binary_erosion, gaussian_filter
 
-from benchmarks.motion.shots import FIRST, HEIGHT, MOTIONS, WIDTH, Frame, photo_named, places, rendered, save
+from benchmarks.motion.shots import HEIGHT, MOTIONS, WIDTH, Frame, photo_named, places, rendered, save
 from benchmarks.shared.measures import data_folder
 from oiiotex.motion.sampling import at_points
-
-FILL = ["--texstationarize:inpaint=region"]
-GOAL = 1.1
 
 
 def run(*words: str, folder: Path) -> None:
@@ -65,14 +62,13 @@ def filled(frames: list[Frame], method: str, folder: Path) -> list[np.ndarray]:
     files = [f"{method}.{frame.number}.exr" for frame in frames]
     if method == "alone":
         for frame, file in zip(frames, files, strict=True):
-            fill = [word.replace("region", "1") for word in FILL]
-            run(f"plate.{frame.number}.exr", f"mask.{frame.number}.exr", *fill, "-o", file, folder=folder)
+            run(f"plate.{frame.number}.exr", f"mask.{frame.number}.exr", "--texfill", "-o", file, folder=folder)
     else:
         span, middle = f"{frames[0].number}-{frames[-1].number}", frames[0].number
         motion = f":motion=st.{middle}.exr" if method == "known" else ""
         plate = f"--texplate:region=1:frames={span}:save={method}.npz{motion}"
-        run(f"plate.{middle}.exr", f"mask.{middle}.exr", plate, "-o", f"{method}_open.exr", *FILL, "-o",
-            f"{method}_plate.exr", folder=folder)  # fmt: skip
+        run(f"plate.{middle}.exr", f"mask.{middle}.exr", plate, "-o", f"{method}_open.exr", "--sisplit",
+            "--texfill", "-o", f"{method}_plate.exr", folder=folder)  # fmt: skip
         run("--frames", span, "plate.#.exr", f"{method}_plate.exr", "mask.#.exr",
             f"--texproject:region=1:motion={method}.npz", "-o", f"{method}.#.exr", folder=folder)  # fmt: skip
     return [pixels(folder / file) for file in files]
@@ -113,5 +109,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    assert FIRST
     main()

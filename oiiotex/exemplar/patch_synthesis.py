@@ -29,10 +29,10 @@ from .heights import RELEVEL
 from .photo_lattice import least_size
 
 _COUNTS = f"{', '.join(map(str, COUNTS[:-1]))} or {COUNTS[-1]}"
-_PATCHES, PATCH = tuple(range(5, 23, 2)), 13
+PATCHES, PATCH = tuple(range(5, 23, 2)), 13
 _LAB_BYTES = 12  # for each pixel of a map
 _SIZE_HELP = "Size of the result. pow2: each side of the photo, rounded to the nearest power of two."
-_PATCH_HELP = (
+PATCH_HELP = (
     "Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks or stones are cut."
 )
 
@@ -73,7 +73,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         f" that renderers can filter it without padding. Requires variants={_COUNTS}.",
     )
     patch: int | None = param(
-        None, example="21", choices=(*_PATCHES, None), unit="px", unset=str(PATCH), help=_PATCH_HELP
+        None, example="21", choices=(*PATCHES, None), unit="px", unset=str(PATCH), help=PATCH_HELP
     )
     iterations: int = param(
         30,

@@ -1415,6 +1415,267 @@ def estimateroughness(
     """
 
 @overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    label: int | None = None,
+    matte: str | None = None,
+    source_label: int | None = None,
+    adapt: float | None = None,
+    drift: FileName | Literal[False] = False,
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: FileName | Literal[False] = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> ImageBuf:
+    """Replace a region of a photo by texture from the rest of it, or from another photo.
+
+    Patches that fit the surroundings are found from coarse to fine levels by PatchMatch (BSFG09: Barnes, Shechtman,
+    Finkelstein, Goldman, PatchMatch, SIGGRAPH 2009; levels as in MJH17), and each pixel is a copy of one source pixel
+    with all channels. With `source`, gradients of light and the color level are taken from the surroundings. All
+    other pixels stay bit-identical, except in the zone of `cut`.
+
+    To keep pixels of the region that exist already, such as those carried from the previous frame, paste them into
+    the photo and mark only the rest: the fill continues them like all other pixels. `mask` excludes them as a source.
+
+    Parameters
+    ----------
+    exemplar : ImageLike
+        Photo; of the n maps of a material, the first.
+    region : ImageLike
+        Image that marks the pixels to replace (first channel above half its range, or a nonzero label
+        id). It is not taken with label or matte.
+    mask : ImageLike | None, default None
+        Image that marks the valid source pixels, of the photo or of source (first channel above half
+        its range, or a nonzero label id). A string is the name of a part of the first image, or a file
+        name.
+    source : ImageLike | None, default None
+        Another photo to fill from, of any size and color space. With n, its first n parts are the maps.
+        A string is the name of a part of the first image, or a file name.
+    maps : Sequence[ImageLike], default ()
+        Further maps, resynthesized from the same source pixels. A string is the name of a part of the
+        first image, or a file name.
+    label : int | None, default None
+        Id of a label to replace, from the photo's label maps. Expected: an integer >= 1.
+    matte : str | None, default None
+        Object to replace, from the photo's Cryptomatte: its name, or its id in hexadecimal. All pixels
+        that it covers are replaced, even partly covered ones.
+    source_label : int | None, default None
+        Id of a label. Only pixels of that label are used as a source. Expected: an integer >= 1.
+    adapt : float | None, default None
+        Fraction of the difference in light gradient and color level that is corrected. 0: every pixel
+        is a verbatim copy. Expected: a number from 0 to 1. Default: 1 with source, else 0.
+    cut : int, default 0
+        Width of a zone around the region in which the border follows the least visible seam (KSE03).
+        Pixels of the zone may be replaced. 0: only the region is replaced. Expected: an integer from 0
+        to 256 px.
+    patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
+        Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
+        or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
+    n : int, default 1
+        Number of maps of one material, resynthesized together: the last n images. Expected: an integer
+        from 1 to 16.
+    seed : int, default 0
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295.
+    colorspace : str | None, default None
+        Color space of the required images. Default: the one in their metadata.
+    roi : ROI | None, default None
+        Region of the result to compute. Default: all of it.
+    nthreads : int, default 0
+        Number of CPU threads if no session is given. 0: all that the process may use.
+    session : Session | None, default None
+        Device, memory budget, color config and progress, shared by several calls.
+
+    Returns
+    -------
+    ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]
+        A dict of parts by name if more than one part is requested.
+        A list of these if several images are made.
+        - fill: The photo with the region replaced. One image for each of the n maps, in order. [pixels]
+        - st: Source coordinates of every pixel; with source, B is 1 where they lie in it. [32-bit float
+          coordinates; with stmap]
+        - drift: Correction of the copied pixels: Lab x gain + offset. Channels as of `flatten`. [32-bit
+          float values; with drift]
+
+    Other Parameters
+    ----------------
+    labels : ImageLike | None, default None
+        Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
+        of the first image, or a file name.
+    mattes : ImageLike | None, default None
+        Cryptomatte, if it is not in the photo's file. A string is the name of a part of the first
+        image, or a file name.
+    drift : bool | FileName, default False
+        Correction of the copied pixels. 1: append it as part 'drift'; a file name: write it to that
+        file.
+    tile : Literal['none', 'x', 'y', 'xy'], default 'none'
+        Axes along which the region continues.
+    structure : float, default 0.5
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
+        does not hold complete repeats, the result gets the nearest size that does, unless size is set.
+        0: repeats are not preserved. No effect on photos without regular repeats. Expected: a number
+        from 0 to 1.
+    iterations : int, default 30
+        Number of iterations on the coarsest level. Expected: an integer from 1 to 1000.
+    uniformity : float, default 0.01
+        Strength with which all parts of the source are used equally often (MJH17 eq. 6). Expected: a
+        number from 0 to 1.
+    relevel : bool, default False
+        Raise or lower each copied piece of a height map so that pieces meet without steps. Set it if
+        displaced heights show cliffs. Requires kinds=...,height.
+    kinds : Sequence[str] | None, default None
+        Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
+        data in the result. Default: color (with data=1, data) for the first map, data for the others.
+    match : float | Sequence[float] | None, default None
+        Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
+        follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
+        0.25 for a height.
+    level : int | None, default None
+        Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
+        Default: the coarsest with several labels.
+    data : bool, default False
+        Use the channels as data, without conversion to CIE Lab.
+    stmap : bool | FileName, default False
+        Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
+        file.
+
+    Raises
+    ------
+    oiiotex.Error
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> clean = filters.fill("plate.exr", "mask.exr", seed=7)
+    >>> other = filters.fill("plate.exr", "mask.exr", source="grass.exr")
+    """
+@overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    label: int | None = None,
+    matte: str | None = None,
+    source_label: int | None = None,
+    adapt: float | None = None,
+    drift: Literal[True],
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> dict[str, ImageBuf]: ...
+@overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    label: int | None = None,
+    matte: str | None = None,
+    source_label: int | None = None,
+    adapt: float | None = None,
+    drift: bool | FileName = False,
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: Literal[True],
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> dict[str, ImageBuf]: ...
+@overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    label: int | None = None,
+    matte: str | None = None,
+    source_label: int | None = None,
+    adapt: float | None = None,
+    drift: bool | FileName = False,
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+
+@overload
 def flatten(
     source: Picture,
     /,

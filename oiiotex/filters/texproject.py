@@ -50,7 +50,6 @@ class Project(Whole):
         None, example="1001", frame=True, unset="that of --frames, otherwise the only one", help="Number of the frame."
     )
     grain: float = param(1.0, ge=0, le=4, help="Amount of grain, as a multiple of the frame's. 0: none.")
-    seed: int = param(0, ge=0, help="Seed of the grain.")
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The frame with the plate in its region."""
@@ -79,7 +78,7 @@ class Project(Whole):
             corner = corner[0] - plate.spec.full_x, corner[1] - plate.spec.full_y
         with session.resources.stats.time("project"):
             window, made, missing = rendered(
-                values, region, surface, known, corner, motion, colors.color, self.grain, (self.seed, self.frame or 0)
+                values, region, surface, known, corner, motion, colors.color, self.grain, self.frame or 0
             )
         if missing:
             self.warn("frame %s: %d pixels of the region are not on the plate: unchanged", self.frame, missing)

@@ -74,7 +74,7 @@ def laid_out(shot: Shot, regions: dict[int, np.ndarray], size: tuple[int, int], 
             raise ImageError(
                 f"frame {number} sees the horizon of the tracked plane: expected a surface that ends before it"
             )
-        quads.append(motion.onto(corners))
+        quads.append(motion.onto(corners + _MARGIN * np.sign(corners - np.array(size) / 2)))
         points = regions.get(number, np.empty((0, 2)))
         if len(points):
             inside.append(motion.onto(points))
@@ -146,7 +146,7 @@ def assembled(
         if not place.empty:
             points = motion.back(centers(place).reshape(-1, 2)).reshape(place.height, place.width, 2)
             at = place.inside(whole)
-            asked = at_points(_margin(region), points)[..., 0] > 0
+            asked = at_points(_margin(region), _inside(points, region.shape))[..., 0] > 0
             layers = np.concatenate([np.where(region[..., None], 0, values), ~region[..., None]], 2, dtype=np.float32)
             sampled = at_points(layers, points)
             here = np.abs(sampled[..., -1] - 1) < _WHOLE
@@ -162,6 +162,12 @@ def assembled(
     return total / np.where(known, weight, 1)[..., None], known, needed & ~known
 
 
+def _inside(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Points up to `_MARGIN` px beyond the border moved onto it: the filter reads there, too."""
+    edge = np.clip(points, 0.5, np.array(shape[::-1]) - 0.5)
+    return np.where(np.abs(points - edge).max(2, keepdims=True) <= _MARGIN, edge, points)
+
+
 def _margin(region: np.ndarray) -> np.ndarray:
     """A region with the pixels around it that rendering reads, (h, w, 1) float32."""
     return grown(region, _MARGIN)[..., None].astype(np.float32)
@@ -170,10 +176,10 @@ def _margin(region: np.ndarray) -> np.ndarray:
 def _seen(motion: FrameMotion, shape: tuple[int, ...], whole: Window) -> Window:
     """The part of the plate that a frame shows."""
     height, width = shape
-    x, y = np.linspace(0, width, 9), np.linspace(0, height, 9)
+    x, y = (np.linspace(-_MARGIN, n + _MARGIN, 9) for n in (width, height))
     rim = np.concatenate(
-        [np.stack(np.broadcast_arrays(x, v), 1) for v in (0, height)]
-        + [np.stack(np.broadcast_arrays(v, y), 1) for v in (0, width)]
+        [np.stack(np.broadcast_arrays(x, v), 1) for v in y[[0, -1]]]
+        + [np.stack(np.broadcast_arrays(v, y), 1) for v in x[[0, -1]]]
     )
     shown = motion.onto(rim)
     low, high = np.floor(shown.min(0)).astype(int), np.ceil(shown.max(0)).astype(int)

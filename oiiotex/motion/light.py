@@ -35,7 +35,7 @@ def gains(frame: np.ndarray, plate: np.ndarray, known: np.ndarray) -> np.ndarray
     return _enlarged(_continued(np.where(own > 1e-12, gain, 1.0), weight), known.shape)
 
 
-def grain(difference: np.ndarray, known: np.ndarray, key: tuple[int, int]) -> np.ndarray:
+def grain(difference: np.ndarray, known: np.ndarray, number: int) -> np.ndarray:
     """New grain like that of the frame.
 
     Its deviation and its correlation between channels and pixels are those of the known pixels: noise with their power
@@ -46,8 +46,8 @@ def grain(difference: np.ndarray, known: np.ndarray, key: tuple[int, int]) -> np
     difference : (h, w, c) float32
         The frame minus the matched plate.
     known : (h, w) bool
-    key : (int, int)
-        Seed and frame: the same key, the same grain.
+    number : int
+        The frame's: the same number, the same grain.
 
     Returns
     -------
@@ -58,12 +58,12 @@ def grain(difference: np.ndarray, known: np.ndarray, key: tuple[int, int]) -> np
         return np.zeros_like(difference)
     absolute = _cells(np.where(known[..., None], np.abs(difference), np.nan))
     with np.errstate(all="ignore"):
-        number = np.isfinite(absolute).sum(2)
+        full = np.isfinite(absolute).sum(2)
         middle = np.nan_to_num(_medians(absolute)) / _MAD
-    deviation = _enlarged(_continued(middle, number / CELL**2), known.shape)
+    deviation = _enlarged(_continued(middle, full / CELL**2), known.shape)
     overall = np.maximum(np.median(np.abs(difference[known]), 0) / _MAD, 1e-12)
     plain = np.clip(difference / np.maximum(deviation, 0.1 * overall), -_OUTLIER, _OUTLIER)
-    noise = np.random.Generator(np.random.Philox(key=list(key))).standard_normal((height, width, count), np.float32)
+    noise = np.random.Generator(np.random.Philox(key=number)).standard_normal((height, width, count), np.float32)
     noise = _colored(noise, plain, known)
     values = plain[known]
     relation = np.cov(values.T).reshape(count, count)

@@ -18,7 +18,7 @@ _STEEP = 1.15  # plate pixels per pixel of the frame: from here on the plate is 
 
 def rendered(
     frame: np.ndarray, region: np.ndarray, plate: np.ndarray, known: np.ndarray, corner: tuple[int, int],
-    motion: FrameMotion, matched: tuple[int, ...], grain_amount: float, key: tuple[int, int],
+    motion: FrameMotion, matched: tuple[int, ...], grain_amount: float, number: int,
 ) -> tuple[Window, np.ndarray, int]:  # fmt: skip
     """The plate in the region of a frame, with the frame's light and grain.
 
@@ -39,8 +39,8 @@ def rendered(
     matched : tuple of int
         Channels that get light and grain: colors.
     grain_amount : float
-    key : (int, int)
-        Seed and frame.
+    number : int
+        The frame's: each has its own grain, always the same.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def rendered(
     fill[..., colors] *= gains(sources, fill[..., colors], usable)
     if grain_amount:
         difference = np.where(usable[..., None], values[..., colors] - fill[..., colors], 0)
-        fill[..., colors] += grain_amount * grain(difference, usable, key)
+        fill[..., colors] += grain_amount * grain(difference, usable, number)
     amount = np.where(covered, np.clip(amount, 0, 1), 0)[..., None]
     near = (inner & whole).inside(window)
     mixed = np.where(amount == 0, values, (1 - amount) * values + amount * fill)

@@ -32,15 +32,20 @@ class FixedPixels:
     ----------
     where : (height, width) bool
         Which pixels of the target are fixed.
-    places : SourceMap
-        (height, width): the exemplar pixels that they show. Undefined at free pixels.
+    places : SourceMap or None
+        (height, width): the exemplar pixels that they show. Undefined at free pixels. None: they show no pixels of the
+        exemplar.
     is_goal : bool
         Match the overall histogram of the free pixels to that of the fixed ones, not to the exemplar's.
+    values : (height, width, channels) float32, optional
+        Their values, on the scale of the exemplar. Default: those of the exemplar at `places`, which are then also
+        restored in the result; otherwise it has the patches that fit best there.
     """
 
     where: np.ndarray
-    places: SourceMap
+    places: SourceMap | None
     is_goal: bool = False
+    values: np.ndarray | None = None
 
     def image(self, exemplar: SomeRows, geometry: Geometry) -> np.ndarray:
         """The fixed pixels on a level as a grid image, `OUTSIDE` where the target is free.
@@ -52,12 +57,15 @@ class FixedPixels:
         geometry : Geometry
             Geometry of the level.
         """
-        shown = coarse_image(self.places.gather(exemplar), self.where, geometry.width, geometry.height)
+        values = present(self.places).gather(exemplar) if self.values is None else self.values
+        shown = coarse_image(values, self.where, geometry.width, geometry.height)
         kept = coarse_mask(self.where, geometry.width, geometry.height)
         return np.where(present(kept)[..., None], to_grid(shown, geometry.steps), OUTSIDE)
 
     def first_guess(self, field: SourceMap, shape: tuple[int, ...], geometry: Geometry) -> SourceMap:
         """The field with patches that begin at a fixed pixel matched to that pixel's source, as the initial guess."""
+        if self.places is None:
+            return field
         g = geometry
         y = (np.arange(g.rows) * 2 + 1) * self.where.shape[0] // (2 * g.height)
         x = (np.arange(g.columns) * 2 + 1) * self.where.shape[1] // (2 * g.width)

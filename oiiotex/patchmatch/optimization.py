@@ -201,7 +201,7 @@ def synthesize(
                 prices_of_flatness = use_prices.handed_on(device, buffers) if recipe.complete else np.zeros(0)
                 levels.keep(level, geometry, field, prices_of_flatness)
         source = matcher.pick()
-        if fixed is not None:
+        if fixed is not None and fixed.places is not None and fixed.values is None:
             source = SourceMap(np.where(fixed.where, fixed.places.packed, source.packed))
         lost = None if prices is None else lost_texture(source, image, patches, geometry)
         return Synthesis(source, present(field), lost)
