@@ -17,11 +17,11 @@ from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..io.reading import read
-from ..motion.clean_plate import Layout, assembled, laid_out, region_points
+from ..motion.clean_plate import PlateLayout, assembled, laid_out, region_points
 from ..motion.frame_files import files, frame_range, numbered, region_of, siblings, values_of
 from ..motion.frame_motion import FrameMotion, Shot, read_shot, stored
 from ..motion.given_motion import CONVENTIONS, after, of_st_map
-from ..motion.tracking import View, gray_view, surroundings, tracked
+from ..motion.tracking import SeenFrame, gray_view, surroundings, tracked
 from ..session import Session
 
 _COPIES = 5  # of a plate in memory while it is assembled: sum, result and the samples of a frame
@@ -29,22 +29,24 @@ _COPIES = 5  # of a plate in memory while it is assembled: sum, result and the s
 
 @dataclass(frozen=True, kw_only=True)
 class Plate(Whole):
-    """Assemble a clean plate: the surface behind a region, from all frames of a shot that show it.
+    """Assemble a clean plate of a shot: the surface that an object hides, from all frames that show it.
 
     The motion of the surface is tracked around the region (a homography for each frame), or given by `motion`. The
     plate has the pixels of the given frame and grows by everything that other frames show. It has as many pixels as
     the frame that shows the region the largest, and little grain, because it is a mean of frames.
 
-    What no frame shows is transparent, and white in part 'region': fill it once (`fill`, or `inpaint` of
-    `stationarize`), then render the plate into every frame with `project`. The fill cannot flicker, and nothing is
-    resampled more than once.
+    Pixels that no frame shows are transparent, and white in part 'region': fill them once with `fill`, then render
+    the plate into every frame with `project`. All frames show the same fill, so it does not flicker, and each is
+    resampled once.
     """
 
     example: ClassVar[str] = '>>> plate = filters.plate("photo.png")'
     name: ClassVar[str] = "plate"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("plate", Kind.PIXELS, "The surface, in the frames' color space and type, with alpha 0 where unknown."),
+        Output(
+            "plate", Kind.PIXELS, "The surface, in the frames' color space and type. Alpha is 0 where it is unknown."
+        ),
         Output("region", Kind.MASK, "Pixels that frames need and none shows.", asked_by="hole"),
         Output(
             "motion", Kind.ARRAYS, "Frames and their matrices, from frame to plate, for `project`.", asked_by="save"
@@ -164,11 +166,11 @@ class Plate(Whole):
         shown = self._frames()
         colors = list(channels_of(self.source.first.spec).color)
 
-        def views(order: list[int]) -> Iterator[View]:
+        def views(order: list[int]) -> Iterator[SeenFrame]:
             for number in order:
                 part = read(shown[number][0]).first
                 values = self._values(part, number, display)[..., colors]
-                yield View(number, gray_view(values), surroundings(regions[number]))
+                yield SeenFrame(number, gray_view(values), surroundings(regions[number]))
 
         for order in (
             sorted(n for n in numbers if n >= numbers[0]),
@@ -182,7 +184,7 @@ class Plate(Whole):
 
     def _assembled(
         self,
-        layout: Layout,
+        layout: PlateLayout,
         shown: dict[int, tuple[str, str]],
         regions: dict[int, np.ndarray],
         display: Window,
@@ -203,7 +205,7 @@ class Plate(Whole):
         spec.full_x, spec.full_y, spec.full_width, spec.full_height = window.left, window.top, *window.size
         spec.attribute("oiiotex:scale", float(layout.scale))
         values[~known] = 0
-        if colors.alpha is None:
+        if colors.alpha is None and not known.all():
             values = np.concatenate([values, known[..., None]], 2, dtype=np.float32)
             spec.nchannels, spec.alpha_channel = spec.nchannels + 1, spec.nchannels
             spec.channelnames = (*first.spec.channelnames, "A")

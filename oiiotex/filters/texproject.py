@@ -30,7 +30,8 @@ class Project(Whole):
 
     Each frame is sampled once from the plate (`plate`), so the fill moves with the surface and stays sharp. Its level
     is matched to the frame's, as measured around the region, and it gets new grain like the frame's. Pixels outside
-    the region are unchanged. Frames do not depend on each other: distribute, skip and repeat them as you like.
+    the region, and channels that the plate lacks, are unchanged. Frames do not depend on each other, so they can be
+    distributed, skipped and repeated.
     """
 
     example: ClassVar[str] = '>>> frame = filters.project("photo.png", "photo.png")'
@@ -42,7 +43,9 @@ class Project(Whole):
 
     source: Image = image(help="Frame of the shot.")
     plate: Image = image(help="Filled plate.")
-    region: Image | None = image(None, help="Mask: white is replaced, gray is mixed. Default: the whole frame.")
+    region: Image | None = image(
+        None, help="Mask: white is replaced, gray is mixed. Without it, the whole frame is replaced."
+    )
     motion: Path | None = param(
         None, unset="none: plate and frame have the same pixels", example="shot.npz", help="File that `plate` saved."
     )
@@ -55,10 +58,10 @@ class Project(Whole):
         """The frame with the plate in its region."""
         part, plate = self.source.first, self.plate.first
         motion = self._motion(session)
-        names = part.spec.channelnames
-        lacking = [name for name in names if name not in plate.spec.channelnames]
+        names, colors = part.spec.channelnames, channels_of(part.spec)
+        lacking = [names[c] for c in colors.color if names[c] not in plate.spec.channelnames]
         if lacking:
-            raise ImageError(f"plate {self.plate.source} has no channel {lacking[0]}: expected those of the frame")
+            raise ImageError(f"plate {self.plate.source} has no channel {lacking[0]}: expected the frame's colors")
         pixels = part.spec.width * part.spec.height + plate.spec.width * plate.spec.height
         session.resources.require(_COPIES * 4 * len(names) * pixels, self.flag())
         display = Window.display(part.spec)
@@ -68,29 +71,34 @@ class Project(Whole):
             region = region_of(self.region.first, display, f"region {self.region.source}")
         if not region.any():
             return {"frame": part}
-        values, colors = values_of(part, display, "frame"), channels_of(part.spec)
+        values = values_of(part, display, "frame")
         surface = as_float(plate.pixels())
         alpha = channels_of(plate.spec).alpha
         known = np.ones(surface.shape[:2], bool) if alpha is None else surface[..., alpha] > 0
-        surface = surface[..., [plate.spec.channelnames.index(name) for name in names]]
+        shared = [c for c, name in enumerate(names) if name in plate.spec.channelnames]
+        surface = surface[..., [plate.spec.channelnames.index(names[c]) for c in shared]]
         corner = plate.window.left, plate.window.top
         if self.motion is None:
             corner = corner[0] - plate.spec.full_x, corner[1] - plate.spec.full_y
         with session.resources.stats.time("project"):
             window, made, missing = rendered(
-                values, region, surface, known, corner, motion, colors.color, self.grain, self.frame or 0
-            )
+                values[..., shared], region, surface, known, corner, motion,
+                tuple(shared.index(c) for c in colors.color), self.grain, self.frame or 0,
+            )  # fmt: skip
         if missing:
             self.warn("frame %s: %d pixels of the region are not on the plate: unchanged", self.frame, missing)
         place, dtype = window.shifted(display.left, display.top), np.dtype(dtype_of(part.spec))
-        changed, stored = region[window.inside(Window(0, 0, *display.size))] > 0, in_type(made, dtype)
+        at = window.inside(Window(0, 0, *display.size))
+        changed, stored = region[at] > 0, values[at].copy()
+        stored[..., shared] = made
+        stored = in_type(stored, dtype)
 
         def fetch(wanted: Window) -> np.ndarray:
             rows = part.read(wanted).copy()
-            shared = wanted & place
-            if not shared.empty:
-                at = shared.inside(place)
-                rows[shared.inside(wanted)] = np.where(changed[at][..., None], stored[at], rows[shared.inside(wanted)])
+            near = wanted & place
+            if not near.empty:
+                here, there = near.inside(place), near.inside(wanted)
+                rows[there] = np.where(changed[here][..., None], stored[here], rows[there])
             return rows
 
         return {"frame": replace(part, spec=derived_spec(part.spec), fetch=fetch, levels=(), thumbnail=None)}

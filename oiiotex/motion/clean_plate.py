@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A clean plate: the surface behind a region, as far as the frames of a shot show it."""
+"""A clean plate: the surface that an object hides, as far as the frames of a shot show it."""
 
 from __future__ import annotations
 
@@ -20,11 +20,9 @@ _EVERY = 8  # px between points that decide on size and scale
 _SHARP = 4  # power of a frame's resolution in its weight: the sharpest frame decides
 _WHOLE = 1e-3  # difference of the filter's weight from 1, where a pixel outside or in the region is involved
 
-Frames = Callable[[], Iterable[tuple[int, np.ndarray, np.ndarray]]]  # number, values (h, w, c), region (h, w) bool
-
 
 @dataclass(frozen=True)
-class Layout:
+class PlateLayout:
     """The plate's pixels.
 
     Attributes
@@ -42,7 +40,7 @@ class Layout:
     scale: float
 
 
-def laid_out(shot: Shot, regions: dict[int, np.ndarray], size: tuple[int, int], given: int) -> Layout:
+def laid_out(shot: Shot, regions: dict[int, np.ndarray], size: tuple[int, int], given: int) -> PlateLayout:
     """The plate for the regions of all frames.
 
     Parameters
@@ -67,25 +65,28 @@ def laid_out(shot: Shot, regions: dict[int, np.ndarray], size: tuple[int, int], 
         shot[given] = FrameMotion(np.eye(3))
     width, height = size
     corners = np.array([(0, 0), (width, 0), (width, height), (0, height)], float)
-    quads, inside, finest = [], [], 1.0
+    quads, inside, finest, widest = [], [], 1.0, 1.0
     for number, motion in shot.items():
         depth = np.c_[corners, np.ones(4)] @ motion.matrix[:, 2]
         if depth.min() * depth.max() <= 0 or depth.min() / depth.max() > 50 or depth.max() / depth.min() > 50:
             raise ImageError(
                 f"frame {number} sees the horizon of the tracked plane: expected a surface that ends before it"
             )
-        quads.append(motion.onto(corners + _MARGIN * np.sign(corners - np.array(size) / 2)))
+        quads.append(motion.onto(corners))
         points = regions.get(number, np.empty((0, 2)))
         if len(points):
             inside.append(motion.onto(points))
-            finest = min(finest, float(np.quantile(_steps(motion, points), 0.05)))
+            steps = _steps(motion, points)
+            finest, widest = min(finest, float(np.quantile(steps, 0.05))), max(widest, float(steps.max()))
     scale = min(MOST_SCALE, 1.0 / finest)
     shown = np.concatenate(quads)
     low, high = shown.min(0), shown.max(0)
-    if inside:  # what is far from the region is no source of it
+    if inside:  # distant pixels are rarely a source of its texture
         region = np.concatenate(inside)
         reach = max(np.ptp(region, axis=0).max(), max(size)) / 2
-        low, high = np.maximum(low, region.min(0) - reach), np.minimum(high, region.max(0) + reach)
+        near, far = region.min(0), region.max(0)
+        low, high = np.maximum(low, near - reach), np.minimum(high, far + reach)
+        low, high = np.minimum(low, near - _MARGIN * widest), np.maximum(high, far + _MARGIN * widest)
     window = Window(*(math.floor(v * scale) for v in low), *(math.ceil(v * scale) for v in high))
     if max(window.size) > _MOST_SIDE:
         raise ImageError(
@@ -93,7 +94,7 @@ def laid_out(shot: Shot, regions: dict[int, np.ndarray], size: tuple[int, int], 
             hint="give a shorter range of frames",
         )
     sized = np.diag([scale, scale, 1.0])
-    return Layout({n: motion.then(sized) for n, motion in shot.items()}, window, scale)
+    return PlateLayout({n: motion.then(sized) for n, motion in shot.items()}, window, scale)
 
 
 def _steps(motion: FrameMotion, points: np.ndarray) -> np.ndarray:
@@ -113,7 +114,10 @@ def region_points(region: np.ndarray) -> np.ndarray:
 
 
 def assembled(
-    layout: Layout, frames: Iterable[tuple[int, np.ndarray, np.ndarray]], matched: int, advance: Callable[[int], object]
+    layout: PlateLayout,
+    frames: Iterable[tuple[int, np.ndarray, np.ndarray]],
+    matched: int,
+    advance: Callable[[int], object],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The plate from all frames, its known pixels, and those that are needed and not known.
 
@@ -122,7 +126,7 @@ def assembled(
 
     Parameters
     ----------
-    layout : Layout
+    layout : PlateLayout
     frames : iterable of (number, (h, w, c) float32, (h, w) bool)
         Values and region of each frame, the given frame first, then outwards.
     matched : int
@@ -150,6 +154,7 @@ def assembled(
             layers = np.concatenate([np.where(region[..., None], 0, values), ~region[..., None]], 2, dtype=np.float32)
             sampled = at_points(layers, points)
             here = np.abs(sampled[..., -1] - 1) < _WHOLE
+            here &= ((points >= 0.5) & (points <= np.array(region.shape[::-1]) - 0.5)).all(2)
             share = np.where(here, np.minimum(_density(points), 1) ** _SHARP, 0).astype(np.float32)
             sampled = sampled[..., :-1]
             sampled[..., :matched] *= _gain(total[at], weight[at], sampled, here)[:matched]
@@ -163,7 +168,7 @@ def assembled(
 
 
 def _inside(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Points up to `_MARGIN` px beyond the border moved onto it: the filter reads there, too."""
+    """Points up to `_MARGIN` px beyond the border moved onto it: the filter reads there."""
     edge = np.clip(points, 0.5, np.array(shape[::-1]) - 0.5)
     return np.where(np.abs(points - edge).max(2, keepdims=True) <= _MARGIN, edge, points)
 

@@ -27,7 +27,9 @@ def gains(frame: np.ndarray, plate: np.ndarray, known: np.ndarray) -> np.ndarray
     -------
     (h, w, c) float32
     """
-    ease = np.mean(plate[known] ** 2, 0) + 1e-12 if known.any() else np.ones(plate.shape[2], np.float32)
+    if not known.any():
+        return np.ones_like(plate)
+    ease = np.mean(plate[known] ** 2, 0) + 1e-12
     share = known[..., None] / (plate**2 + ease)
     both, own = _sums(frame * plate * share), _sums(plate**2 * share)
     gain = np.clip(both / np.maximum(own, 1e-12), 1 / MOST_GAIN, MOST_GAIN)

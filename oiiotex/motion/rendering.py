@@ -12,7 +12,7 @@ from .light import gains, grain
 from .sampling import REACH, at_points, centers, grown, reduced
 
 _AROUND = 64  # px around the region in which light and grain are measured, and a quarter of its size
-_FILLED = 2 * REACH + 2  # px around the region where the plate may be filled, too: no frame shows them whole
+_FILLED = 2 * REACH + 2  # px around the region where the plate may be filled, because filters read the region there
 _STEEP = 1.15  # plate pixels per pixel of the frame: from here on the plate is reduced first
 
 
@@ -56,11 +56,12 @@ def rendered(
     window = inner.grown(around, around) & whole
     at = window.inside(whole)
     points = motion.onto(centers(window).reshape(-1, 2)).reshape(window.height, window.width, 2) - corner
-    layers = np.concatenate([plate, known[..., None]], 2, dtype=np.float32)
+    known = known & np.isfinite(plate).all(2)
+    layers = np.concatenate([np.where(known[..., None], plate, 0), known[..., None]], 2, dtype=np.float32)
     seen = _sampled(layers, points)
     covered = np.abs(seen[..., -1] - 1) < 0.01
     fill, values, amount = seen[..., :-1], frame[at], region[at]
-    fill = np.where(covered[..., None], fill, values)
+    fill = np.where(covered[..., None], fill, 0)
     colors = list(matched)
     usable = covered & ~grown(amount > 0, _FILLED) & np.isfinite(values).all(2)
     sources = np.where(usable[..., None], values[..., colors], 0)
@@ -70,7 +71,9 @@ def rendered(
         fill[..., colors] += grain_amount * grain(difference, usable, number)
     amount = np.where(covered, np.clip(amount, 0, 1), 0)[..., None]
     near = (inner & whole).inside(window)
-    mixed = np.where(amount == 0, values, (1 - amount) * values + amount * fill)
+    with np.errstate(invalid="ignore"):  # infinite values of the frame where nothing of it is used
+        part = np.where(amount == 1, 0, (1 - amount) * values)
+    mixed = np.where(amount == 0, values, part + amount * fill)
     return inner, mixed[near], int(np.count_nonzero((region[at] > 0) & ~covered))
 
 

@@ -27,7 +27,7 @@ _SHARE = 0.3  # of the features found again that must lie on one plane
 _ALONE = 3  # px around the region that its soft border may cover
 
 
-class View(NamedTuple):
+class SeenFrame(NamedTuple):
     """A frame as the tracker sees it."""
 
     number: int
@@ -35,15 +35,15 @@ class View(NamedTuple):
     around: np.ndarray  # (height, width) bool: where the surface may be seen
 
 
-class _Key(NamedTuple):
+class _KeyFrame(NamedTuple):
     """A frame whose features are followed until too few are left: errors do not add up from frame to frame."""
 
-    view: View
+    view: SeenFrame
     points: np.ndarray  # (n, 1, 2) float32
     matrix: np.ndarray  # frame to plate
 
 
-def tracked(views: Iterable[View]) -> Iterator[tuple[int, FrameMotion]]:
+def tracked(views: Iterable[SeenFrame]) -> Iterator[tuple[int, FrameMotion]]:
     """The motion of each frame relative to the first, from views in order of time, either way.
 
     Features around the region are followed (Lucas and Kanade 1981, in pyramids), and the homography of most of them is
@@ -57,18 +57,18 @@ def tracked(views: Iterable[View]) -> Iterator[tuple[int, FrameMotion]]:
         A frame has too few features, or does not show the surface of the frame before it.
     """
     cv2 = _opencv()
-    key: _Key | None = None
-    last, step = np.eye(3), np.eye(3)  # key frame to the last frame; the motion between frames, which tends to go on
-    previous: View | None = None
+    key: _KeyFrame | None = None
+    last, step = np.eye(3), np.eye(3)  # key frame to the last frame; the motion between frames, a guess for the next
+    previous: SeenFrame | None = None
     for view in views:
         if key is None or previous is None:
-            key = _Key(view, _features(cv2, view), np.eye(3))
+            key = _KeyFrame(view, _features(cv2, view), np.eye(3))
             yield view.number, FrameMotion(np.eye(3))
             previous = view
             continue
         found, share = _matrix(cv2, key, view, last @ step)
         if found is None and previous is not key.view:
-            key, last = _Key(previous, _features(cv2, previous), np.linalg.inv(last) @ key.matrix), np.eye(3)
+            key, last = _KeyFrame(previous, _features(cv2, previous), np.linalg.inv(last) @ key.matrix), np.eye(3)
             found, share = _matrix(cv2, key, view, step)
         if found is None:
             found, share = _matrix(cv2, key, view, np.eye(3))
@@ -82,7 +82,7 @@ def tracked(views: Iterable[View]) -> Iterator[tuple[int, FrameMotion]]:
         step = np.linalg.inv(last) @ found
         last, previous = found, view
         if share < _LEFT:
-            key, last = _Key(view, _features(cv2, view), np.linalg.inv(found) @ key.matrix), np.eye(3)
+            key, last = _KeyFrame(view, _features(cv2, view), np.linalg.inv(found) @ key.matrix), np.eye(3)
 
 
 def _opencv() -> Any:
@@ -95,7 +95,7 @@ def _opencv() -> Any:
     return cv2
 
 
-def _features(cv2: Any, view: View) -> np.ndarray:
+def _features(cv2: Any, view: SeenFrame) -> np.ndarray:
     """Corners of the surface in a frame, (n, 1, 2) float32."""
     mask = (255 * view.around).astype(np.uint8)
     points = cv2.goodFeaturesToTrack(view.gray, _FEATURES, 0.01, _APART, mask=mask)
@@ -108,7 +108,7 @@ def _features(cv2: Any, view: View) -> np.ndarray:
     return points
 
 
-def _matrix(cv2: Any, key: _Key, view: View, guess: np.ndarray) -> tuple[np.ndarray | None, float]:
+def _matrix(cv2: Any, key: _KeyFrame, view: SeenFrame, guess: np.ndarray) -> tuple[np.ndarray | None, float]:
     """Key frame to this frame, from a guess, and the share of features found; None if they do not agree."""
     how = {
         "winSize": (_WINDOW, _WINDOW),
