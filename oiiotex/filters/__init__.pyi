@@ -2826,7 +2826,6 @@ def patchmatch(
     session: Session | None = None,
 ) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
 
-@overload
 def plate(
     source: ImageLike,
     /,
@@ -2836,7 +2835,6 @@ def plate(
     motion: FileName | None = None,
     vectors: Literal['st', 'backward', 'forward'] = 'st',
     flip: bool = False,
-    hole: FileName | Literal[False] = True,
     save: FileName | None = None,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -2873,8 +2871,6 @@ def plate(
         forward.u and forward.v, otherwise the first two.
     flip : bool, default False
         Read `motion` with t or v pointing up, as in Nuke and Blender.
-    hole : bool | FileName, default True
-        Pixels to fill. 1: append them as part 'region'; a file name: write them to that file.
     save : FileName | None, default None
         File for the motion of all frames, for `project`.
     colorspace : str | None, default None
@@ -2888,11 +2884,10 @@ def plate(
 
     Returns
     -------
-    ImageBuf | dict[str, ImageBuf]
-        A dict of parts by name if more than one part is requested.
+    ImageBuf
         - plate: The surface, in the frames' color space and type. Alpha is 0 where it is unknown.
           [pixels]
-        - region: Pixels that frames need and none shows. [0 or 1, 32-bit floats; with hole]
+        - region: Pixels that frames need and none shows. [0 or 1, 32-bit floats]
         - motion: Frames and their matrices, from frame to plate, for `project`. [.npz; with save]
 
     Raises
@@ -2905,40 +2900,6 @@ def plate(
     >>> from oiiotex import filters
     >>> plate = filters.plate("photo.png")
     """
-@overload
-def plate(
-    source: ImageLike,
-    /,
-    *,
-    region: ImageLike | None = None,
-    frames: str = '',
-    motion: FileName | None = None,
-    vectors: Literal['st', 'backward', 'forward'] = 'st',
-    flip: bool = False,
-    hole: Literal[True],
-    save: FileName | None = None,
-    colorspace: str | None = None,
-    roi: ROI | None = None,
-    nthreads: int = 0,
-    session: Session | None = None,
-) -> dict[str, ImageBuf]: ...
-@overload
-def plate(
-    source: ImageLike,
-    /,
-    *,
-    region: ImageLike | None = None,
-    frames: str = '',
-    motion: FileName | None = None,
-    vectors: Literal['st', 'backward', 'forward'] = 'st',
-    flip: bool = False,
-    hole: bool | FileName = True,
-    save: FileName | None = None,
-    colorspace: str | None = None,
-    roi: ROI | None = None,
-    nthreads: int = 0,
-    session: Session | None = None,
-) -> ImageBuf | dict[str, ImageBuf]: ...
 
 def preview(
     tile: ImageLike,

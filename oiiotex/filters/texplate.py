@@ -47,7 +47,7 @@ class Plate(Whole):
         Output(
             "plate", Kind.PIXELS, "The surface, in the frames' color space and type. Alpha is 0 where it is unknown."
         ),
-        Output("region", Kind.MASK, "Pixels that frames need and none shows.", asked_by="hole"),
+        Output("region", Kind.MASK, "Pixels that frames need and none shows."),
         Output(
             "motion", Kind.ARRAYS, "Frames and their matrices, from frame to plate, for `project`.", asked_by="save"
         ),
@@ -77,9 +77,6 @@ class Plate(Whole):
         " forward.v, otherwise the first two.",
     )
     flip: bool = param(False, help="Read `motion` with t or v pointing up, as in Nuke and Blender.")
-    hole: bool | Path = param(
-        True, help="Pixels to fill. 1: append them as part 'region'; a file name: write them to that file."
-    )
     save: Path | None = param(None, example="shot.npz", help="File for the motion of all frames, for `project`.")
 
     def compute(self, session: Session) -> dict[str, Any]:
