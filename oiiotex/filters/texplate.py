@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from ..color.lab import in_type
 from ..core.access import Whole
@@ -17,12 +17,12 @@ from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..io.reading import read
-from ..motion.clean_plate import PlateLayout, assembled, laid_out, region_points
-from ..motion.frame_files import files, frame_range, numbered, region_of, siblings, values_of
-from ..motion.frame_motion import FrameMotion, Shot, read_shot, stored
-from ..motion.given_motion import CONVENTIONS, after, of_st_map
-from ..motion.tracking import SeenFrame, gray_view, surroundings, tracked
 from ..session import Session
+
+if TYPE_CHECKING:
+    from ..motion.clean_plate import PlateLayout
+    from ..motion.frame_motion import Shot
+    from ..motion.tracking import SeenFrame
 
 _COPIES = 5  # of a plate in memory while it is assembled: sum, result and the samples of a frame
 
@@ -71,7 +71,7 @@ class Plate(Whole):
     )
     vectors: str = param(
         "st",
-        choices=CONVENTIONS,
+        choices=("st", "backward", "forward"),
         help="Meaning of `motion`. st: place in the given frame, from 0 to 1; backward, forward: vectors in pixels to"
         " the previous or the next frame. Channels are s and t, or backward.u and backward.v, or forward.u and"
         " forward.v, otherwise the first two.",
@@ -81,6 +81,9 @@ class Plate(Whole):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The plate, the pixels to fill, and the motion."""
+        from ..motion.clean_plate import laid_out, region_points
+        from ..motion.frame_motion import stored
+
         shown = self._frames()
         display = Window.display(self.source.first.spec)
         given = next(iter(shown))
@@ -94,6 +97,8 @@ class Plate(Whole):
 
     def _frames(self) -> dict[int, tuple[str, str]]:
         """Files of the frame and of the region by number, the given frame first, then outwards; '': as given."""
+        from ..motion.frame_files import files, frame_range, numbered
+
         number = numbered(self.source.source)
         if not self.frames:
             return {number or 0: ("", "")}
@@ -110,6 +115,8 @@ class Plate(Whole):
         self, shown: dict[int, tuple[str, str]], display: Window
     ) -> Iterator[tuple[int, tuple[Part, np.ndarray]]]:
         """Each frame with its region, (h, w) bool."""
+        from ..motion.frame_files import region_of
+
         for number, (picture, mask) in shown.items():
             part = read(picture).first if picture else self.source.first
             holder = read(mask) if mask else self.region
@@ -120,6 +127,8 @@ class Plate(Whole):
             yield number, (part, region)
 
     def _values(self, part: Part, number: int, display: Window) -> np.ndarray:
+        from ..motion.frame_files import values_of
+
         if part.spec.channelnames != self.source.first.spec.channelnames:
             names = ", ".join(part.spec.channelnames)
             raise ImageError(f"frame {number} has channels {names}: expected those of {self.source.source}")
@@ -127,6 +136,10 @@ class Plate(Whole):
 
     def _motion(self, numbers: list[int], regions: dict[int, np.ndarray], display: Window, session: Session) -> Shot:
         """From each frame to a common plane."""
+        from ..motion.frame_files import siblings
+        from ..motion.frame_motion import FrameMotion, read_shot
+        from ..motion.given_motion import after, of_st_map
+
         given = numbers[0]
         if self.motion is None:
             return self._tracked(numbers, regions, display, session)
@@ -157,6 +170,9 @@ class Plate(Whole):
 
     def _tracked(self, numbers: list[int], regions: dict[int, np.ndarray], display: Window, session: Session) -> Shot:
         """The motion tracked from the given frame on, forward and backward in time."""
+        from ..motion.frame_motion import FrameMotion
+        from ..motion.tracking import SeenFrame, gray_view, surroundings, tracked
+
         if len(numbers) == 1:
             return {numbers[0]: FrameMotion(np.eye(3))}
         shot: Shot = {}
@@ -187,6 +203,8 @@ class Plate(Whole):
         display: Window,
         session: Session,
     ) -> dict[str, Part]:
+        from ..motion.clean_plate import assembled
+
         first, window = self.source.first, layout.window
         need = _COPIES * 4 * (first.spec.nchannels + 2) * window.width * window.height
         session.resources.require(

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from ..color.config import as_float
 from ..color.lab import in_type
@@ -16,10 +16,10 @@ from ..core.parameters import image, param
 from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError, ParameterError
-from ..motion.frame_files import region_of, values_of
-from ..motion.frame_motion import FrameMotion, read_shot
-from ..motion.rendering import rendered
 from ..session import Session
+
+if TYPE_CHECKING:
+    from ..motion.frame_motion import FrameMotion
 
 _COPIES = 6  # of frame and plate in memory
 
@@ -56,6 +56,9 @@ class Project(Whole):
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The frame with the plate in its region."""
+        from ..motion.frame_files import region_of, values_of
+        from ..motion.rendering import rendered
+
         part, plate = self.source.first, self.plate.first
         motion = self._motion(session)
         names, colors = part.spec.channelnames, channels_of(part.spec)
@@ -104,6 +107,8 @@ class Project(Whole):
         return {"frame": replace(part, spec=derived_spec(part.spec), fetch=fetch, levels=(), thumbnail=None)}
 
     def _motion(self, session: Session) -> FrameMotion:
+        from ..motion.frame_motion import FrameMotion, read_shot
+
         if self.motion is None:
             return FrameMotion(np.eye(3))
         shot = read_shot(self.motion, session.resources.budget)

@@ -106,8 +106,11 @@ def _normalized(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def stored(shot: Shot) -> dict[str, np.ndarray]:
     """A shot's motion as arrays for a file: `frames` (n,), `matrices` (n, 3, 3), and `bends` if there are some."""
     arrays = {"frames": np.array(list(shot)), "matrices": np.stack([motion.matrix for motion in shot.values()])}
-    bends = [motion.bend for motion in shot.values() if motion.bend is not None]
-    return arrays | ({"bends": np.stack(bends)} if bends else {})
+    bent = next((motion.bend for motion in shot.values() if motion.bend is not None), None)
+    if bent is not None:
+        none = np.zeros_like(bent)
+        arrays["bends"] = np.stack([none if motion.bend is None else motion.bend for motion in shot.values()])
+    return arrays
 
 
 def read_shot(path: Path, budget: int) -> Shot:

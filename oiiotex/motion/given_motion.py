@@ -8,8 +8,6 @@ from ..deferred import np
 from ..errors import ImageError
 from .frame_motion import STEP, FrameMotion, fitted, nodes
 
-CONVENTIONS = ("st", "backward", "forward")
-
 
 def of_st_map(part: Part, flip: bool, name: str) -> FrameMotion:
     """The motion of a frame from its ST map: for each pixel, the place in the given frame, 0 to 1."""
