@@ -36,7 +36,8 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
     """A function of the op's images (positional) and parameters (keywords), with `session=` for resources.
 
     Optional images are keywords; their value may be the name of a part of the first image. The function returns an
-    ImageBuf, or a dict of them by name if more than one output is requested; a list of these for several images.
+    ImageBuf (with as_array, an array), or a dict of them by name if more than one output is requested; a list of these
+    for several images.
     """
 
     def function(
@@ -45,13 +46,14 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
         roi: oiio.ROI | None = None,
         nthreads: int = 0,
         session: Session | None = None,
+        as_array: bool = False,
         **values: Any,
     ) -> Any:
         session = session or Session(threads=nthreads)
         try:
             with errors_of(op):
                 bound = _bound(op, images, values, colorspace, session.resources)
-                results, failed = session.resources.on_a_device(lambda: _results_of(bound, session, roi))
+                results, failed = session.resources.on_a_device(lambda: _results_of(bound, session, roi, as_array))
         except Error as error:
             error.words = PYTHON
             raise
@@ -156,14 +158,17 @@ def _keyword(op: type[Op], name: str, value: ImageLike, first: Image | None, res
     raise ParameterError(parameter=name, value=value, expected=f"a part of the image ({has}) or an existing file")
 
 
-def _results_of(bound: Op, session: Session, roi: oiio.ROI | None) -> tuple[list[Any], list[str]]:
+def _results_of(bound: Op, session: Session, roi: oiio.ROI | None, as_array: bool) -> tuple[list[Any], list[str]]:
     """Its images, and the limits that they exceed."""
     results = run(bound, session)
-    return [_buffers(type(bound), one, roi) for one in results], [text for one in results for text in one.failed]
+    made = [_buffers(type(bound), one, roi, as_array) for one in results]
+    return made, [text for one in results for text in one.failed]
 
 
-def _buffers(op: type[Op], result: Result, roi: oiio.ROI | None) -> Any:
-    buffers = [to_buffer(part if roi is None else _within(part, roi, op), ResultBuf) for part in result.image.parts]
+def _buffers(op: type[Op], result: Result, roi: oiio.ROI | None, as_array: bool) -> Any:
+    parts = [part if roi is None else _within(part, roi, op) for part in result.image.parts]
+    buffers: list[Any] = [to_buffer(part, ResultBuf) for part in parts]
+    buffers = [np.asarray(one) for one in buffers] if as_array else buffers
     return buffers[0] if len(buffers) == 1 else dict(zip(result.names, buffers, strict=True))
 
 

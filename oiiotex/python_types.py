@@ -40,8 +40,9 @@ _COMMON: tuple[tuple[str, str, int | None, str], ...] = (  # name, type, default
     ("roi", "ROI | None", None, "Region of the result to compute. Default: all of it."),
     ("nthreads", "int", 0, "Number of CPU threads if no session is given. 0: all that the process may use."),
     ("session", "Session | None", None, "Device, memory budget, color config and progress, shared by several calls."),
+    ("as_array", "bool", False, "Return arrays of pixels instead of ImageBufs, without color space and metadata."),
 )
-SINGLE, PARTS = "ImageBuf", "dict[str, ImageBuf]"
+SINGLE, PARTS, ARRAY = "ImageBuf", "dict[str, ImageBuf]", "Array"
 
 
 def annotation(parameter: Parameter) -> str:
@@ -133,8 +134,8 @@ class ResultBuf(oiio.ImageBuf):
 # --- signature and docstring ---
 
 
-def signature(op: type[Op], form: Form | None = None) -> inspect.Signature:
-    """Signature of the op's function, or of one form of it; types are strings."""
+def signature(op: type[Op], form: Form | None = None, arrays: bool | None = None) -> inspect.Signature:
+    """Signature of the op's function, or of one form of it, with or without arrays as results; types are strings."""
     form = form or forms(op)[-1]
     kinds = inspect.Parameter
     first = [
@@ -157,7 +158,13 @@ def signature(op: type[Op], form: Form | None = None) -> inspect.Signature:
         if not (form.narrowed and p.count and p.kind is None)
     ]
     common = [kinds(name, kinds.KEYWORD_ONLY, default=d, annotation=text) for name, text, d, _ in _COMMON]
-    return inspect.Signature([*first, *keywords, *common], return_annotation=form.returns)
+    if arrays is not None:
+        last = common[-1].replace(annotation=f"Literal[{arrays}]")
+        common[-1] = last.replace(default=kinds.empty) if arrays else last
+    returns = form.returns
+    if arrays:  # calls that return one array are by far the most
+        returns = ARRAY if returns == SINGLE else f"{ARRAY} | Any"
+    return inspect.Signature([*first, *keywords, *common], return_annotation=returns)
 
 
 def takes_none(op: type[Op]) -> bool:

@@ -228,6 +228,6 @@ def test_reuse_is_a_modifier_of_its_own(tmp_path):
     shown = []
     for number, reuse in enumerate((0, 1)):
         report = tmp_path / f"{number}.json"
-        filters.stationarize(photo(96, 96), reuse=reuse, size=(192, 192), report=report)
+        filters.stationarize(photo(96, 96), reusepenalty=reuse, size=(192, 192), report=report)
         shown.append(json.loads(report.read_text())["results"][0]["measures"]["repeat"])
     assert shown[1] < shown[0]

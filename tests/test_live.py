@@ -285,7 +285,7 @@ def test_a_stroke_changes_its_neighborhood_alone_and_is_undone_to_the_bit(page, 
     table = json.loads((folder / "photo.palette.json").read_text())
     finer = table["labels"][chosen]["children"][0]
     paint = next(n for n, word in enumerate(words) if word.startswith("--texpaint"))
-    words = [*words[1:paint], f"{words[paint]}:keep=1", "-o", "labels.exr"]
+    words = [*words[1:paint], f"{words[paint]}:keeplabels=1", "-o", "labels.exr"]
     done = oiiotex(*words, cwd=folder)
     assert done.returncode == 0, done.stderr
     labels = load(folder / "labels.exr", table["level"] - 1)[..., 0]  # after the picture comes label.1

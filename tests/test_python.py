@@ -45,7 +45,12 @@ def test_results_are_arrays_for_others_and_pil_images_are_taken():
     shown = np.asarray(flat)
     assert shown.dtype == np.uint8 and np.asarray(flat, np.float32).dtype == np.float32
     np.testing.assert_array_equal(shown, flat.get_pixels(oiio.UINT8))
-    np.testing.assert_array_equal(filters.flatten(Image.fromarray(PHOTO), colorspace=SRGB), shown)
+    array = filters.flatten(Image.fromarray(PHOTO), colorspace=SRGB, as_array=True)
+    assert type(array) is np.ndarray and array.dtype == shown.dtype
+    np.testing.assert_array_equal(array, shown)
+    parts = filters.superpixel(PHOTO, colorspace=SRGB, keep=True, as_array=True)
+    assert {name: type(part) for name, part in parts.items()} == {"part0": np.ndarray, "superpixels": np.ndarray}
+    assert parts["superpixels"].shape == PHOTO.shape[:2] and parts["superpixels"].dtype.kind == "u"
     assert np.asarray(filters.dominant(PHOTO, colorspace=SRGB)).shape == PHOTO.shape[:2]
     clear = Image.fromarray(np.dstack([PHOTO, np.full(PHOTO.shape[:2], 128, np.uint8)]))
     premultiplied = np.asarray(filters.warp(clear, np.zeros((4, 4, 2), np.float32)))
@@ -284,8 +289,10 @@ def work(photo: NDArray[np.uint8]) -> oiio.ImageBuf:
     assert_type(filters.labelview(parts), oiio.ImageBuf)
     assert_type(filters.lab(photo, inverse=True), oiio.ImageBuf)
     assert_type(filters.flatten(photo), oiio.ImageBuf)
+    width: int = filters.stationarize(photo, as_array=True).shape[1]
+    print(width)
     assert_type(filters.graph(photo, photo, json="g.json"), oiio.ImageBuf)
-    tiles = filters.stationarize(photo, maps=[photo], kinds=["color", "normal"], match=(1, 0.5))
+    tiles = filters.stationarize(photo, maps=[photo], kinds=["color", "normal"], mapweights=(1, 0.5))
     if isinstance(tiles, list):
         print(len(tiles))
     try:

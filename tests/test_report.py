@@ -41,7 +41,7 @@ MADE = {  # what is measured beside what always is, and how it is made
     "paint": (COPIES | PAINTED, lambda **more: filters.paint(buffer(PHOTO), quarters(), **LABELS, **more)),
     "synth": (
         COPIES | SEAMS,
-        lambda **more: filters.synth(buffer(PHOTO), size=(64, 64), toroidal=True, side=64, **more),
+        lambda **more: filters.synth(buffer(PHOTO), size=(64, 64), tile="xy", side=64, **more),
     ),
     "zoom": (set(), lambda **more: filters.zoom(buffer(PHOTO), size=(64, 48), side=64, **more)),
 }

@@ -91,7 +91,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         help="Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to use"
         " more of the photo. Above 0.1, structures break up.",
     )
-    reuse: float = param(
+    reusepenalty: float = param(
         1.0,
         ge=0,
         le=1,
@@ -121,7 +121,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
             iterations=self.iterations,
             seed=self.seed,
             uniformity=self.uniformity,
-            reuse=self.reuse,
+            reuse=self.reusepenalty,
             # a constant cannot level a piece that wraps around the torus
             shifted="height" not in self.map_kinds,
             contrast=contrast,

@@ -3,13 +3,13 @@
 """The filters as functions."""
 
 from collections.abc import Sequence
-from typing import Literal, overload
+from typing import Any, Literal, overload
 
 from OpenImageIO import ROI, ImageBuf
 
 from ..core.op import Op
 from ..deferred import Shelf
-from ..python_types import FileName, ImageLike, Picture
+from ..python_types import Array, FileName, ImageLike, Picture
 from ..session import Session
 
 SHELVES: tuple[Shelf, ...]
@@ -34,7 +34,7 @@ def atlas(
     convention: Literal['opengl', 'directx'] = 'opengl',
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -44,6 +44,7 @@ def atlas(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create a texture for a mesh, continuous across the borders of its UV charts.
 
@@ -100,6 +101,8 @@ def atlas(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -121,7 +124,7 @@ def atlas(
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
-    match : float | Sequence[float] | None, default None
+    mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
@@ -159,7 +162,7 @@ def atlas(
     convention: Literal['opengl', 'directx'] = 'opengl',
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -169,6 +172,7 @@ def atlas(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def atlas(
@@ -186,7 +190,7 @@ def atlas(
     convention: Literal['opengl', 'directx'] = 'opengl',
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -196,7 +200,36 @@ def atlas(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def atlas(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    mesh: FileName | None = None,
+    size: tuple[int, int] | None = None,
+    udim: tuple[int, int] | None = None,
+    scale: float | None = None,
+    unwrapped: FileName | None = None,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def checkmaterial(
@@ -212,6 +245,7 @@ def checkmaterial(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Check the maps of a material for problems in rendering, and pass them on unchanged.
 
@@ -251,6 +285,8 @@ def checkmaterial(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -286,7 +322,25 @@ def checkmaterial(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def checkmaterial(
+    source: ImageLike,
+    /,
+    *,
+    maps: Sequence[ImageLike] = (),
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    fail: Literal['errors', 'warnings', 'none'] = 'errors',
+    json: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def composite(
@@ -305,9 +359,9 @@ def composite(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: Literal[False] = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: Literal[False] = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -316,6 +370,7 @@ def composite(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create a texture of any size that varies as the photo does.
 
@@ -346,10 +401,10 @@ def composite(
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
         Expected: an integer from 8 to 256 px. Default: the labels' scale or, without labels, shorter
         side / 8, as a power of two; less if a label is rare.
-    guidance : float, default 1.0
+    guideweight : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
-    keep : bool, default False
+    keeplabels : bool, default False
         Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
@@ -362,6 +417,8 @@ def composite(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -371,7 +428,8 @@ def composite(
           [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
           with stmap]
-        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with keep]
+        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with
+          keeplabels]
         - plan: Offsets and cuts. [.npz; with plan]
         - grown: Grown label map, a guide for `quilt` and `paint`. [32-bit ids; with grown]
         - report: Measures of the result, for programs. [JSON; with report]
@@ -395,7 +453,7 @@ def composite(
         Number of times that a region of the exemplar may be copied before further copies are penalized,
         relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
-    finer : float, default 0.5
+    finerweight : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
     level : int | None, default None
@@ -435,9 +493,9 @@ def composite(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -446,6 +504,7 @@ def composite(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def composite(
@@ -464,9 +523,9 @@ def composite(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -475,6 +534,7 @@ def composite(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def composite(
@@ -493,9 +553,9 @@ def composite(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -504,14 +564,46 @@ def composite(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def composite(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    size: tuple[int, int] | None = None,
+    tries: int = 4,
+    plan: FileName | None = None,
+    grown: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: int | None = None,
+    candidates: int = 256,
+    reuse: float = 1.0,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def content(
     source: ImageLike,
     /,
     *,
     labels: ImageLike | None = None,
-    at: float | Sequence[float] | None = None,
+    center: float | Sequence[float] | None = None,
     level: int | None = None,
     patch: int | None = None,
     table: bool = False,
@@ -520,12 +612,13 @@ def content(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Show where an image has the same content as a given patch, or draw a table of all contents.
 
     The two most frequent labels in a square patch are its key, by which `quilt` selects patches (LSA16: Lockerman,
     Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
-    2016, section 6.1). Use this to see why a guide selects certain patches. The patch at `at` is outlined on the
+    2016, section 6.1). Use this to see why a guide selects certain patches. The patch at `center` is outlined on the
     photo, and the centers of all patches with the same key are marked red (figure 10). The label histograms of the
     patch at each level are printed (figure 9); json= writes them to a file. With `table`, a table shows a patch for
     each key: rows are the first label, columns the second (figure 11). The result is an 8-bit sRGB image for
@@ -538,7 +631,7 @@ def content(
     labels : ImageLike | None, default None
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
-    at : float | Sequence[float] | None, default None
+    center : float | Sequence[float] | None, default None
         Center X,Y of the patch, in the data window. Expected: a number or a sequence of numbers in px.
         Default: the center of the image.
     level : int | None, default None
@@ -559,6 +652,8 @@ def content(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -575,8 +670,25 @@ def content(
     --------
     >>> from oiiotex import filters
     >>> labeled = filters.label("photo.png", keep=True)
-    >>> same = filters.content(labeled, at=(20, 30))
+    >>> same = filters.content(labeled, center=(20, 30))
     """
+@overload
+def content(
+    source: ImageLike,
+    /,
+    *,
+    labels: ImageLike | None = None,
+    center: float | Sequence[float] | None = None,
+    level: int | None = None,
+    patch: int | None = None,
+    table: bool = False,
+    json: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def cut(
@@ -601,6 +713,7 @@ def cut(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Synthesize a texture from large patches of a photo, joined along minimum-error seams (graph cuts).
 
@@ -646,6 +759,8 @@ def cut(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -710,6 +825,7 @@ def cut(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def cut(
@@ -734,7 +850,33 @@ def cut(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def cut(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    size: tuple[int, int] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    patch: int | None = None,
+    passes: int = 1,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    structure: float = 0.5,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def decompose(
@@ -765,6 +907,7 @@ def decompose(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Segment a texture into the simpler textures that it consists of.
 
@@ -815,6 +958,8 @@ def decompose(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -896,6 +1041,7 @@ def decompose(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def decompose(
@@ -926,6 +1072,7 @@ def decompose(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def decompose(
@@ -956,7 +1103,39 @@ def decompose(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def decompose(
+    source: ImageLike,
+    /,
+    *,
+    labels: int | None = None,
+    group: Literal['merging', 'cliques'] | None = None,
+    threshold: float | None = None,
+    radius: float | None = None,
+    shift: float | None = None,
+    features: Literal['bank', 'haar'] = 'bank',
+    bins: int | None = None,
+    step: int | None = None,
+    scales: int = 1,
+    search: Literal['grid', 'meanshift'] = 'grid',
+    refine: bool = True,
+    assign: Literal['competition', 'neighbors'] = 'competition',
+    invariant: bool = False,
+    paper: bool = False,
+    keep: bool = False,
+    cryptomatte: bool | FileName = False,
+    names: FileName | None = None,
+    single: bool = False,
+    json: FileName | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def dominant(
@@ -980,6 +1159,7 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Find the dominant texture of a photo: a mask without objects, cracks, stains and shadows.
 
@@ -1031,6 +1211,8 @@ def dominant(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1090,6 +1272,7 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def dominant(
@@ -1113,6 +1296,7 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def dominant(
@@ -1136,6 +1320,7 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def dominant(
@@ -1159,25 +1344,52 @@ def dominant(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def dominant(
+    source: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    patch: int | None = None,
+    step: int | None = None,
+    rule: Literal['repaired', 'paper'] = 'repaired',
+    mode: Literal['diffusion', 'euclidean', 'spectral'] = 'diffusion',
+    paper: bool = False,
+    strict: bool = False,
+    keep: bool = False,
+    types: bool = False,
+    score: bool = False,
+    json: FileName | None = None,
+    chart: FileName | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def estimateao(
     source: ImageLike,
     /,
     *,
     radius: int = 32,
-    scale: float | None = None,
+    relief: float | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Compute ambient occlusion from a height map.
 
     1 is unoccluded, 0 is fully occluded. In each of sixteen directions the steepest horizon within the radius is
     found, and the light between the horizons is integrated in closed form (Jimenez and others 2016, eq. 10). Results
-    agree with ray tracing of the same heights to 0.01. The scale of the heights is a guess unless `scale` or the
+    agree with ray tracing of the same heights to 0.01. The scale of the heights is a guess unless `relief` or the
     attribute oiiotex:heightpx gives it. Occlusion from farther away than the radius is ignored.
 
     Parameters
@@ -1186,7 +1398,7 @@ def estimateao(
         Height map: its first channel, where larger is nearer.
     radius : int, default 32
         Maximum distance at which the surface occludes. Expected: an integer from 2 to 1024 px.
-    scale : float | None, default None
+    relief : float | None, default None
         Height that a value of 1 stands for. Expected: a number from 1e-06 to 1000000 px. Default: the
         attribute oiiotex:heightpx, else longer side / 32.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
@@ -1199,6 +1411,8 @@ def estimateao(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1217,6 +1431,20 @@ def estimateao(
     >>> height = filters.estimateheight("photo.png")
     >>> occlusion = filters.estimateao(height)
     """
+@overload
+def estimateao(
+    source: ImageLike,
+    /,
+    *,
+    radius: int = 32,
+    relief: float | None = None,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def estimateheight(
@@ -1237,6 +1465,7 @@ def estimateheight(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Estimate heights and normals of a material from the shading of one photo.
 
@@ -1285,6 +1514,8 @@ def estimateheight(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1330,6 +1561,7 @@ def estimateheight(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def estimateheight(
@@ -1350,8 +1582,31 @@ def estimateheight(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def estimateheight(
+    source: ImageLike,
+    /,
+    *,
+    normal: bool | FileName = False,
+    light: float | None = None,
+    overcast: bool = False,
+    elevation: float = 45.0,
+    invert: bool = False,
+    sigma: float | None = None,
+    strength: float = 1.0,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def estimateroughness(
     source: ImageLike,
     /,
@@ -1364,6 +1619,7 @@ def estimateroughness(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Estimate the roughness of a material from the local contrast of one photo.
 
@@ -1392,6 +1648,8 @@ def estimateroughness(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1413,6 +1671,21 @@ def estimateroughness(
     >>> from oiiotex import filters
     >>> roughness = filters.estimateroughness("photo.png", middle=0.5)
     """
+@overload
+def estimateroughness(
+    source: ImageLike,
+    /,
+    *,
+    sigma: float | None = None,
+    middle: float = 0.6,
+    amount: float = 0.3,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def fill(
@@ -1438,7 +1711,7 @@ def fill(
     relevel: bool = False,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -1447,6 +1720,7 @@ def fill(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Replace a region of a photo by texture from the rest of it, or from another photo.
 
@@ -1506,6 +1780,8 @@ def fill(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1547,7 +1823,7 @@ def fill(
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
-    match : float | Sequence[float] | None, default None
+    mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
@@ -1595,7 +1871,7 @@ def fill(
     relevel: bool = False,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -1604,6 +1880,7 @@ def fill(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def fill(
@@ -1629,7 +1906,7 @@ def fill(
     relevel: bool = False,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -1638,6 +1915,7 @@ def fill(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def fill(
@@ -1664,7 +1942,7 @@ def fill(
     relevel: bool = False,
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -1673,7 +1951,44 @@ def fill(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    label: int | None = None,
+    matte: str | None = None,
+    source_label: int | None = None,
+    adapt: float | None = None,
+    drift: bool | FileName = False,
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def flatten(
@@ -1685,13 +2000,14 @@ def flatten(
     amount: float = 1.0,
     contrast: float = 1.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
-    keep: Literal['level', 'none'] = 'level',
+    tone: Literal['photo', 'gray'] = 'photo',
     drift: FileName | Literal[False] = False,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Remove low-frequency variation (gradients of light, stains) from an image.
 
@@ -1716,9 +2032,9 @@ def flatten(
         Expected: a number from 0 to 1.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the image tiles. The result then tiles along the same axes.
-    keep : Literal['level', 'none'], default 'level'
-        Overall color of the result. level: the median of the local levels; none: middle gray (L 50, a
-        0, b 0), which makes photos comparable.
+    tone : Literal['photo', 'gray'], default 'photo'
+        Overall color of the result. photo: the median of the photo's local levels; gray: middle gray (L
+        50, a 0, b 0), which makes photos comparable.
     drift : bool | FileName, default False
         Correction that removes gradients and stains. 1: append it as part 'drift'; a file name: write
         it to that file.
@@ -1730,6 +2046,8 @@ def flatten(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1764,13 +2082,14 @@ def flatten(
     amount: float = 1.0,
     contrast: float = 1.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
-    keep: Literal['level', 'none'] = 'level',
+    tone: Literal['photo', 'gray'] = 'photo',
     drift: Literal[True],
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def flatten(
@@ -1782,20 +2101,41 @@ def flatten(
     amount: float = 1.0,
     contrast: float = 1.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
-    keep: Literal['level', 'none'] = 'level',
+    tone: Literal['photo', 'gray'] = 'photo',
     drift: bool | FileName = False,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def flatten(
+    source: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    radius: float | None = None,
+    amount: float = 1.0,
+    contrast: float = 1.0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tone: Literal['photo', 'gray'] = 'photo',
+    drift: bool | FileName = False,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def graph(
     *photos: ImageLike,
     graph: FileName | None = None,
     json: FileName | None = None,
-    scale: float | Sequence[float] | None = None,
+    ratio: float | Sequence[float] | None = None,
     loop: int | None = None,
     scales: int = 1,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -1804,11 +2144,12 @@ def graph(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create an exemplar graph from one or more photos, or draw an existing graph.
 
     An exemplar graph says which photo supplies finer detail for which (an edge), and how many octaves finer it is
-    (r). Several photos, coarsest first, become a chain: each has pixels `scale` times smaller than the one before.
+    (r). Several photos, coarsest first, become a chain: each has pixels `ratio` times smaller than the one before.
     A single photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of
     it, from the whole photo at reduced resolution to a crop at full resolution.
 
@@ -1824,7 +2165,7 @@ def graph(
         Existing graph to draw (JSON or YAML), instead of creating one.
     json : FileName | None, default None
         File for the graph.
-    scale : float | Sequence[float] | None, default None
+    ratio : float | Sequence[float] | None, default None
         Ratio between the pixel sizes of each photo and the next, or one ratio for all. Expected: a
         number or a sequence of numbers >= 1. Default: 8, less for small photos; with scales, 2.
     loop : int | None, default None
@@ -1843,6 +2184,8 @@ def graph(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1868,18 +2211,36 @@ def graph(
     >>> drawing = filters.graph("photo.png", json="graph.json")
     >>> texture = filters.synth(None, graph="graph.json", size=(256, 256))
     """
+@overload
+def graph(
+    *photos: ImageLike,
+    graph: FileName | None = None,
+    json: FileName | None = None,
+    ratio: float | Sequence[float] | None = None,
+    loop: int | None = None,
+    scales: int = 1,
+    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    thumb: int = 128,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def join(
     *shares: ImageLike,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]:
     """Join crops of an image that were rendered separately, as on a farm.
 
     Takes all images on the stack, in any order. They must be crops of one display window, as `synth` renders them with
-    tiles=1/8 to tiles=8/8, and must cover it. They must have the same channels, pixel type and parts, and must be equal
+    chunk=1/8 to chunk=8/8, and must cover it. They must have the same channels, pixel type and parts, and must be equal
     where they overlap. The result has the same pixels as a single run.
 
     Parameters
@@ -1894,6 +2255,8 @@ def join(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1912,6 +2275,15 @@ def join(
     >>> halves = [filters.flatten("photo.png", roi=oiio.ROI(x, x + 48, 0, 96)) for x in (0, 48)]  # of 96 x 96 px
     >>> joined = filters.join(*halves)
     """
+@overload
+def join(
+    *shares: ImageLike,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def lab(
@@ -1924,6 +2296,7 @@ def lab(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Convert to and from CIE Lab (D65).
 
@@ -1949,6 +2322,8 @@ def lab(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -1979,7 +2354,21 @@ def lab(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def lab(
+    source: ImageLike,
+    /,
+    *,
+    inverse: bool = False,
+    to: str | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def label(
@@ -2010,6 +2399,7 @@ def label(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]:
     """Segment an image into labels at several scales, without training.
 
@@ -2060,6 +2450,8 @@ def label(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2148,6 +2540,7 @@ def label(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def label(
@@ -2178,19 +2571,53 @@ def label(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def label(
+    source: ImageLike,
+    /,
+    *,
+    features: Literal['textons', 'moments', 'gabor', 'quadtree'] = 'textons',
+    cluster: Literal['nmf', 'kmeans', 'spectral'] = 'nmf',
+    persistence: float = 0.95,
+    share: float = 0.5,
+    coarsest: bool = True,
+    materials: bool = False,
+    labels: int | None = None,
+    neighbors: int = 256,
+    tries: int = 0,
+    runs: int = 1,
+    minsize: int | None = None,
+    seed: int = 0,
+    paper: Literal[False, True, 'authors'] = False,
+    keep: bool = False,
+    soft: bool = False,
+    cryptomatte: bool | FileName = False,
+    names: FileName | None = None,
+    single: bool = False,
+    json: FileName | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def labelview(
     source: ImageLike,
     /,
     *,
     side: int = 384,
     columns: int = 3,
-    strength: float = 0.65,
+    opacity: float = 0.65,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Visualize label maps as a contact sheet of all levels, with the tree of labels.
 
@@ -2207,7 +2634,7 @@ def labelview(
         Longer side of a panel. Expected: an integer from 64 to 4096 px.
     columns : int, default 3
         Number of panels in a row. Expected: an integer from 1 to 16.
-    strength : float, default 0.65
+    opacity : float, default 0.65
         Opacity of the label colors over the photo. Expected: a number from 0 to 1.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
@@ -2217,6 +2644,8 @@ def labelview(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2233,6 +2662,20 @@ def labelview(
     >>> from oiiotex import filters
     >>> sheet = filters.labelview(filters.label("photo.png", keep=True))
     """
+@overload
+def labelview(
+    source: ImageLike,
+    /,
+    *,
+    side: int = 384,
+    columns: int = 3,
+    opacity: float = 0.65,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def paint(
@@ -2244,19 +2687,19 @@ def paint(
     fine: ImageLike | None = None,
     level: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
     plan: FileName | None = None,
-    before: FileName | None = None,
+    previous: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: Literal[False] = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: Literal[False] = False,
     data: bool = False,
     seed: int = 0,
     stmap: FileName | Literal[False] = False,
@@ -2264,6 +2707,7 @@ def paint(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Turn a painting of labels into a texture, at one or two scales.
 
@@ -2271,7 +2715,7 @@ def paint(
     optional second painting, `fine`, overlays labels of the next finer level; where it is empty (black, id 0 or alpha
     0), the first painting applies (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
     Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE from `palette` maps colors to
-    labels; paintings of ids do not need it. To edit a result, write plan=FILE and pass it as before=FILE to the next
+    labels; paintings of ids do not need it. To edit a result, write plan=FILE and pass it as previous=FILE to the next
     run: patches whose labels did not change are kept, so pixels elsewhere are bit-identical.
 
     Parameters
@@ -2292,8 +2736,8 @@ def paint(
         Size of the result. Expected: (width, height) from 8 to 4194304 px. Default: the painting's
         size.
     plan : FileName | None, default None
-        File (.npz) to write for a later edit: the next run reads it with `before`.
-    before : FileName | None, default None
+        File (.npz) to write for a later edit: the next run reads it with `previous`.
+    previous : FileName | None, default None
         Plan of an earlier run. Patches whose labels did not change are kept.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the result tiles.
@@ -2301,10 +2745,10 @@ def paint(
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
         Expected: an integer from 8 to 256 px. Default: the labels' scale or, without labels, shorter
         side / 8, as a power of two; less if a label is rare.
-    guidance : float, default 1.0
+    guideweight : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
-    keep : bool, default False
+    keeplabels : bool, default False
         Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
@@ -2317,6 +2761,8 @@ def paint(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2326,7 +2772,8 @@ def paint(
           [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
           with stmap]
-        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with keep]
+        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with
+          keeplabels]
         - plan: Painted labels and the patches used for them. [.npz; with plan]
         - report: Measures of the result, for programs. [JSON; with report]
 
@@ -2335,7 +2782,7 @@ def paint(
     labels : ImageLike | None, default None
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
-    soft : float, default 0.2
+    tolerance : float, default 0.2
         Largest distance, in Oklab, at which a color counts as the nearest color of the table. Black and
         white are 1 apart. Blends of soft brushes lie within 0.2 of the colors of `palette`. 0: exact
         colors only. Expected: a number from 0 to 1.
@@ -2350,7 +2797,7 @@ def paint(
         Number of times that a region of the exemplar may be copied before further copies are penalized,
         relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
-    finer : float, default 0.5
+    finerweight : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
     data : bool, default False
@@ -2382,19 +2829,19 @@ def paint(
     fine: ImageLike | None = None,
     level: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
     plan: FileName | None = None,
-    before: FileName | None = None,
+    previous: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     data: bool = False,
     seed: int = 0,
     stmap: Literal[True],
@@ -2402,6 +2849,7 @@ def paint(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def paint(
@@ -2413,19 +2861,19 @@ def paint(
     fine: ImageLike | None = None,
     level: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
     plan: FileName | None = None,
-    before: FileName | None = None,
+    previous: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     data: bool = False,
     seed: int = 0,
     stmap: bool | FileName = False,
@@ -2433,7 +2881,40 @@ def paint(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def paint(
+    exemplar: ImageLike,
+    painting: ImageLike,
+    /,
+    *,
+    labels: ImageLike | None = None,
+    fine: ImageLike | None = None,
+    level: int | None = None,
+    table: FileName | None = None,
+    tolerance: float = 0.2,
+    size: tuple[int, int] | None = None,
+    plan: FileName | None = None,
+    previous: FileName | None = None,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: int | None = None,
+    candidates: int = 256,
+    reuse: float = 1.0,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def palette(
@@ -2455,6 +2936,7 @@ def palette(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create a chart of the labels of a texture: a row for each label, with its sublabels.
 
@@ -2492,6 +2974,8 @@ def palette(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2551,6 +3035,7 @@ def palette(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def palette(
@@ -2572,6 +3057,7 @@ def palette(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def palette(
@@ -2593,7 +3079,30 @@ def palette(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def palette(
+    exemplar: ImageLike,
+    /,
+    *,
+    labels: ImageLike | None = None,
+    side: int = 96,
+    rows: int = 24,
+    children: int = 8,
+    chips: bool | FileName = False,
+    paints: FileName | None = None,
+    json: FileName | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def patchmatch(
@@ -2613,13 +3122,13 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -2629,6 +3138,7 @@ def patchmatch(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Resynthesize a photo by PatchMatch alone, for comparison: the baseline of MJH17 (section 5.2).
 
@@ -2684,6 +3194,8 @@ def patchmatch(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2717,7 +3229,7 @@ def patchmatch(
     uniformity : float, default 0.01
         Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to
         use more of the photo. Above 0.1, structures break up. Expected: a number from 0 to 1.
-    reuse : float, default 1.0
+    reusepenalty : float, default 1.0
         Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
         is closer to the photo and repeats more. Expected: a number from 0 to 1.
     resume : bool, default False
@@ -2731,7 +3243,7 @@ def patchmatch(
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
-    match : float | Sequence[float] | None, default None
+    mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
@@ -2772,13 +3284,13 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -2788,6 +3300,7 @@ def patchmatch(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def patchmatch(
@@ -2808,13 +3321,13 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -2824,8 +3337,47 @@ def patchmatch(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def patchmatch(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    inpaint: ImageLike | None = None,
+    weight: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    contrast: float = 1.0,
+    relevel: bool = False,
+    size: Literal['pow2'] | tuple[int, int] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    variants: int = 1,
+    pack: Literal['atlas'] | None = None,
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    reusepenalty: float = 1.0,
+    resume: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def plate(
     source: ImageLike,
     /,
@@ -2840,6 +3392,7 @@ def plate(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Assemble a clean plate of a shot: the surface that an object hides, from all frames that show it.
 
@@ -2881,6 +3434,8 @@ def plate(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2900,7 +3455,25 @@ def plate(
     >>> from oiiotex import filters
     >>> plate = filters.plate("photo.png")
     """
+@overload
+def plate(
+    source: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    frames: str = '',
+    motion: FileName | None = None,
+    vectors: Literal['st', 'backward', 'forward'] = 'st',
+    flip: bool = False,
+    save: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def preview(
     tile: ImageLike,
     /,
@@ -2912,6 +3485,7 @@ def preview(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Preview a tile as it will be used: repeated 2 x 2 and 3 x 3, and on a plane in perspective.
 
@@ -2942,6 +3516,8 @@ def preview(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -2958,7 +3534,22 @@ def preview(
     >>> from oiiotex import filters
     >>> sheet = filters.preview(filters.stationarize("photo.png"), panels=["3x3"])
     """
+@overload
+def preview(
+    tile: ImageLike,
+    /,
+    *,
+    exemplar: ImageLike | None = None,
+    panels: Sequence[str] | None = None,
+    height: int = 512,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def project(
     source: ImageLike,
     plate: ImageLike,
@@ -2972,6 +3563,7 @@ def project(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Render a plate into a region of a frame, with the motion, the light and the grain of the shot.
 
@@ -3003,6 +3595,8 @@ def project(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3019,6 +3613,22 @@ def project(
     >>> from oiiotex import filters
     >>> frame = filters.project("photo.png", "photo.png")
     """
+@overload
+def project(
+    source: ImageLike,
+    plate: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    motion: FileName | None = None,
+    frame: int | None = None,
+    grain: float = 1.0,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def quilt(
@@ -3030,7 +3640,7 @@ def quilt(
     guide: ImageLike | None = None,
     label: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     overlap: int | None = None,
     plan: FileName | None = None,
     render: bool = False,
@@ -3041,9 +3651,9 @@ def quilt(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: Literal[False] = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: Literal[False] = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -3053,6 +3663,7 @@ def quilt(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Synthesize a texture of any size from patches of a photo, joined along minimum-error cuts.
 
@@ -3088,10 +3699,10 @@ def quilt(
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
         Expected: an integer from 8 to 256 px. Default: the labels' scale or, without labels, shorter
         side / 8, as a power of two; less if a label is rare.
-    guidance : float, default 1.0
+    guideweight : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
-    keep : bool, default False
+    keeplabels : bool, default False
         Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
@@ -3109,6 +3720,8 @@ def quilt(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3118,7 +3731,8 @@ def quilt(
           [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
           with stmap]
-        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with keep]
+        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with
+          keeplabels]
         - plan: Plan of the quilt: offsets and cuts. [.npz; with plan]
         - report: Measures of the result, for programs. [JSON; with report]
 
@@ -3130,7 +3744,7 @@ def quilt(
     table : FileName | None, default None
         JSON file that maps ids or 8-bit colors of the guide to labels or pairs of labels: {"255,0,0":
         3, "0,0,255": [1, 2]}.
-    soft : float, default 0.2
+    tolerance : float, default 0.2
         Largest distance, in Oklab, at which a color counts as the nearest color of the table. Black and
         white are 1 apart. Blends of soft brushes lie within 0.2 of the colors of `palette`. 0: exact
         colors only. Expected: a number from 0 to 1.
@@ -3153,7 +3767,7 @@ def quilt(
         Number of times that a region of the exemplar may be copied before further copies are penalized,
         relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
-    finer : float, default 0.5
+    finerweight : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
     level : int | None, default None
@@ -3185,7 +3799,7 @@ def quilt(
     guide: ImageLike | None = None,
     label: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     overlap: int | None = None,
     plan: FileName | None = None,
     render: bool = False,
@@ -3196,9 +3810,9 @@ def quilt(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -3208,6 +3822,7 @@ def quilt(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def quilt(
@@ -3219,7 +3834,7 @@ def quilt(
     guide: ImageLike | None = None,
     label: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     overlap: int | None = None,
     plan: FileName | None = None,
     render: bool = False,
@@ -3230,9 +3845,9 @@ def quilt(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -3242,7 +3857,43 @@ def quilt(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def quilt(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    guide: ImageLike | None = None,
+    label: int | None = None,
+    table: FileName | None = None,
+    tolerance: float = 0.2,
+    overlap: int | None = None,
+    plan: FileName | None = None,
+    render: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    size: tuple[int, int] | None = None,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: int | None = None,
+    candidates: int = 256,
+    reuse: float = 1.0,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    structure: float = 0.5,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def rectify(
@@ -3259,6 +3910,7 @@ def rectify(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Correct the perspective of a flat surface that was photographed obliquely.
 
@@ -3295,6 +3947,8 @@ def rectify(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3340,6 +3994,7 @@ def rectify(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def rectify(
@@ -3356,8 +4011,27 @@ def rectify(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def rectify(
+    source: ImageLike,
+    /,
+    *,
+    corners: float | Sequence[float] | None = None,
+    size: tuple[int, int] | None = None,
+    physical: float | Sequence[float] | None = None,
+    filter: Literal['lanczos3', 'mitchell', 'triangle'] = 'lanczos3',
+    stmap: bool | FileName = False,
+    json: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def sigmas(
     exemplar: ImageLike,
     /,
@@ -3374,6 +4048,7 @@ def sigmas(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Compare the effect of sigma in `stationarize` on a photo, as a contact sheet with equal visible steps.
 
@@ -3411,6 +4086,8 @@ def sigmas(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3437,7 +4114,27 @@ def sigmas(
     >>> from oiiotex import filters
     >>> sheet = filters.sigmas("photo.png", n=4)
     """
+@overload
+def sigmas(
+    exemplar: ImageLike,
+    /,
+    *,
+    n: int = 9,
+    size: tuple[int, int] | None = None,
+    measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
+    order: int | None = None,
+    seed: int = 0,
+    columns: int = 3,
+    json: FileName | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def stationarity(
     source: ImageLike,
     /,
@@ -3450,6 +4147,7 @@ def stationarity(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Map the stationarity of an image: how much each place differs statistically from the rest.
 
@@ -3482,6 +4180,8 @@ def stationarity(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3506,6 +4206,21 @@ def stationarity(
     >>> deviation = filters.stationarity("photo.png")
     >>> worst = deviation.get_pixels().max()  # Lab units
     """
+@overload
+def stationarity(
+    source: ImageLike,
+    /,
+    *,
+    sigma: float | None = None,
+    measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
+    order: int | None = None,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def stationarize(
@@ -3536,13 +4251,13 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -3552,6 +4267,7 @@ def stationarize(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Create a seamlessly tiling texture from a photo, without visible repetition.
 
@@ -3632,6 +4348,8 @@ def stationarize(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3687,7 +4405,7 @@ def stationarize(
     uniformity : float, default 0.01
         Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to
         use more of the photo. Above 0.1, structures break up. Expected: a number from 0 to 1.
-    reuse : float, default 1.0
+    reusepenalty : float, default 1.0
         Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
         is closer to the photo and repeats more. Expected: a number from 0 to 1.
     resume : bool, default False
@@ -3701,7 +4419,7 @@ def stationarize(
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
-    match : float | Sequence[float] | None, default None
+    mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
@@ -3755,13 +4473,13 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -3771,6 +4489,7 @@ def stationarize(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def stationarize(
@@ -3801,13 +4520,13 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -3817,6 +4536,7 @@ def stationarize(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def stationarize(
@@ -3848,13 +4568,13 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -3864,7 +4584,56 @@ def stationarize(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def stationarize(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    inpaint: ImageLike | None = None,
+    weight: ImageLike | None = None,
+    sigmamap: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    flatten: float | None = None,
+    drift: bool | FileName = False,
+    sigma: float | None = None,
+    amount: float | None = None,
+    contrast: float | None = None,
+    target: Literal['flat', 'exemplar'] = 'flat',
+    measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
+    order: int | None = None,
+    structure: float = 0.5,
+    preset: Literal['even', 'clean', 'keep'] | None = None,
+    paper: bool = False,
+    relevel: bool = False,
+    size: Literal['pow2'] | tuple[int, int] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    variants: int = 1,
+    pack: Literal['atlas'] | None = None,
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    reusepenalty: float = 1.0,
+    resume: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def superpixel(
@@ -3885,6 +4654,7 @@ def superpixel(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Segment an image into superpixels: small connected regions of similar color.
 
@@ -3922,6 +4692,8 @@ def superpixel(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -3975,6 +4747,7 @@ def superpixel(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def superpixel(
@@ -3995,7 +4768,29 @@ def superpixel(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def superpixel(
+    source: ImageLike,
+    /,
+    *,
+    sigma: float | None = None,
+    count: int | None = None,
+    finest: float | None = None,
+    compactness: float = 20.0,
+    iterations: int = 1000,
+    runs: int = 1,
+    minsize: int | None = None,
+    seed: int = 0,
+    keep: bool = False,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
 @overload
 def synth(
@@ -4004,16 +4799,16 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    tiles: str | None = None,
+    chunk: str | None = None,
     level: int | None = None,
-    toroidal: bool = False,
+    tile: Literal['none', 'xy'] = 'none',
     resume: bool = False,
     stmap: FileName | Literal[False] = False,
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -4025,6 +4820,7 @@ def synth(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Synthesize an unbounded texture from one exemplar, or from a graph of exemplars at different scales.
 
@@ -4049,8 +4845,9 @@ def synth(
         Resolution. At level N, the root exemplar (without `graph`, the photo) is 2^N pixels wide.
         Reduce it for a preview. Expected: an integer from 0 to 60. Default: finest level of the
         exemplars.
-    toroidal : bool, default False
-        Tiling result. Requires size, with sides that are multiples of 2^level pixels.
+    tile : Literal['none', 'xy'], default 'none'
+        Axes along which the result tiles. xy requires size, with sides that are multiples of 2^level
+        pixels.
     graph : FileName | None, default None
         Exemplar graph (JSON or YAML), as the graph filter writes it: photos at several scales, and
         which one refines which.
@@ -4075,6 +4872,8 @@ def synth(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -4090,7 +4889,7 @@ def synth(
 
     Other Parameters
     ----------------
-    tiles : str | None, default None
+    chunk : str | None, default None
         Chunk I of N of the rows of the result, as I/N, for a render farm.
     resume : bool, default False
         Save a checkpoint after each finished piece next to the output, in the folder OUTPUT.parts. Run
@@ -4108,15 +4907,15 @@ def synth(
         Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
         coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
         endless zoom and with paper.
-    correct : bool, default True
+    matchcolor : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
-    dims : int, default 16
+    components : int, default 16
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
-        preserve contrast in endless zooms.
+        Settings of the paper (HRRG08): components=6, jitter on all levels, and without the corrections
+        that preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
@@ -4140,16 +4939,16 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    tiles: str | None = None,
+    chunk: str | None = None,
     level: int | None = None,
-    toroidal: bool = False,
+    tile: Literal['none', 'xy'] = 'none',
     resume: bool = False,
     stmap: Literal[True],
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -4161,6 +4960,7 @@ def synth(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> dict[str, ImageBuf]: ...
 @overload
 def synth(
@@ -4169,16 +4969,16 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    tiles: str | None = None,
+    chunk: str | None = None,
     level: int | None = None,
-    toroidal: bool = False,
+    tile: Literal['none', 'xy'] = 'none',
     resume: bool = False,
     stmap: bool | FileName = False,
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -4190,8 +4990,40 @@ def synth(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+@overload
+def synth(
+    exemplar: ImageLike | None = None,
+    /,
+    *,
+    size: tuple[int, int] | None = None,
+    window: str | None = None,
+    chunk: str | None = None,
+    level: int | None = None,
+    tile: Literal['none', 'xy'] = 'none',
+    resume: bool = False,
+    stmap: bool | FileName = False,
+    graph: FileName | None = None,
+    lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
+    matchcolor: bool = True,
+    components: int = 16,
+    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    paper: bool = False,
+    seed: int | None = None,
+    data: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    structure: float = 0.5,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
 
+@overload
 def variants(
     exemplar: ImageLike,
     /,
@@ -4207,6 +5039,7 @@ def variants(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Compare results of a synthesis filter in a contact sheet, with a column for each seed.
 
@@ -4240,6 +5073,8 @@ def variants(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -4256,7 +5091,26 @@ def variants(
     >>> from oiiotex import filters
     >>> sheet = filters.variants("photo.png", filter="quilt", seeds=3)
     """
+@overload
+def variants(
+    exemplar: ImageLike,
+    /,
+    *,
+    filter: Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'] = 'stationarize',
+    seeds: int = 4,
+    seed: int = 0,
+    vary: str | None = None,
+    over: Sequence[str] | None = None,
+    thumb: int = 256,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def warp(
     source: ImageLike,
     st: ImageLike,
@@ -4266,6 +5120,7 @@ def warp(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Rearrange the pixels of an image by a map of source coordinates, without interpolation.
 
@@ -4287,6 +5142,8 @@ def warp(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -4304,7 +5161,20 @@ def warp(
     >>> made = filters.stationarize("photo.png", stmap=True)
     >>> rough_tile = filters.warp("roughness.png", made["st"])
     """
+@overload
+def warp(
+    source: ImageLike,
+    st: ImageLike,
+    /,
+    *,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
+@overload
 def zoom(
     exemplar: ImageLike | None = None,
     /,
@@ -4313,16 +5183,16 @@ def zoom(
     first: int = 1,
     speed: float = 0.05,
     level: float | None = None,
-    at: float | Sequence[float] | None = None,
+    center: float | Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
     movie: FileName | None = None,
-    count: int = 48,
-    rate: float = 24.0,
+    frames: int = 48,
+    fps: float = 24.0,
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -4333,6 +5203,7 @@ def zoom(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
+    as_array: Literal[False] = False,
 ) -> ImageBuf:
     """Render one frame of a zoom into an unbounded texture.
 
@@ -4356,16 +5227,16 @@ def zoom(
     level : float | None, default None
         Level of detail of the first frame, as in `synth`. Expected: a number from 0 to 60. Default:
         resolution of the root.
-    at : float | Sequence[float] | None, default None
+    center : float | Sequence[float] | None, default None
         Point X,Y to zoom into, in pixels of the root. Expected: a number or a sequence of numbers in
         px. Default: center of the root.
     size : tuple[int, int] | None, default None
         Size of the frame. Expected: (width, height) from 1 to 65536 px. Default: size of the root.
     movie : FileName | None, default None
         File for a preview movie: .gif (Pillow), or .mp4 (requires ffmpeg in $PATH).
-    count : int, default 48
+    frames : int, default 48
         Number of frames of the movie, from this frame on. Expected: an integer from 2 to 65536.
-    rate : float, default 24.0
+    fps : float, default 24.0
         Frames per second of the movie. Expected: a number from 0.1 to 240.
     graph : FileName | None, default None
         Exemplar graph (JSON or YAML), as the graph filter writes it: photos at several scales, and
@@ -4386,6 +5257,8 @@ def zoom(
         Number of CPU threads if no session is given. 0: all that the process may use.
     session : Session | None, default None
         Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
 
     Returns
     -------
@@ -4407,15 +5280,15 @@ def zoom(
         Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
         coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
         endless zoom and with paper.
-    correct : bool, default True
+    matchcolor : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
-    dims : int, default 16
+    components : int, default 16
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
-        preserve contrast in endless zooms.
+        Settings of the paper (HRRG08): components=6, jitter on all levels, and without the corrections
+        that preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
@@ -4432,3 +5305,34 @@ def zoom(
     >>> from oiiotex import filters
     >>> frames = [filters.zoom("photo.png", frame=n, size=(640, 360)) for n in (1, 2)]
     """
+@overload
+def zoom(
+    exemplar: ImageLike | None = None,
+    /,
+    *,
+    frame: int | None = None,
+    first: int = 1,
+    speed: float = 0.05,
+    level: float | None = None,
+    center: float | Sequence[float] | None = None,
+    size: tuple[int, int] | None = None,
+    movie: FileName | None = None,
+    frames: int = 48,
+    fps: float = 24.0,
+    graph: FileName | None = None,
+    lock: bool | int = False,
+    jitter: float | Sequence[float] | None = None,
+    matchcolor: bool = True,
+    components: int = 16,
+    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    paper: bool = False,
+    seed: int | None = None,
+    data: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...

@@ -108,7 +108,7 @@ def _hub(
 ) -> Hub:  # fmt: skip
     """The hub of the document, with its rooms."""
     from .hub import Hub, PageSource
-    from .paint_room import PaintRoom
+    from .painting.room import PaintRoom
     from .tile_room import TileRoom
     from .zoom_room import ZoomRoom
 

@@ -127,7 +127,8 @@ def materialx() -> Any:
     try:
         import MaterialX
     except ImportError as error:
-        raise Error("MaterialX is not installed: pip install oiiotex[library], or set materialx = false") from error
+        advice = "pip install oiiotex[library]; recipes with materialx = false do without it"
+        raise Error(f"MaterialX is not installed: {advice}") from error
     return MaterialX
 
 

@@ -17,13 +17,13 @@ _HEAD = '''\
 """The filters as functions."""
 
 from collections.abc import Sequence
-from typing import Literal, overload
+from typing import Any, Literal, overload
 
 from OpenImageIO import ROI, ImageBuf
 
 from ..core.op import Op
 from ..deferred import Shelf
-from ..python_types import FileName, ImageLike, Picture
+from ..python_types import Array, FileName, ImageLike, Picture
 from ..session import Session
 
 SHELVES: tuple[Shelf, ...]
@@ -42,15 +42,17 @@ def stub_text() -> str:
 
 def _functions(op: type[Op]) -> str:
     ways = forms(op)
-    texts = [_function(op, form, docstring(op) if n == 0 else "") for n, form in enumerate(ways)]
-    return "\n" + "".join(f"@overload\n{text}" if len(ways) > 1 else text for text in texts)
+    texts = [_function(op, form, False, docstring(op) if n == 0 else "") for n, form in enumerate(ways)]
+    texts.append(_function(op, ways[-1], True, ""))
+    return "\n" + "".join(f"@overload\n{text}" for text in texts)
 
 
-def _function(op: type[Op], form: Form, text: str) -> str:
+def _function(op: type[Op], form: Form, arrays: bool, text: str) -> str:
     words = []
     kinds = inspect.Parameter
     before = kinds.POSITIONAL_ONLY
-    for p in signature(op, form).parameters.values():
+    shown = signature(op, form, arrays)
+    for p in shown.parameters.values():
         if before is kinds.POSITIONAL_ONLY and p.kind is not before:
             words += ["/"] * (len(words) > 0) + ["*"] * (p.kind is kinds.KEYWORD_ONLY)
         default = "" if p.default is p.empty else f" = {p.default!r}"
@@ -58,7 +60,7 @@ def _function(op: type[Op], form: Form, text: str) -> str:
         before = p.kind
     head = "".join(f"    {word},\n" for word in words)
     body = f'\n    """{_indented(text)}\n    """\n' if text else " ...\n"
-    return f"def {op.name}(\n{head}) -> {form.returns}:{body}"
+    return f"def {op.name}(\n{head}) -> {shown.return_annotation}:{body}"
 
 
 def _indented(text: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-_INDEX = "_index.png"
+_INDEX = "index.png"
 _GROUP = "Wang Tiles"
 _ROLES = ("color", "normal", "roughness", "metal", "height", "opacity", "emission")
 _INPUTS = {"roughness": "Roughness", "metal": "Metallic", "opacity": "Alpha", "emission": "Emission Color"}
@@ -32,11 +32,11 @@ class WangMaterial(ImportHelper, bpy.types.Operator):
         index = Path(self.filepath)
         name = index.name.removesuffix(_INDEX)
         files = {path.stem: path for path in sorted(index.parent.iterdir()) if path.suffix != ".mtlx"}
-        maps = {role: files[f"{name}_{role}"] for role in _ROLES if f"{name}_{role}" in files}
+        maps = {role: files[f"{name}{role}"] for role in _ROLES if f"{name}{role}" in files}
         if not index.name.endswith(_INDEX) or "color" not in maps:
-            self.report({"ERROR"}, f"{index.name}: expected NAME_index.png next to NAME_color, of oiiotex-library wang")
+            self.report({"ERROR"}, f"{index.name}: expected NAME_index.png next to NAME_color, of oiiotex-library")
             return {"CANCELLED"}
-        material = bpy.data.materials.new(name)
+        material = bpy.data.materials.new(name.rstrip("_") or index.parent.parent.name)
         material.use_nodes = True
         _build(material, _group(_loaded(index, "Non-Color"), self.side), maps, self.relief)
         if context.active_object is not None and hasattr(context.active_object.data, "materials"):

@@ -5,11 +5,11 @@ import { button, choice, make, section, segments, slider, whole } from "./contro
 import { measuresOf } from "./measures.js";
 import { Output } from "./output.js";
 import { drawPlane, mipmaps } from "./plane.js";
+import { Strip } from "./strip.js";
 import { Viewer, drawBrush, stroke } from "./viewer.js";
 import { canvasOf } from "./wire.js";
 
 const LET_GO = 60; // ms from the last change of a slider to the message to the server
-const SEEDS = 8;
 const PATCHES = [5, 7, 9, 11, 13, 15, 17, 19, 21]; // px
 
 export class TileRoom {
@@ -22,7 +22,6 @@ export class TileRoom {
     this.planes = { mask: null, inpaint: null }; // Uint8, at the photo's preview size
     this.shownOver = "";
     this.overlay = null;
-    this.seeds = new Map();
     this.waiting = {};
     this.build();
   }
@@ -57,12 +56,12 @@ export class TileRoom {
     this.photoView.bar.append(this.overlays);
     this.tileView.empty.textContent = "Synthesizing the tile ...";
     this.tileView.empty.hidden = false;
-    this.strip = make("div", { className: "strip" });
+    this.strip = new Strip(this);
     this.element = make("div", { className: "room" },
-      make("div", { className: "work" }, make("div", { className: "views" }, this.photoView.element, this.tileView.element), this.strip),
+      make("div", { className: "work" }, make("div", { className: "views" }, this.photoView.element, this.tileView.element), this.strip.element),
       this.panel());
     this.modes.set(this.mode);
-    this.showStrip();
+    this.strip.show();
   }
 
   panel() {
@@ -93,7 +92,7 @@ export class TileRoom {
     return make("aside", {},
       section("Texture", this.controls.preset, this.controls.flatten, this.controls.sigma, this.controls.amount, this.controls.contrast, this.controls.structure, this.controls.measure, this.controls.patch),
       section("Result", this.controls.seed, this.controls.width, this.controls.height,
-        make("div", { className: "buttons" }, button("Keep variant", "Add these parameters to the variants below (V)", () => this.keep()), button("Show seeds", "Preview eight more seeds at low resolution", () => this.askSeeds()))),
+        make("div", { className: "buttons" }, button("Keep variant", "Add these parameters to the variants below (V)", () => this.strip.keep()), button("Show seeds", "Preview eight more seeds at low resolution", () => this.strip.askSeeds()))),
       section("Measures", this.measures),
       this.output.element,
       section("Regions", this.controls.mask, this.controls.inpaint, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
@@ -162,9 +161,9 @@ export class TileRoom {
     this.output.refresh();
     if (all) {
       this.photoView.empty.hidden = true;
-      this.showStrip();
+      this.strip.show();
     }
-    this.showVariants();
+    this.strip.showVariants();
   }
 
   // --- messages from the server ---
@@ -191,11 +190,11 @@ export class TileRoom {
       this.drawPlane();
       this.element.dataset.turn = String(facts.turn);
       this.element.dataset.tile = facts.whole ? "whole" : "coarse";
-      if (this.keeping) this.keep();
-      else if (facts.whole) this.showThumbnail();
+      if (this.strip.keeping) this.strip.keep();
+      else if (facts.whole) this.strip.showThumbnail();
     } else if (facts.kind === "seed") {
-      this.seeds.set(facts.seed, canvasOf(facts, bytes));
-      this.showStrip();
+      this.strip.seeds.set(facts.seed, canvasOf(facts, bytes));
+      this.strip.show();
     } else if (facts.kind === "brush") {
       this.planes[facts.name] = new Uint8Array(bytes);
       this.photoView.redraw();
@@ -391,72 +390,6 @@ export class TileRoom {
     this.sendBrush(name, value);
   }
 
-  // --- seeds and variants ---
-
-  askSeeds() {
-    this.seeds.clear();
-    this.showStrip();
-    this.shell.status("Eight previews: click one to use its seed");
-    this.shell.ask("tile", { do: "seeds", first: this.shell.state.tile.seed + 1, count: SEEDS });
-  }
-
-  /** Add a variant with what is shown. A coarse picture is replaced when the tile is finished. */
-  keep() {
-    this.keeping = !this.tile;
-    if (this.keeping) return this.shell.status("The variant will be kept when its first preview is there");
-    const list = [...this.shell.state.variants.list, { tile: { ...this.shell.state.tile }, thumbnail: this.thumbnail() }].slice(-64);
-    this.shell.set("variants", { list });
-    this.showStrip();
-  }
-
-  thumbnail() {
-    const canvas = make("canvas", { width: 84, height: 84 });
-    const side = Math.min(this.tile.width, this.tile.height);
-    canvas.getContext("2d").drawImage(this.tile, 0, 0, side, side, 0, 0, 84, 84);
-    return canvas.toDataURL("image/jpeg", 0.8);
-  }
-
-  /** Show the finished tile in the last variant, if it has these parameters. */
-  showThumbnail() {
-    const { list } = this.shell.state.variants;
-    const last = list.at(-1);
-    if (!last || JSON.stringify(last.tile) !== JSON.stringify(this.shell.state.tile)) return;
-    this.shell.set("variants", { list: [...list.slice(0, -1), { ...last, thumbnail: this.thumbnail() }] });
-    this.showStrip();
-  }
-
-  showVariants() {
-    const kept = JSON.stringify(this.shell.state.variants.list.map((one) => one.tile));
-    if (kept !== this.kept) this.showStrip();
-  }
-
-  showStrip() {
-    const list = this.shell.state?.variants.list ?? [];
-    this.kept = JSON.stringify(list.map((one) => one.tile));
-    const seeds = [...this.seeds].map(([seed, canvas]) => {
-      const one = button("", `Use seed ${seed}`, () => this.set({ seed }), { className: "thumb" });
-      one.append(canvas, make("span", { textContent: `seed ${seed}` }));
-      return one;
-    });
-    const variants = list.map((variant, n) => {
-      const one = button("", "Click to use these parameters, right-click to remove the variant", () => this.set(variant.tile), { className: "thumb" });
-      one.append(make("img", { src: variant.thumbnail, alt: `Variant ${n + 1}` }), make("span", { textContent: this.caption(variant.tile) }));
-      one.addEventListener("contextmenu", (event) => {
-        event.preventDefault();
-        this.shell.set("variants", { list: list.filter((_, m) => m !== n) });
-        this.showStrip();
-      });
-      return one;
-    });
-    const group = (caption, what, none) => make("div", { className: "group" }, make("span", { className: "caption", textContent: caption }), ...(what.length ? what : [make("span", { className: "hint", textContent: none })]));
-    this.strip.replaceChildren(group("Variants", variants, "Press V to keep a variant"), group("Seeds", seeds, "Show seeds previews eight more seeds"));
-  }
-
-  caption(tile) {
-    const size = tile.amount !== null ? `a ${tile.amount}` : tile.sigma !== null ? `σ ${tile.sigma}` : "auto";
-    return `${size} #${tile.seed}`;
-  }
-
   // --- keys ---
 
   key(key, event) {
@@ -465,7 +398,7 @@ export class TileRoom {
     else if (event.ctrlKey || event.metaKey) return false;
     else if (key === "f") { this.photoView.fit(); this.tileView.fit(); }
     else if (key === "s") this.nextSeed();
-    else if (key === "v") this.keep();
+    else if (key === "v") this.strip.keep();
     else if (key === "t") this.setMode({ "1x1": "2x2", "2x2": "plane", plane: "1x1" }[this.mode]);
     else if (key === "m") this.showOver(this.shownOver === "dominant" ? "" : "dominant");
     else if (key === "b") { this.setTool("brush"); this.setBrush(this.brush.name || "mask"); }

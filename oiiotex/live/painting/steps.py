@@ -8,10 +8,10 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from ..api.files import written
-from ..api.painting import regridded
-from ..deferred import np
-from ..errors import ImageError
+from ...api.files import written
+from ...api.painting import regridded
+from ...deferred import np
+from ...errors import ImageError
 from .palette import COARSE, FINE
 
 _TAKEN = re.compile(r"(\d{6})\..*")

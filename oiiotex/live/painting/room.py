@@ -2,7 +2,7 @@
 """Room Paint: a painting of coarse and fine labels becomes texture (LSA16 section 6.2, figures 13 to 15).
 
 An edit resynthesizes its neighborhood. The fine layer refines the coarse one, inside the coarse label. Every change
-adds a step to the history (`history`), which never removes one.
+adds a step to the history (`steps`), which never removes one.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from collections.abc import Coroutine, Iterable
 from pathlib import Path
 from typing import Any
 
-from ..api.images import Window, as_float
-from ..api.painting import changed_box
-from ..api.service import BRUSH, LinkError
-from ..deferred import np
-from ..errors import Error, ImageError, ParameterError
-from .document import KEPT
-from .history import Steps, fine_of, paintings_in
-from .hub import Hub, Page
-from .lines import line, word_of
+from ...api.images import Window, as_float
+from ...api.painting import changed_box
+from ...api.service import BRUSH, LinkError
+from ...deferred import np
+from ...errors import Error, ImageError, ParameterError
+from ..document import KEPT
+from ..hub import Hub, Page
+from ..lines import line, word_of
 from .palette import COARSE, FINE, LAYERS, LabelPalette, Layers, extended, palette_of, step_facts
 from .sewing import LiveSewing
+from .steps import Steps, fine_of, paintings_in
 
 _MOST_TIMES = 64
 _OWN = {"width", "height", "seed"}  # document values that belong to the painting
@@ -380,7 +380,7 @@ class PaintRoom:
         source = self._hub.source
         if self._step < 0 or source.image is None:
             raise ParameterError("there is no painting yet: open the Paint room first")
-        values: dict[str, Any] = {"table": self._sewing.table, "before": self._steps.plan(self._step)}
+        values: dict[str, Any] = {"table": self._sewing.table, "previous": self._steps.plan(self._step)}
         values |= {"seed": self._seed} if self._seed else {}
         if self._steps.fine(self._step).exists():
             values["fine"] = self._steps.fine(self._step)
