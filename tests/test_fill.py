@@ -149,7 +149,7 @@ def test_all_maps_come_from_the_same_pixels():
 def test_a_label_of_the_photo_is_replaced_from_a_label_of_the_source():
     x = np.indices((96, 112))[1]
     labels = ids(1 + (x > 40) + (x > 80).astype(int))
-    found = pixels(filters.fill(buffer(PHOTO), labels=labels, label=2, source_label=3, stmap=True, **QUICK)["st"])
+    found = pixels(filters.fill(buffer(PHOTO), labels=labels, label=2, sourcelabel=3, stmap=True, **QUICK)["st"])
     columns = np.floor(found[..., 0] * 112).astype(int)
     assert (columns[:, 41:81] > 80).all()
     np.testing.assert_array_equal(columns[:, :41], x[:, :41])
@@ -211,7 +211,7 @@ def test_small_scattered_and_empty_regions(caplog):
         (np.indices((96, 112)).sum(0)[..., None] % 5 > 0, {}, "no 7x7 patch of the exemplar of 112x96 px is free of"),
         (STAIN, {"mask": mask(STAIN)}, "no pixel remains to fill from"),
         (STAIN, {"source": buffer(OTHER[:5])}, "the exemplar of 64x5 px is smaller than a patch of 7x7"),
-        (STAIN, {"level": 1}, "level and labels require label or source_label"),
+        (STAIN, {"level": 1}, "level and labels require label or sourcelabel"),
         (STAIN, {"relevel": True}, "relevel=1 requires kinds with a height"),
         (
             STAIN,

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from ..color.config import as_float
 from ..color.lab import lens_of
 from ..core.demand import SomeRows, rows_of
 from ..core.image import Image, Part, derived_spec, spec_beside
@@ -78,7 +79,10 @@ class RegionFill:
         zone = grown(self._marked, op.cut)
         filling = self._filled(zone, progress)
         op.say_what_stays()
-        return self._parts(filling)
+        results = self._parts(filling)
+        if progress.look is not None:
+            progress.look(as_float(results[0]["fill"].pixels()), True)
+        return results
 
     # --- synthesis ---
 
@@ -111,9 +115,7 @@ class RegionFill:
         places = None
         if not self._other:
             places = SourceMap.of(np.arange(window.top, window.bottom)[:, None], np.arange(window.left, window.right))
-        fixed = (
-            FixedPixels(is_fixed, places, is_goal=True, values=np.ascontiguousarray(kept)) if is_fixed.any() else None
-        )
+        fixed = FixedPixels(is_fixed, places, values=np.ascontiguousarray(kept)) if is_fixed.any() else None
         with resources.stats.time("synthesis"):
             source = synthesize(
                 resources.device, values, seen.usable, recipe, op.budget_left(resources), next(self._stages).advance,
@@ -156,9 +158,9 @@ class RegionFill:
         if self._other:
             values, clear = read_material(self._sources, op.kinds, match, op.data, resources, held)
         allowed = None if op.mask is None else masked_pixels(op.mask, self._sources[0])
-        if op.source_label is not None:
+        if op.sourcelabel is not None:
             labels = label_map(op.source or op.exemplar, None if self._other else op.labels, op.level)
-            allowed = both(labeled_pixels(labels, op.source_label), allowed)
+            allowed = both(labeled_pixels(labels, op.sourcelabel), allowed)
         usable = both(clear, allowed)
         if not self._other:
             usable = both(usable, ~self._marked)

@@ -1699,7 +1699,7 @@ def fill(
     mattes: ImageLike | None = None,
     label: int | None = None,
     matte: str | None = None,
-    source_label: int | None = None,
+    sourcelabel: int | None = None,
     adapt: float | None = None,
     drift: FileName | Literal[False] = False,
     cut: int = 0,
@@ -1754,7 +1754,7 @@ def fill(
     matte : str | None, default None
         Object to replace, from the photo's Cryptomatte: its name, or its id in hexadecimal. All pixels
         that it covers are replaced, even partly covered ones.
-    source_label : int | None, default None
+    sourcelabel : int | None, default None
         Id of a label. Only pixels of that label are used as a source. Expected: an integer >= 1.
     adapt : float | None, default None
         Fraction of the difference in light gradient and color level that is corrected. 0: every pixel
@@ -1859,7 +1859,7 @@ def fill(
     mattes: ImageLike | None = None,
     label: int | None = None,
     matte: str | None = None,
-    source_label: int | None = None,
+    sourcelabel: int | None = None,
     adapt: float | None = None,
     drift: Literal[True],
     cut: int = 0,
@@ -1894,7 +1894,7 @@ def fill(
     mattes: ImageLike | None = None,
     label: int | None = None,
     matte: str | None = None,
-    source_label: int | None = None,
+    sourcelabel: int | None = None,
     adapt: float | None = None,
     drift: bool | FileName = False,
     cut: int = 0,
@@ -1930,7 +1930,7 @@ def fill(
     maps: Sequence[ImageLike] = (),
     label: int | None = None,
     matte: str | None = None,
-    source_label: int | None = None,
+    sourcelabel: int | None = None,
     adapt: float | None = None,
     drift: bool | FileName = False,
     cut: int = 0,
@@ -1966,7 +1966,7 @@ def fill(
     maps: Sequence[ImageLike] = (),
     label: int | None = None,
     matte: str | None = None,
-    source_label: int | None = None,
+    sourcelabel: int | None = None,
     adapt: float | None = None,
     drift: bool | FileName = False,
     cut: int = 0,
@@ -3111,12 +3111,11 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3153,18 +3152,14 @@ def patchmatch(
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
-    inpaint : ImageLike | None, default None
-        Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero
-        label id). They are filled from patches outside the marked area; all other pixels are kept
-        unchanged. A string is the name of a part of the first image, or a file name.
     maps : Sequence[ImageLike], default ()
         Further maps, resynthesized from the same source pixels. A string is the name of a part of the
         first image, or a file name.
     size : Literal['pow2'] | tuple[int, int] | None, default None
         Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
         'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
-    tile : Literal['xy', 'x', 'y', 'none'] | None, default None
-        Axes along which the result tiles. Default: xy; with inpaint, none.
+    tile : Literal['xy', 'x', 'y', 'none'], default 'xy'
+        Axes along which the result tiles.
     variants : int, default 1
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
         which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
@@ -3273,12 +3268,11 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3309,13 +3303,12 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3346,13 +3339,12 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4229,7 +4221,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -4245,7 +4236,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4286,10 +4277,6 @@ def stationarize(
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
-    inpaint : ImageLike | None, default None
-        Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero
-        label id). They are filled from patches outside the marked area; all other pixels are kept
-        unchanged. A string is the name of a part of the first image, or a file name.
     sigmamap : ImageLike | None, default None
         Float image of the result's size whose first channel is sigma, in pixels, at each pixel. Use it
         to keep structure in some areas and even out others. A string is the name of a part of the first
@@ -4299,11 +4286,11 @@ def stationarize(
         first image, or a file name.
     flatten : float | None, default None
         Fraction of the photo's gradients and stains to remove before synthesis. 0: every pixel is a
-        verbatim copy. Expected: a number from 0 to 1. Default: 1; with inpaint or for data, 0.
+        verbatim copy. Expected: a number from 0 to 1. Default: 1; for data, 0.
     sigma : float | None, default None
         Scale, in pixels, above which the result is statistically uniform. Smaller structures are kept.
         Reduce it if features still repeat visibly. Expected: a number from 0.5 to 1000000 px. Default:
-        longer side / 8; with inpaint, longer side / 32; at least patch / 4.
+        longer side / 8, at least patch / 4.
     structure : float, default 0.5
         Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
         does not hold complete repeats, the result gets the nearest size that does, unless size is set.
@@ -4317,8 +4304,8 @@ def stationarize(
     size : Literal['pow2'] | tuple[int, int] | None, default None
         Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
         'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
-    tile : Literal['xy', 'x', 'y', 'none'] | None, default None
-        Axes along which the result tiles. Default: xy; with inpaint, none.
+    tile : Literal['xy', 'x', 'y', 'none'], default 'xy'
+        Axes along which the result tiles.
     variants : int, default 1
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
         which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
@@ -4383,7 +4370,7 @@ def stationarize(
     contrast : float | None, default None
         Strength with which the overall colors of the result are matched to the histogram of `target`.
         Increase it if rare colors are missing. At 0, the colors of rare objects, such as windows in a
-        wall, may vanish. Expected: a number from 0 to 1. Default: 0.7; with inpaint, 0.
+        wall, may vanish. Expected: a number from 0 to 1. Default: 0.7.
     target : Literal['flat', 'exemplar'], default 'flat'
         Histogram that `contrast` matches. flat: that of the photo after evening out. exemplar: that of
         the photo as it is, matched only on the coarsest level, as in the paper.
@@ -4451,7 +4438,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -4467,7 +4453,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4498,7 +4484,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -4514,7 +4499,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4545,7 +4530,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
@@ -4562,7 +4546,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4593,7 +4577,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
@@ -4610,7 +4593,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,

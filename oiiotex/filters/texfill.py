@@ -72,7 +72,7 @@ class Fill(MaterialOp, InBands):
         help="Object to replace, from the photo's Cryptomatte: its name, or its id in hexadecimal. All pixels that it"
         " covers are replaced, even partly covered ones.",
     )
-    source_label: int | None = param(
+    sourcelabel: int | None = param(
         None, example="2", ge=1, help="Id of a label. Only pixels of that label are used as a source."
     )
     adapt: float | None = param(
@@ -135,8 +135,8 @@ class Fill(MaterialOp, InBands):
             raise ParameterError(f"conflicts with label={self.label}", parameter="matte", value=self.matte)
         if self.mattes is not None and self.matte is None:
             raise ParameterError("mattes requires matte")
-        if self.label is None and self.source_label is None and (self.level is not None or self.labels is not None):
-            raise ParameterError("level and labels require label or source_label")
+        if self.label is None and self.sourcelabel is None and (self.level is not None or self.labels is not None):
+            raise ParameterError("level and labels require label or sourcelabel")
         if self.relevel and "height" not in self.map_kinds:
             raise ParameterError("relevel=1 requires kinds with a height")
         if self.relevel and self.source is not None:
@@ -163,13 +163,13 @@ class Fill(MaterialOp, InBands):
         """
         data = [kind in ("data", "height") for kind in self.map_kinds]
         if self.source is None or not any(data):
-            return self.match
+            return self.mapweights
         if all(data):
             raise ParameterError("source requires a map of kind color or normal, by which patches are compared")
-        if self.match is not None and any(w for w, one in zip(self.match, data, strict=False) if one):
+        if self.mapweights is not None and any(w for w, one in zip(self.mapweights, data, strict=False) if one):
             expected = "0 for data and heights, whose ranges differ between photos, with source"
-            raise ParameterError(parameter="match", value=self.match, expected=expected)
-        return self.match or Numbers(0.0 if one else 1.0 for one in data)
+            raise ParameterError(parameter="mapweights", value=self.mapweights, expected=expected)
+        return self.mapweights or Numbers(0.0 if one else 1.0 for one in data)
 
     @property
     def strength(self) -> float:

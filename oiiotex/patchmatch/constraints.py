@@ -22,6 +22,7 @@ from .field import Geometry, allowed_patches, bands_of, box_sums
 
 FINER = 2  # minimum size of an octave, relative to a level that is reduced from it
 ENOUGH = 0.25  # minimum share of whole patches on a usable coarse level, relative to the finest level's
+ENOUGH_AMONG = 0.5  # the same if pixels around the result are fixed: the patches that fit these must be among them
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,6 @@ class FixedPixels:
     places : SourceMap or None
         (height, width): the exemplar pixels that they show. Undefined at free pixels. None: they show no pixels of the
         exemplar.
-    is_goal : bool
-        Match the overall histogram of the free pixels to that of the fixed ones, not to the exemplar's.
     values : (height, width, channels) float32, optional
         Their values, on the scale of the exemplar. Default: those of the exemplar at `places`, which are then also
         restored in the result; otherwise it has the patches that fit best there.
@@ -44,7 +43,6 @@ class FixedPixels:
 
     where: np.ndarray
     places: SourceMap | None
-    is_goal: bool = False
     values: np.ndarray | None = None
 
     def image(self, exemplar: SomeRows, geometry: Geometry) -> np.ndarray:
@@ -276,7 +274,7 @@ def _weighed(values: np.ndarray, axis: int, first: np.ndarray, shares: list[np.n
     return sum(values.take(np.minimum(first + k, last), axis) * share.reshape(shape) for k, share in enumerate(shares))
 
 
-def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_out: str) -> int:
+def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_out: str, enough: float = ENOUGH) -> int:
     """The level to start on: the coarsest with about as many whole patches, for its size, as the finest.
 
     A mask shrinks with every level while patches keep their size. A level that is too coarse has no whole patch, or a
@@ -296,6 +294,6 @@ def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_ou
 
     def serves(geometry: Geometry) -> bool:
         mask = coarse_mask(allowed, geometry.exemplar_width, geometry.exemplar_height)
-        return bool(allowed_patches(mask, geometry).mean() >= ENOUGH * share)
+        return bool(allowed_patches(mask, geometry).mean() >= enough * share)
 
     return next(n for n, geometry in enumerate(geometries) if geometry is finest or serves(geometry))

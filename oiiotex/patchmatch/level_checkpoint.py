@@ -35,7 +35,7 @@ class LevelCheckpoint:
         if constraints.fixed is not None:
             fixed = constraints.fixed
             places = None if fixed.places is None else fixed.places.packed
-            facts += [fixed.where, places, fixed.is_goal, fixed.values]
+            facts += [fixed.where, places, fixed.values]
         if recipe.in_step is not None:  # NumPy abbreviates large arrays when it prints them
             facts += recipe.in_step.facts()
         self._keeper, self._key = keeper, hash_of(__version__, exemplar, allowed, recipe, *facts)
