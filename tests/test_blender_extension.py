@@ -186,7 +186,7 @@ def test_a_tile_is_the_programs(folder):
     assert f"sRGB|{line} --texstationarize:size=48x32:seed=5" in said
     assert f"{line} --texstationarize:size=40x32:seed=8:preset=even:sigma=9:structure=0.25" in said
     assert any(
-        one.endswith(f"|{line} normal.png --texstationarize:size=40x40:seed=2:n=2:kinds=color,normal") for one in said
+        one.endswith(f"|{line} normal.png --texstationarize:size=40x40:seed=2:kinds=color,normal") for one in said
     )
     assert "images by undo 1 0" in said
     masks = [np.load(path)[..., 0] for path in sorted(folder.glob("photo.png label*.npy"))]

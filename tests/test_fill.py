@@ -215,8 +215,8 @@ def test_small_scattered_and_empty_regions(caplog):
         (STAIN, {"relevel": True}, "relevel=1 requires kinds with a height"),
         (
             STAIN,
-            {"n": 2, "maps": [buffer(PHOTO)], "source": buffer(OTHER)},
-            "n=2: ImageBuf has 1 parts: expected at most 1",
+            {"maps": [buffer(PHOTO)], "source": buffer(OTHER)},
+            "ImageBuf has 1 parts: expected at least 2, one for each map",
         ),
         (STAIN, {"data": True, "source": buffer(OTHER)}, "source requires a map of kind color or normal"),
     ],

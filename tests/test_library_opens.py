@@ -28,7 +28,7 @@ RECIPE = """
 schema = 1
 [[product]]
 name = "tile"
-line = "$maps --texstationarize:n=$n:kinds=$kinds:variants=16:size=52x52:pack=atlas:iterations=1 $outputs"
+line = "$maps --texstationarize:kinds=$kinds:variants=16:size=52x52:pack=atlas:iterations=1 $outputs"
 [deliver]
 wang = true
 """

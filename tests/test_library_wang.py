@@ -26,7 +26,7 @@ from tests.library_makings import here as here
 ATLAS = """
 [[product]]
 name = "tile"
-line = "$maps --texstationarize:n=$n:kinds=$kinds:variants=16:size=16x16:pack=atlas:iterations=1 $outputs"
+line = "$maps --texstationarize:kinds=$kinds:variants=16:size=16x16:pack=atlas:iterations=1 $outputs"
 [deliver]
 wang = true
 """
