@@ -35,8 +35,9 @@ from oiiotex.errors import Error
 from oiiotex.io.checkpoint import Checkpoint
 from oiiotex.io.disk_cache import cached_arrays
 from oiiotex.labels.legend import LabelNames
-from oiiotex.library.asset import SCHEMA, SIDECAR, faults, read_sidecar
+from oiiotex.library.asset import SCHEMA, SIDECAR, read_sidecar
 from oiiotex.library.catalog import FILE, Catalog
+from oiiotex.library.digests import faults
 from oiiotex.live.document import Document, default_state
 from oiiotex.multiscale.graph import read_graph
 from oiiotex.recipes.found import extract, materials

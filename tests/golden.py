@@ -68,11 +68,22 @@ CASES = {
         ("--texstationarize:target=exemplar:contrast=1",),
         "lin_rec709_scene",
     ),
-    "stationarize_inpaint_moss_hdr": Case(
+    "fill_moss_hdr": Case(
         lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),
-        ("second.exr", "--texstationarize:inpaint=1:seed=3:patch=7"),
+        ("second.exr", "--texfill:seed=3:patch=7"),
         "lin_rec709_scene",
         second=lambda: (np.hypot(*(np.indices((112, 96)) - np.array([46, 60])[:, None, None])) < 24)[..., None] * 1.0,
+    ),
+    "plate_bricks": Case(
+        lambda: pictures.bricks(64, 80, 1),
+        ("second.exr", "--texplate:region=1"),
+        second=lambda: (np.abs(np.indices((64, 80))[0] - 30) < 8)[..., None] * 1.0,
+    ),
+    "project_moss_hdr": Case(
+        lambda: 8 * pictures.stained(pictures.moss(64, 80, 3)),
+        ("second.exr", "--texproject"),
+        "lin_rec709_scene",
+        second=lambda: pictures.bricks(64, 80, 1),
     ),
     "stationarize_sigmamap_bricks": Case(
         lambda: pictures.stained(pictures.bricks(96, 128, 1)),
@@ -81,7 +92,7 @@ CASES = {
     ),
     "stationarize_material": Case(
         lambda: pictures.stained(pictures.bricks(96, 128, 1)),
-        ("second.exr", "--texstationarize:n=2:match=1,0.5:seed=1:patch=7", "--pop"),
+        ("second.exr", "--texstationarize:n=2:mapweights=1,0.5:seed=1:patch=7", "--pop"),
         second=lambda: pictures.moss(96, 128, 2),
     ),
     "stationarize_wang": Case(
@@ -100,7 +111,7 @@ CASES = {
     "estimateheight_pebbles": Case(lambda: pictures.pebbles(96, 128, 1), ("--texestimateheight:overcast=1",)),
     "estimateheight_alpha_hole": Case(_with_hole, ("--texestimateheight:light=90:sigma=9",)),
     "estimateao_heights": Case(
-        lambda: pictures.smooth_noise(96, 128, 12, 3)[..., None], ("--texestimateao:radius=12:scale=8:tile=x",), "data"
+        lambda: pictures.smooth_noise(96, 128, 12, 3)[..., None], ("--texestimateao:radius=12:relief=8:tile=x",), "data"
     ),
     "estimateroughness_alpha_hole": Case(_with_hole, ("--texestimateroughness:sigma=6",)),
     "checkmaterial_bricks": Case(
@@ -109,7 +120,7 @@ CASES = {
     "flatten_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texflatten",)),
     "flatten_moss_hdr": Case(
         lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),
-        ("--texflatten:radius=40:amount=0.8:keep=none",),
+        ("--texflatten:radius=40:amount=0.8:tone=gray",),
         "lin_rec709_scene",
     ),
     "flatten_alpha_hole": Case(_with_hole, ("--texflatten:radius=18",)),
@@ -152,7 +163,7 @@ CASES = {
     ),
     "synth_pebbles_larger": Case(lambda: pictures.pebbles(96, 112, 2), ("--texsynth:size=192x160:seed=1",)),
     "zoom_pebbles_between_octaves": Case(
-        lambda: pictures.pebbles(64, 64, 2), ("--texzoom:size=96x80:frame=10:speed=0.15:at=20,40",)
+        lambda: pictures.pebbles(64, 64, 2), ("--texzoom:size=96x80:frame=10:speed=0.15:center=20,40",)
     ),
     "patchmatch_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texpatchmatch:seed=1",)),
 }

@@ -124,7 +124,7 @@ WRONG: dict[str, tuple[str, dict[str, object], str, str]] = {
         "stationarize:size=0x64", {"size": (0, 64)}, "size=0x64: expected pow2 or WIDTHxHEIGHT from 5 to 65536 px",
         "size=(0, 64): expected 'pow2' or (width, height) from 5 to 65536 px",
     ),
-    "requires": ("synth:toroidal=1", {"toroidal": True}, "toroidal=1 requires size", "toroidal=True requires size"),
+    "requires": ("synth:tile=xy", {"tile": "xy"}, "tile=xy requires size", "tile=xy requires size"),
     "plan": ("quilt:render=1", {"render": True}, "render=1 requires plan=FILE", "render=True requires plan=FILE"),
     "conflict": (
         "estimateheight:light=3:overcast=1", {"light": 3, "overcast": True}, "light=3: conflicts with overcast=1",

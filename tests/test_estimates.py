@@ -155,7 +155,7 @@ def test_a_photo_of_which_nothing_is_to_be_seen_is_refused():
 @pytest.mark.parametrize("relief", list(RELIEFS))
 def test_ambient_occlusion_is_what_rays_say(relief):
     heights = RELIEFS[relief][:96, :96] if relief != "hills" else reliefs.hills(96, 3)
-    made = pixels(filters.estimateao(gray(heights, "data"), radius=12, scale=1.0, tile="xy"))[..., 0]
+    made = pixels(filters.estimateao(gray(heights, "data"), radius=12, relief=1.0, tile="xy"))[..., 0]
     rays = reliefs.visible_sky(heights, 12)
     assert correlation(made, rays) > 0.99
     assert np.sqrt(((made - rays) ** 2).mean()) < 0.02
@@ -164,7 +164,7 @@ def test_ambient_occlusion_is_what_rays_say(relief):
 def test_a_plane_and_a_slope_see_their_sky():
     for slope in (0.0, 1.0):
         heights = slope * np.arange(64)[None].repeat(64, 0)
-        made = pixels(filters.estimateao(gray(heights, "data"), radius=8, scale=1.0))[16:-16, 16:-16]
+        made = pixels(filters.estimateao(gray(heights, "data"), radius=8, relief=1.0))[16:-16, 16:-16]
         share = (1 + 1 / np.sqrt(1 + slope**2)) / 2  # a tilted plane sees that much, above the horizon, of its light
         np.testing.assert_allclose(made, share, atol=0.01)
 
@@ -172,7 +172,7 @@ def test_a_plane_and_a_slope_see_their_sky():
 @pytest.mark.parametrize("said", ["12.5", 12.5, "junk", float("nan"), -3.0])
 def test_how_high_the_heights_are_is_read_as_a_file_says_it(said):
     heights = gray(np.indices((32, 32)).sum(0) / 62, "data")
-    wanted = pixels(filters.estimateao(heights, radius=4, scale=12.5 if said in ("12.5", 12.5) else 1.0))
+    wanted = pixels(filters.estimateao(heights, radius=4, relief=12.5 if said in ("12.5", 12.5) else 1.0))
     heights.specmod().attribute(HEIGHT_PX, said)
     np.testing.assert_array_equal(pixels(filters.estimateao(heights, radius=4)), wanted)
 
@@ -185,9 +185,9 @@ def test_how_high_the_heights_are_comes_with_them(tmp_path):
     high = oiio.ImageBuf(str(tmp_path / "h.exr"))
     px = high.spec().getattribute(HEIGHT_PX)
     assert px > 2
-    same = pixels(filters.estimateao(high, radius=8, scale=px))
+    same = pixels(filters.estimateao(high, radius=8, relief=px))
     np.testing.assert_array_equal(pixels(oiio.ImageBuf(str(tmp_path / "ao.exr"))), same)
-    other = pixels(filters.estimateao(high, radius=8, scale=px / 4))
+    other = pixels(filters.estimateao(high, radius=8, relief=px / 4))
     assert other.mean() > same.mean() + 0.01
 
 
@@ -195,7 +195,7 @@ def test_how_high_the_heights_are_comes_with_them(tmp_path):
 def test_occlusion_looks_around_what_tiles(tile):
     heights = np.zeros((48, 48))
     heights[:, 0] = heights[0, :] = 8.0  # a wall along the left and the upper border
-    made = pixels(filters.estimateao(gray(heights, "data"), radius=6, scale=1.0, tile=tile))[..., 0]
+    made = pixels(filters.estimateao(gray(heights, "data"), radius=6, relief=1.0, tile=tile))[..., 0]
     behind = {"x": made[24, -2], "y": made[-2, 24]}
     assert behind.pop(tile) < 0.75 and next(iter(behind.values())) > 0.95
 
@@ -211,7 +211,7 @@ def test_occlusion_of_broken_heights_is_refused(value, text):
 def test_occlusion_of_huge_heights_is_that_of_high_ones():
     heights = np.zeros((32, 32))
     heights[8:12, 8:12], heights[20:24, 8:12] = 1.0, -1.0
-    huge, high = (pixels(filters.estimateao(gray(heights * v, "data"), radius=4, scale=1e6)) for v in (3e38, 1e6))
+    huge, high = (pixels(filters.estimateao(gray(heights * v, "data"), radius=4, relief=1e6)) for v in (3e38, 1e6))
     np.testing.assert_allclose(huge, high, atol=1e-4)
 
 

@@ -31,16 +31,16 @@ def linear(picture: np.ndarray) -> oiio.ImageBuf:
 
 
 @pytest.mark.parametrize(
-    ("height", "width", "radius", "side", "amount", "contrast", "keep"),
-    [(31, 47, 15.0, 2, 1.0, 1.0, "level"), (50, 23, 26.0, 3, 0.6, 0.5, "none")],
+    ("height", "width", "radius", "side", "amount", "contrast", "tone"),
+    [(31, 47, 15.0, 2, 1.0, 1.0, "photo"), (50, 23, 26.0, 3, 0.6, 0.5, "gray")],
 )
-def test_it_is_what_the_oracle_says(height, width, radius, side, amount, contrast, keep):
+def test_it_is_what_the_oracle_says(height, width, radius, side, amount, contrast, tone):
     picture = pictures.stained(pictures.bricks(height, width, 3)) ** 2.2
     alpha = np.ones((height, width, 1))
     alpha[4:17, 5:15] = 0
     given = np.concatenate([picture, alpha], -1).astype(np.float32)
-    made = pixels(filters.flatten(linear(given), radius=radius, amount=amount, contrast=contrast, keep=keep))
-    target = None if keep == "level" else np.array([50.0, 0, 0])
+    made = pixels(filters.flatten(linear(given), radius=radius, amount=amount, contrast=contrast, tone=tone))
+    target = None if tone == "photo" else np.array([50.0, 0, 0])
     seen = alpha[..., 0] > 0
     wanted = reference.flattened(lab_of(given), seen, radius, side, amount, contrast, target)
     np.testing.assert_allclose(lab_of(made)[seen], wanted[seen], atol=2e-3)
@@ -159,9 +159,9 @@ def test_contrast_is_evened_out_and_bounded():
     assert kept[:, :90].std() == pytest.approx(gray[:, :90].std(), rel=0.02)
 
 
-def test_keep_none_forgets_the_photos_own_color():
+def test_gray_forgets_the_photos_own_color():
     a, b = (linear(pictures.stained(pictures.moss(96, 96, 1)) * tint) for tint in ([0.5, 1, 1], [1, 0.6, 0.3]))
-    means = [lab_of(pixels(filters.flatten(x, keep="none"))).mean((0, 1)) for x in (a, b)]
+    means = [lab_of(pixels(filters.flatten(x, tone="gray"))).mean((0, 1)) for x in (a, b)]
     for mean in means:
         np.testing.assert_allclose(mean, [50, 0, 0], atol=1.0)
     kept = lab_of(pixels(filters.flatten(a))).mean((0, 1))

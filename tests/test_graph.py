@@ -37,7 +37,7 @@ def takes(folder, graph):
 @pytest.mark.slow
 def test_photos_become_a_chain_that_is_synthesized_at_once(folder):
     photos = ("moss.png", "bricks.png", "pebbles.png")
-    run_in(folder, *photos, "--texgraph:json=sub/chain.json:scale=4,3", "-o", "chain.png")
+    run_in(folder, *photos, "--texgraph:json=sub/chain.json:ratio=4,3", "-o", "chain.png")
     graph = read_graph(folder / "sub" / "chain.json")
     assert graph.names == ("moss", "bricks", "pebbles") and graph.root == 0
     assert graph.edges == (Edge(0, 1, 2), Edge(1, 2, 2)) and graph.factors == pytest.approx((1, 1, 4 / 3))
@@ -46,7 +46,7 @@ def test_photos_become_a_chain_that_is_synthesized_at_once(folder):
     run_in(folder, "small.png", "small.png", "--texgraph:json=small.json", "-o", "small_graph.png")
     assert read_graph(folder / "small.json").edges == (Edge(0, 1, 1),)  # r_max = L - 3
     done = run_in(folder, "moss.png", "moss.png", "--texgraph:json=twice.json:loop=1", "-o", "twice.png")
-    assert "no scale given: assuming that each photo is 8 times finer" in done.stderr
+    assert "no ratio given: assuming that each photo is 8 times finer" in done.stderr
     graph = read_graph(folder / "twice.json")
     assert graph.names == ("moss", "moss-2") and graph.edges == (Edge(0, 1, 3), Edge(1, 1, 1))
 
@@ -97,10 +97,10 @@ def photo(folder, name):
 
 WRONG = [
     (("moss", "gray"), {}, "gray.png has channels Y: expected R,G,B, as .*moss.png"),
-    (("moss", "bricks"), {"scale": (2, 3, 4)}, "scale=.2.0, 3.0, 4.0.: expected one number, or one for each edge .1."),
+    (("moss", "bricks"), {"ratio": (2, 3, 4)}, "ratio=.2.0, 3.0, 4.0.: expected one number, or one for each edge .1."),
     (("moss", "bricks"), {"scales": 2}, "scales=2: expected one photo, not 2"),
     (("moss",), {"scales": 4}, "scales=4: reduces .*moss.png to 8 px: expected at least 16 px"),
-    (("moss",), {"scales": 2, "scale": 3}, "scale=.3.0,.: expected one power of two >= 2, with scales"),
+    (("moss",), {"scales": 2, "ratio": 3}, "ratio=.3.0,.: expected one power of two >= 2, with scales"),
     (("moss",), {"loop": 5}, r"edge moss -> moss: r=5 is more than r_max = L - 3 = 3 of exemplars"),
     (("small",), {"graph": "none.json"}, "graph: takes 0 images"),
     ((), {"graph": "none.json"}, "none.json: No such file"),

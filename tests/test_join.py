@@ -86,10 +86,10 @@ WRONG = [
     ),
     (
         lambda: (
-            share(0, 0, 70, 20, oiiotex_parameters="a=1:tiles=1/3"),
-            share(0, 30, 70, 50, oiiotex_parameters="tiles=3/3"),
+            share(0, 0, 70, 20, oiiotex_parameters="a=1:chunk=1/3"),
+            share(0, 30, 70, 50, oiiotex_parameters="chunk=3/3"),
         ),
-        r"^join: tiles=2/3 missing: 70x10\+0\+20 of",
+        r"^join: chunk=2/3 missing: 70x10\+0\+20 of",
     ),
     (
         lambda: (share(0, 0, 70, 30), share(0, 20, 70, 50, OTHER)),
@@ -124,7 +124,7 @@ def farm(tmp_path_factory):
     """A texture in one run, and in three shares."""
     made = tmp_path_factory.mktemp("farm")
     save(pictures.pebbles(32, 40, 1), made / "photo.png", space="srgb_rec709_scene")
-    for name, more in (("whole", ""), *((f"share{n}", f":tiles={n}/3") for n in (1, 2, 3))):
+    for name, more in (("whole", ""), *((f"share{n}", f":chunk={n}/3") for n in (1, 2, 3))):
         words = ("photo.png", f"--texsynth:size=70x48:stmap=1{more}", "-d", "float", "-o", f"{name}.exr")
         run_in(made, *words)
     return made
@@ -150,7 +150,7 @@ def test_a_farms_shares_are_one_run_by_texjoin_mosaic_and_paste(farm):
 
 def test_faults_on_the_command_line_name_files(farm):
     done = oiiotex("share1.exr", "share3.exr", "--texjoin", "-o", "never.exr", cwd=farm)
-    line = "oiiotex ERROR: --texjoin : tiles=2/3 missing: 70x16+0+16 of 70x48+0+0 is not covered by the 2 images\n"
+    line = "oiiotex ERROR: --texjoin : chunk=2/3 missing: 70x16+0+16 of 70x48+0+0 is not covered by the 2 images\n"
     assert (done.returncode, done.stderr) == (1, line) and not (farm / "never.exr").exists()
     run_in(farm, "share1.exr", "-d", "half", "-o", "half.exr")
     done = oiiotex("half.exr", "share2.exr", "share3.exr", "--texjoin", "-o", "never.exr", cwd=farm)

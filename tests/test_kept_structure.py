@@ -26,7 +26,7 @@ from tests.lattices import regular
 
 OPS = [Quilting, Cut]
 TILING = {Quilting: {"tile": "xy"}, Cut: {"tile": "xy", "patch": 32}}
-WITHOUT_END = {"size": Size(256, 256), "side": 128, "toroidal": True}
+WITHOUT_END = {"size": Size(256, 256), "side": 128, "tile": "xy"}
 
 
 @pytest.mark.parametrize(("op", "name"), [(Quilting, "oblique"), (Cut, "bricks")])

@@ -35,7 +35,7 @@ def test_an_asset_holds_what_is_delivered(photos, tmp_path, here):
     library = tmp_path / "library"
     tally, said = brought_in(photos, library, recipe(LINE + "[deliver]\nusd = true\n"))
     assert (tally.made, tally.counts, tally.status) == (2, {"ok": 2}, 0)
-    assert any(re.match(r"wall: ok, \d+ files, \d+\.\d s", line) for line in said)
+    assert any(re.match(r"wall: ok, \d+ files, \d+\.\d MB, \d+\.\d s", line) for line in said)
     with Catalog(library) as catalog:
         wall = catalog.assets()["wall"]
         assert list(check(catalog)) == []
@@ -53,7 +53,7 @@ def test_an_asset_holds_what_is_delivered(photos, tmp_path, here):
     assert sidecar["lines"]["tile"].startswith("oiiotex source/color.png --iscolorspace srgb_rec709_scene ")
     assert {source["role"] for source in sidecar["sources"]} == {"color", "normal", "roughness"}
     assert not list((library / runs.WORK).glob("run-*"))
-    for name in ("thumbnail", "preview_2x2", "lit", "image_and_hextiled", "card"):
+    for name in ("thumbnail", "preview_2x2", "lit", "compared", "card"):
         assert load(folder / f"{name}.jpg").std() > 2
 
 
@@ -340,8 +340,8 @@ def test_check_finds_every_kind_of_damage(photos, tmp_path, here, capsys):
     data = bytearray(spoiled.read_bytes())
     data[100] ^= 1
     spoiled.write_bytes(data)
-    (folder / "tile/roughness.exr").unlink()
+    (folder / "tx/roughness.tx").unlink()
     assert run(["check", str(library)]) == 1
     text = capsys.readouterr().out
-    assert "color.tx has changed since it was written" in text and "roughness.exr is missing" in text
+    assert "color.tx has changed since it was written" in text and "roughness.tx is missing" in text
     assert "wall.mtlx" in text and text.splitlines()[-1].startswith("2 assets, 3 errors")

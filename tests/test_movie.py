@@ -21,7 +21,7 @@ from tests import pictures
 from tests.any_filter import buffer, pixels
 
 PHOTO = buffer(pictures.bricks(64, 64, seed=1))
-ZOOM = {"size": (49, 32), "side": 64, "speed": 0.25, "count": 3}
+ZOOM = {"size": (49, 32), "side": 64, "speed": 0.25, "frames": 3}
 FRAMES = [np.full((9, 13, 3), 60 * n, np.uint8) for n in range(4)]
 
 
@@ -34,12 +34,12 @@ def stand_in(folder: Path, text: str) -> None:
 
 def test_a_gif_has_the_frames_of_the_zoom(tmp_path):
     image = pytest.importorskip("PIL.Image", reason="LEFT OUT: there is no Pillow")
-    filters.zoom(PHOTO, movie=tmp_path / "z.gif", rate=10, **ZOOM)
+    filters.zoom(PHOTO, movie=tmp_path / "z.gif", fps=10, **ZOOM)
     with image.open(tmp_path / "z.gif") as gif:
         assert (gif.n_frames, gif.size, gif.info["duration"], gif.info["loop"]) == (3, (49, 32), 100, 0)
         for n in range(3):
             gif.seek(n)
-            alone = pixels(filters.zoom(PHOTO, frame=1 + n, **{**ZOOM, "count": 2}))
+            alone = pixels(filters.zoom(PHOTO, frame=1 + n, **{**ZOOM, "frames": 2}))
             away = np.abs(np.asarray(gif.convert("RGB")) - 255 * np.clip(alone, 0, 1))
             assert away.mean() < 8  # of 256 colors, dithered
 
@@ -103,8 +103,8 @@ def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch
 
 def test_limits_of_a_movie_are_said(tmp_path):
     with pytest.raises(errors.ParameterError, match=r"frame 1000 is at"):
-        filters.zoom(PHOTO, movie=tmp_path / "z.gif", **{**ZOOM, "count": 1000})
+        filters.zoom(PHOTO, movie=tmp_path / "z.gif", **{**ZOOM, "frames": 1000})
     with pytest.raises(errors.ImageError, match=r"a GIF of 200 frames needs \d+ MB of memory"):
         small = Session(budget=64 << 20)
-        filters.zoom(PHOTO, movie=tmp_path / "z.gif", count=200, size=(640, 480), side=64, speed=0.001, session=small)
+        filters.zoom(PHOTO, movie=tmp_path / "z.gif", frames=200, size=(640, 480), side=64, speed=0.001, session=small)
     assert not list(tmp_path.iterdir())

@@ -158,7 +158,7 @@ def test_a_local_edit_changes_nothing_elsewhere(with_fine, tmp_path):
     fine[30:90, 40:120] = 2
     more = {"fine": ids_buffer(fine)} if with_fine else {}
     before = filters.paint(photo(), ids_buffer(painting), patch=patch, plan=tmp_path / "a.npz", **more)
-    after = filters.paint(photo(), ids_buffer(edited), before=tmp_path / "a.npz", plan=tmp_path / "b.npz", **more)
+    after = filters.paint(photo(), ids_buffer(edited), previous=tmp_path / "a.npz", plan=tmp_path / "b.npz", **more)
     touched = np.zeros(painting.shape, bool)
     touched[210 - patch : 240 + patch, 250 - patch : 290 + patch] = True
     changed = (pixels(before) != pixels(after)).any(-1)
@@ -166,7 +166,7 @@ def test_a_local_edit_changes_nothing_elsewhere(with_fine, tmp_path):
     assert changed[215:235, 255:285].mean() > 0.9  # the edit itself is there
     from_nothing = filters.paint(photo(), ids_buffer(edited), patch=patch, **more)
     assert (pixels(before) != pixels(from_nothing)).any(-1)[~touched].any()  # what the plan is kept for
-    undone = filters.paint(photo(), ids_buffer(edited), before=tmp_path / "b.npz", **more)
+    undone = filters.paint(photo(), ids_buffer(edited), previous=tmp_path / "b.npz", **more)
     np.testing.assert_array_equal(pixels(undone), pixels(after))  # nothing edited, nothing changed
 
 
@@ -178,7 +178,7 @@ def test_an_edit_of_the_fine_painting_leaves_the_rest(tmp_path):
     given = {"painting": ids_buffer(disc(300, 320)), "plan": tmp_path / "a.npz", "patch": 16}
     painting = given.pop("painting")
     before = filters.paint(photo(), painting, fine=ids_buffer(fine), **given)
-    after = filters.paint(photo(), painting, fine=ids_buffer(edited), before=tmp_path / "a.npz")
+    after = filters.paint(photo(), painting, fine=ids_buffer(edited), previous=tmp_path / "a.npz")
     touched = np.zeros(fine.shape, bool)
     touched[200 - 16 : 240 + 16, 200 - 16 : 260 + 16] = True
     changed = (pixels(before) != pixels(after)).any(-1)
@@ -228,7 +228,7 @@ def test_soft_brushes_are_taken_for_the_nearest_color(palette, caplog):
     shares = [(painted_labels(one, COARSE) == 2)[inside].mean() for one in (made, hard)]
     assert shares[0] > shares[1] - 0.02
     with pytest.raises(errors.ImageError, match="colors without a label: "):
-        filters.paint(photo(), soft, table=table, patch=16, soft=0)
+        filters.paint(photo(), soft, table=table, patch=16, tolerance=0)
 
 
 def test_a_soft_fine_painting_ends_where_it_covers_less_than_half(palette):
@@ -252,7 +252,8 @@ def test_what_is_wrong_is_said(palette, tmp_path):
     oiio.ImageBufAlgo.render_box(stray, 100, 100, 140, 140, (1, 0, 1), True)
     with pytest.raises(
         errors.ImageError,
-        match=r"farther than soft=0.2 from every color of the table.: 255,0,255 \(\d+ samples, first at 1\d\d,1\d\d\)",
+        match=r"farther than tolerance=0.2 from every color of the table.: 255,0,255"
+        r" \(\d+ samples, first at 1\d\d,1\d\d\)",
     ):
         filters.paint(photo(), stray, table=table, patch=16)
     fine = painted(disc(inner=3, outer=0), facts["finer"])
@@ -272,10 +273,10 @@ def test_what_is_wrong_is_said(palette, tmp_path):
         filters.paint(photo(), stray, table=tmp_path / "more.json")
     filters.paint(photo(), ids_buffer(disc()), patch=16, plan=tmp_path / "a.npz")
     with pytest.raises(errors.ImageError, match="260x240 px with patches of 16 px: expected 100x90 px"):
-        filters.paint(photo(), ids_buffer(disc()), size=(100, 90), before=tmp_path / "a.npz")
+        filters.paint(photo(), ids_buffer(disc()), size=(100, 90), previous=tmp_path / "a.npz")
     filters.quilt(photo(), patch=16, plan=tmp_path / "q.npz")
     with pytest.raises(errors.ImageError, match=r"a plan of filters\.paint"):
-        filters.paint(photo(), ids_buffer(disc()), before=tmp_path / "q.npz")
+        filters.paint(photo(), ids_buffer(disc()), previous=tmp_path / "q.npz")
     with pytest.raises(errors.ImageError, match="no label parts"):
         filters.paint(buffer(PHOTO), ids_buffer(disc()))
     with pytest.raises(errors.ImageError, match=r"a palette of 160x160 needs \d+ MB"):

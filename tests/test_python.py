@@ -292,7 +292,7 @@ def work(photo: NDArray[np.uint8]) -> oiio.ImageBuf:
     width: int = filters.stationarize(photo, as_array=True).shape[1]
     print(width)
     assert_type(filters.graph(photo, photo, json="g.json"), oiio.ImageBuf)
-    tiles = filters.stationarize(photo, maps=[photo], kinds=["color", "normal"], match=(1, 0.5))
+    tiles = filters.stationarize(photo, maps=[photo], kinds=["color", "normal"], mapweights=(1, 0.5))
     if isinstance(tiles, list):
         print(len(tiles))
     try:

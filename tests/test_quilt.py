@@ -60,7 +60,7 @@ def test_a_guide_of_colors_means_what_the_table_says(tmp_path):
     table = tmp_path / "table.json"
     table.write_text(json.dumps({"255,0,0": 1, "0,255,0": [2, 2], "0,0,255": 3}))
     # prices of use carry a difference at a border on to all later cells
-    values = {"size": (400, 240), "stmap": True, "guidance": 0.0, "reuse": 1e9}
+    values = {"size": (400, 240), "stmap": True, "guideweight": 0.0, "reuse": 1e9}
     made = filters.quilt(labeled(), guide=guide, table=table, **values)
     plain = filters.quilt(labeled(), guide=ids(GUIDE), **values)
     full, inside = away_from_borders(GUIDE, (240, 400), 16)
@@ -73,7 +73,7 @@ def test_a_guide_of_colors_means_what_the_table_says(tmp_path):
 
 def test_labels_of_finer_levels_tell_candidates_apart():
     weights = (0.0, 50.0)
-    made = [filters.quilt(labeled(), label=1, level=2, size=(300, 300), finer=w, stmap=True) for w in weights]
+    made = [filters.quilt(labeled(), label=1, level=2, size=(300, 300), finerweight=w, stmap=True) for w in weights]
     assert (pixels(made[0]["st"]) != pixels(made[1]["st"])).any()
 
 
@@ -93,7 +93,7 @@ def test_the_level_gives_the_patch(caplog):
 
 
 def test_label_parts_follow_where_they_are_kept():
-    made = filters.quilt(labeled(), size=(100, 90), keep=True, stmap=True)
+    made = filters.quilt(labeled(), size=(100, 90), keeplabels=True, stmap=True)
     assert list(made) == ["quilt", "st", "label.1", "label.2"]
     assert made["label.2"].spec().format == oiio.UINT32
     np.testing.assert_array_equal(pixels(made["label.2"])[..., 0], label_under(made))
@@ -188,7 +188,7 @@ def test_a_plan_of_another_size_is_refused(tmp_path):
 
 
 def test_content_marks_all_patches_of_the_key(tmp_path):
-    made = filters.content(labeled(), at=(80, 20), level=2, patch=16, json=tmp_path / "c.json")
+    made = filters.content(labeled(), center=(80, 20), level=2, patch=16, json=tmp_path / "c.json")
     facts = json.loads((tmp_path / "c.json").read_text())
     first, second = content_table.window_keys(LABELS, 16)
     same = (first == facts["key"][0]) & (second == facts["key"][1])
@@ -206,7 +206,7 @@ def test_content_marks_all_patches_of_the_key(tmp_path):
 
 def test_content_says_the_histograms_of_every_level(tmp_path):
     said: list[str] = []
-    filters.content(labeled(), at=(80, 20), level=2, patch=16, session=Session(say=said.append))
+    filters.content(labeled(), center=(80, 20), level=2, patch=16, session=Session(say=said.append))
     assert said[1:] == ["label.2: 1: 50.0%, 2: 50.0%", f"key (1, 2) of label.2: {said[2].split()[-2]} patches"]
     assert said[0].startswith("label.1: ")
     save(PHOTO, tmp_path / "photo.exr", "half", "ACEScg")
@@ -229,8 +229,8 @@ def test_content_draws_the_table_of_keys():
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"at": (500, 3)}, "expected a point in the data window"),
-        ({"at": (3,)}, "expected two numbers"),
+        ({"center": (500, 3)}, "expected a point in the data window"),
+        ({"center": (3,)}, "expected two numbers"),
         ({"level": 7}, "level=7: expected one of 1, 2"),
         ({"patch": 150}, "patch=150: exceeds photo"),
     ],

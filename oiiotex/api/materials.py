@@ -13,7 +13,7 @@ from ..materials.documents import (
 )
 from ..materials.label_colors import label_colors
 from ..materials.naming import COLORS, PACKED, PACKED_ROLES, ROLES, Name, read_name
-from ..materials.preview import Looks, lab_of_srgb, save, srgb_of, values, vectors
+from ..materials.preview import Looks, lab_of_srgb, photo_linear, save, srgb_of, values, vectors
 from ..materials.wang_documents import WangMaterial, write_wang_materialx
 from ..wang.atlas import atlas_side, first_tile
 from ..wang.plane import index_image
@@ -38,6 +38,7 @@ __all__ = [
     "lab_of_srgb",
     "label_colors",
     "materialx_faults",
+    "photo_linear",
     "read_name",
     "save",
     "shader",

@@ -144,14 +144,14 @@ class MaterialOp(ExemplarOp):
         None, unset="color (with data=1, data) for the first map, data for the others", help=KINDS_HELP,
         example="color,normal,height", advanced=True,
     )  # fmt: skip
-    match: Numbers | None = param(
+    mapweights: Numbers | None = param(
         None, ge=0, unset="1 for each map, 0.25 for a height", help=MATCH_HELP, example="1,0.5,0", advanced=True
     )
 
     def seen(self, resources: Resources) -> tuple[SomeRows, np.ndarray | None]:
         """Values of all maps of the material together."""
         held = self.holds_photo(resources)
-        return read_material(self.all_maps(), self.kinds, self.match, self.data, resources, held)
+        return read_material(self.all_maps(), self.kinds, self.mapweights, self.data, resources, held)
 
     def all_maps(self) -> tuple[Image, ...]:
         """The exemplar and the other maps; raises ParameterError unless there are n."""

@@ -71,7 +71,7 @@ def height_tile(
     )
     log.info("%s: %s", flag, text)
     if shown > 2 * own + _MUCH:
-        advice = "raise the height's weight in match" + ("" if relevel else ", or set relevel=1")
+        advice = "raise the height's weight in mapweights" + ("" if relevel else ", or set relevel=1")
         log.warning("%s: cliffs at seams: %s; %s", flag, text, advice)
     return tile
 

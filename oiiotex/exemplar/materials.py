@@ -73,8 +73,8 @@ def _read(
     count = sum(layer.shape[2] for layer, _ in layers)
     if count > _MOST_CHANNELS:
         raise ParameterError(
-            f"the maps have {count} channels to compare: expected at most {_MOST_CHANNELS}; set match of a map to 0 to"
-            " ignore it"
+            f"the maps have {count} channels to compare: expected at most {_MOST_CHANNELS}; set mapweights of"
+            " a map to 0 to ignore it"
         )
     if len(layers) == 1 and count >= 3 and layers[0][1] == 1:
         return layers[0][0], opaque
@@ -106,7 +106,7 @@ def _weights(match: Numbers | None, kinds: tuple[str, ...]) -> list[float]:
     if len(match) != len(kinds) or max(match) == 0:
         count = len(kinds)
         expected = f"one number for each of the {count} maps, not all of them 0"
-        raise ParameterError(parameter="match", value=match, expected=expected)
+        raise ParameterError(parameter="mapweights", value=match, expected=expected)
     return list(match)
 
 

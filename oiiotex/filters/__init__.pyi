@@ -34,7 +34,7 @@ def atlas(
     convention: Literal['opengl', 'directx'] = 'opengl',
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -124,7 +124,7 @@ def atlas(
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
-    match : float | Sequence[float] | None, default None
+    mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
@@ -162,7 +162,7 @@ def atlas(
     convention: Literal['opengl', 'directx'] = 'opengl',
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -190,7 +190,7 @@ def atlas(
     convention: Literal['opengl', 'directx'] = 'opengl',
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -218,7 +218,7 @@ def atlas(
     convention: Literal['opengl', 'directx'] = 'opengl',
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -359,9 +359,9 @@ def composite(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: Literal[False] = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: Literal[False] = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -401,10 +401,10 @@ def composite(
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
         Expected: an integer from 8 to 256 px. Default: the labels' scale or, without labels, shorter
         side / 8, as a power of two; less if a label is rare.
-    guidance : float, default 1.0
+    guideweight : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
-    keep : bool, default False
+    keeplabels : bool, default False
         Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
@@ -428,7 +428,8 @@ def composite(
           [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
           with stmap]
-        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with keep]
+        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with
+          keeplabels]
         - plan: Offsets and cuts. [.npz; with plan]
         - grown: Grown label map, a guide for `quilt` and `paint`. [32-bit ids; with grown]
         - report: Measures of the result, for programs. [JSON; with report]
@@ -452,7 +453,7 @@ def composite(
         Number of times that a region of the exemplar may be copied before further copies are penalized,
         relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
-    finer : float, default 0.5
+    finerweight : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
     level : int | None, default None
@@ -492,9 +493,9 @@ def composite(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -522,9 +523,9 @@ def composite(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -552,9 +553,9 @@ def composite(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -582,9 +583,9 @@ def composite(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -602,7 +603,7 @@ def content(
     /,
     *,
     labels: ImageLike | None = None,
-    at: float | Sequence[float] | None = None,
+    center: float | Sequence[float] | None = None,
     level: int | None = None,
     patch: int | None = None,
     table: bool = False,
@@ -617,7 +618,7 @@ def content(
 
     The two most frequent labels in a square patch are its key, by which `quilt` selects patches (LSA16: Lockerman,
     Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
-    2016, section 6.1). Use this to see why a guide selects certain patches. The patch at `at` is outlined on the
+    2016, section 6.1). Use this to see why a guide selects certain patches. The patch at `center` is outlined on the
     photo, and the centers of all patches with the same key are marked red (figure 10). The label histograms of the
     patch at each level are printed (figure 9); json= writes them to a file. With `table`, a table shows a patch for
     each key: rows are the first label, columns the second (figure 11). The result is an 8-bit sRGB image for
@@ -630,7 +631,7 @@ def content(
     labels : ImageLike | None, default None
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
-    at : float | Sequence[float] | None, default None
+    center : float | Sequence[float] | None, default None
         Center X,Y of the patch, in the data window. Expected: a number or a sequence of numbers in px.
         Default: the center of the image.
     level : int | None, default None
@@ -669,7 +670,7 @@ def content(
     --------
     >>> from oiiotex import filters
     >>> labeled = filters.label("photo.png", keep=True)
-    >>> same = filters.content(labeled, at=(20, 30))
+    >>> same = filters.content(labeled, center=(20, 30))
     """
 @overload
 def content(
@@ -677,7 +678,7 @@ def content(
     /,
     *,
     labels: ImageLike | None = None,
-    at: float | Sequence[float] | None = None,
+    center: float | Sequence[float] | None = None,
     level: int | None = None,
     patch: int | None = None,
     table: bool = False,
@@ -1376,7 +1377,7 @@ def estimateao(
     /,
     *,
     radius: int = 32,
-    scale: float | None = None,
+    relief: float | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -1388,7 +1389,7 @@ def estimateao(
 
     1 is unoccluded, 0 is fully occluded. In each of sixteen directions the steepest horizon within the radius is
     found, and the light between the horizons is integrated in closed form (Jimenez and others 2016, eq. 10). Results
-    agree with ray tracing of the same heights to 0.01. The scale of the heights is a guess unless `scale` or the
+    agree with ray tracing of the same heights to 0.01. The scale of the heights is a guess unless `relief` or the
     attribute oiiotex:heightpx gives it. Occlusion from farther away than the radius is ignored.
 
     Parameters
@@ -1397,7 +1398,7 @@ def estimateao(
         Height map: its first channel, where larger is nearer.
     radius : int, default 32
         Maximum distance at which the surface occludes. Expected: an integer from 2 to 1024 px.
-    scale : float | None, default None
+    relief : float | None, default None
         Height that a value of 1 stands for. Expected: a number from 1e-06 to 1000000 px. Default: the
         attribute oiiotex:heightpx, else longer side / 32.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
@@ -1436,7 +1437,7 @@ def estimateao(
     /,
     *,
     radius: int = 32,
-    scale: float | None = None,
+    relief: float | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -1687,6 +1688,309 @@ def estimateroughness(
 ) -> Array: ...
 
 @overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    label: int | None = None,
+    matte: str | None = None,
+    sourcelabel: int | None = None,
+    adapt: float | None = None,
+    drift: FileName | Literal[False] = False,
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: FileName | Literal[False] = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> ImageBuf:
+    """Replace a region of a photo by texture from the rest of it, or from another photo.
+
+    Patches that fit the surroundings are found from coarse to fine levels by PatchMatch (BSFG09: Barnes, Shechtman,
+    Finkelstein, Goldman, PatchMatch, SIGGRAPH 2009; levels as in MJH17), and each pixel is a copy of one source pixel
+    with all channels. With `source`, gradients of light and the color level are taken from the surroundings. All
+    other pixels stay bit-identical, except in the zone of `cut`.
+
+    To keep pixels of the region that exist already, such as those carried from the previous frame, paste them into
+    the photo and mark only the rest: the fill continues them like all other pixels. `mask` excludes them as a source.
+
+    Parameters
+    ----------
+    exemplar : ImageLike
+        Photo; of the n maps of a material, the first.
+    region : ImageLike
+        Image that marks the pixels to replace (first channel above half its range, or a nonzero label
+        id). It is not taken with label or matte.
+    mask : ImageLike | None, default None
+        Image that marks the valid source pixels, of the photo or of source (first channel above half
+        its range, or a nonzero label id). A string is the name of a part of the first image, or a file
+        name.
+    source : ImageLike | None, default None
+        Another photo to fill from, of any size and color space. With n, its first n parts are the maps.
+        A string is the name of a part of the first image, or a file name.
+    maps : Sequence[ImageLike], default ()
+        Further maps, resynthesized from the same source pixels. A string is the name of a part of the
+        first image, or a file name.
+    label : int | None, default None
+        Id of a label to replace, from the photo's label maps. Expected: an integer >= 1.
+    matte : str | None, default None
+        Object to replace, from the photo's Cryptomatte: its name, or its id in hexadecimal. All pixels
+        that it covers are replaced, even partly covered ones.
+    sourcelabel : int | None, default None
+        Id of a label. Only pixels of that label are used as a source. Expected: an integer >= 1.
+    adapt : float | None, default None
+        Fraction of the difference in light gradient and color level that is corrected. 0: every pixel
+        is a verbatim copy. Expected: a number from 0 to 1. Default: 1 with source, else 0.
+    cut : int, default 0
+        Width of a zone around the region in which the border follows the least visible seam (KSE03).
+        Pixels of the zone may be replaced. 0: only the region is replaced. Expected: an integer from 0
+        to 256 px.
+    patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
+        Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
+        or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
+    n : int, default 1
+        Number of maps of one material, resynthesized together: the last n images. Expected: an integer
+        from 1 to 16.
+    seed : int, default 0
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295.
+    colorspace : str | None, default None
+        Color space of the required images. Default: the one in their metadata.
+    roi : ROI | None, default None
+        Region of the result to compute. Default: all of it.
+    nthreads : int, default 0
+        Number of CPU threads if no session is given. 0: all that the process may use.
+    session : Session | None, default None
+        Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
+
+    Returns
+    -------
+    ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]
+        A dict of parts by name if more than one part is requested.
+        A list of these if several images are made.
+        - fill: The photo with the region replaced. One image for each of the n maps, in order. [pixels]
+        - st: Source coordinates of every pixel; with source, B is 1 where they lie in it. [32-bit float
+          coordinates; with stmap]
+        - drift: Correction of the copied pixels: Lab x gain + offset. Channels as of `flatten`. [32-bit
+          float values; with drift]
+
+    Other Parameters
+    ----------------
+    labels : ImageLike | None, default None
+        Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
+        of the first image, or a file name.
+    mattes : ImageLike | None, default None
+        Cryptomatte, if it is not in the photo's file. A string is the name of a part of the first
+        image, or a file name.
+    drift : bool | FileName, default False
+        Correction of the copied pixels. 1: append it as part 'drift'; a file name: write it to that
+        file.
+    tile : Literal['none', 'x', 'y', 'xy'], default 'none'
+        Axes along which the region continues.
+    structure : float, default 0.5
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
+        does not hold complete repeats, the result gets the nearest size that does, unless size is set.
+        0: repeats are not preserved. No effect on photos without regular repeats. Expected: a number
+        from 0 to 1.
+    iterations : int, default 30
+        Number of iterations on the coarsest level. Expected: an integer from 1 to 1000.
+    uniformity : float, default 0.01
+        Strength with which all parts of the source are used equally often (MJH17 eq. 6). Expected: a
+        number from 0 to 1.
+    relevel : bool, default False
+        Raise or lower each copied piece of a height map so that pieces meet without steps. Set it if
+        displaced heights show cliffs. Requires kinds=...,height.
+    kinds : Sequence[str] | None, default None
+        Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
+        data in the result. Default: color (with data=1, data) for the first map, data for the others.
+    mapweights : float | Sequence[float] | None, default None
+        Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
+        follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
+        0.25 for a height.
+    level : int | None, default None
+        Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
+        Default: the coarsest with several labels.
+    data : bool, default False
+        Use the channels as data, without conversion to CIE Lab.
+    stmap : bool | FileName, default False
+        Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
+        file.
+
+    Raises
+    ------
+    oiiotex.Error
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> clean = filters.fill("plate.exr", "mask.exr", seed=7)
+    >>> other = filters.fill("plate.exr", "mask.exr", source="grass.exr")
+    """
+@overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    label: int | None = None,
+    matte: str | None = None,
+    sourcelabel: int | None = None,
+    adapt: float | None = None,
+    drift: Literal[True],
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> dict[str, ImageBuf]: ...
+@overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    label: int | None = None,
+    matte: str | None = None,
+    sourcelabel: int | None = None,
+    adapt: float | None = None,
+    drift: bool | FileName = False,
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: Literal[True],
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> dict[str, ImageBuf]: ...
+@overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    label: int | None = None,
+    matte: str | None = None,
+    sourcelabel: int | None = None,
+    adapt: float | None = None,
+    drift: bool | FileName = False,
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    label: int | None = None,
+    matte: str | None = None,
+    sourcelabel: int | None = None,
+    adapt: float | None = None,
+    drift: bool | FileName = False,
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
+
+@overload
 def flatten(
     source: Picture,
     /,
@@ -1696,7 +2000,7 @@ def flatten(
     amount: float = 1.0,
     contrast: float = 1.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
-    keep: Literal['level', 'none'] = 'level',
+    tone: Literal['photo', 'gray'] = 'photo',
     drift: FileName | Literal[False] = False,
     data: bool = False,
     colorspace: str | None = None,
@@ -1728,9 +2032,9 @@ def flatten(
         Expected: a number from 0 to 1.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the image tiles. The result then tiles along the same axes.
-    keep : Literal['level', 'none'], default 'level'
-        Overall color of the result. level: the median of the local levels; none: middle gray (L 50, a
-        0, b 0), which makes photos comparable.
+    tone : Literal['photo', 'gray'], default 'photo'
+        Overall color of the result. photo: the median of the photo's local levels; gray: middle gray (L
+        50, a 0, b 0), which makes photos comparable.
     drift : bool | FileName, default False
         Correction that removes gradients and stains. 1: append it as part 'drift'; a file name: write
         it to that file.
@@ -1778,7 +2082,7 @@ def flatten(
     amount: float = 1.0,
     contrast: float = 1.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
-    keep: Literal['level', 'none'] = 'level',
+    tone: Literal['photo', 'gray'] = 'photo',
     drift: Literal[True],
     data: bool = False,
     colorspace: str | None = None,
@@ -1797,7 +2101,7 @@ def flatten(
     amount: float = 1.0,
     contrast: float = 1.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
-    keep: Literal['level', 'none'] = 'level',
+    tone: Literal['photo', 'gray'] = 'photo',
     drift: bool | FileName = False,
     data: bool = False,
     colorspace: str | None = None,
@@ -1816,7 +2120,7 @@ def flatten(
     amount: float = 1.0,
     contrast: float = 1.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
-    keep: Literal['level', 'none'] = 'level',
+    tone: Literal['photo', 'gray'] = 'photo',
     drift: bool | FileName = False,
     data: bool = False,
     colorspace: str | None = None,
@@ -1831,7 +2135,7 @@ def graph(
     *photos: ImageLike,
     graph: FileName | None = None,
     json: FileName | None = None,
-    scale: float | Sequence[float] | None = None,
+    ratio: float | Sequence[float] | None = None,
     loop: int | None = None,
     scales: int = 1,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -1845,7 +2149,7 @@ def graph(
     """Create an exemplar graph from one or more photos, or draw an existing graph.
 
     An exemplar graph says which photo supplies finer detail for which (an edge), and how many octaves finer it is
-    (r). Several photos, coarsest first, become a chain: each has pixels `scale` times smaller than the one before.
+    (r). Several photos, coarsest first, become a chain: each has pixels `ratio` times smaller than the one before.
     A single photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of
     it, from the whole photo at reduced resolution to a crop at full resolution.
 
@@ -1861,7 +2165,7 @@ def graph(
         Existing graph to draw (JSON or YAML), instead of creating one.
     json : FileName | None, default None
         File for the graph.
-    scale : float | Sequence[float] | None, default None
+    ratio : float | Sequence[float] | None, default None
         Ratio between the pixel sizes of each photo and the next, or one ratio for all. Expected: a
         number or a sequence of numbers >= 1. Default: 8, less for small photos; with scales, 2.
     loop : int | None, default None
@@ -1912,7 +2216,7 @@ def graph(
     *photos: ImageLike,
     graph: FileName | None = None,
     json: FileName | None = None,
-    scale: float | Sequence[float] | None = None,
+    ratio: float | Sequence[float] | None = None,
     loop: int | None = None,
     scales: int = 1,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
@@ -1936,7 +2240,7 @@ def join(
     """Join crops of an image that were rendered separately, as on a farm.
 
     Takes all images on the stack, in any order. They must be crops of one display window, as `synth` renders them with
-    tiles=1/8 to tiles=8/8, and must cover it. They must have the same channels, pixel type and parts, and must be equal
+    chunk=1/8 to chunk=8/8, and must cover it. They must have the same channels, pixel type and parts, and must be equal
     where they overlap. The result has the same pixels as a single run.
 
     Parameters
@@ -2308,7 +2612,7 @@ def labelview(
     *,
     side: int = 384,
     columns: int = 3,
-    strength: float = 0.65,
+    opacity: float = 0.65,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -2330,7 +2634,7 @@ def labelview(
         Longer side of a panel. Expected: an integer from 64 to 4096 px.
     columns : int, default 3
         Number of panels in a row. Expected: an integer from 1 to 16.
-    strength : float, default 0.65
+    opacity : float, default 0.65
         Opacity of the label colors over the photo. Expected: a number from 0 to 1.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
@@ -2365,7 +2669,7 @@ def labelview(
     *,
     side: int = 384,
     columns: int = 3,
-    strength: float = 0.65,
+    opacity: float = 0.65,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -2383,19 +2687,19 @@ def paint(
     fine: ImageLike | None = None,
     level: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
     plan: FileName | None = None,
-    before: FileName | None = None,
+    previous: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: Literal[False] = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: Literal[False] = False,
     data: bool = False,
     seed: int = 0,
     stmap: FileName | Literal[False] = False,
@@ -2411,7 +2715,7 @@ def paint(
     optional second painting, `fine`, overlays labels of the next finer level; where it is empty (black, id 0 or alpha
     0), the first painting applies (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
     Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE from `palette` maps colors to
-    labels; paintings of ids do not need it. To edit a result, write plan=FILE and pass it as before=FILE to the next
+    labels; paintings of ids do not need it. To edit a result, write plan=FILE and pass it as previous=FILE to the next
     run: patches whose labels did not change are kept, so pixels elsewhere are bit-identical.
 
     Parameters
@@ -2432,8 +2736,8 @@ def paint(
         Size of the result. Expected: (width, height) from 8 to 4194304 px. Default: the painting's
         size.
     plan : FileName | None, default None
-        File (.npz) to write for a later edit: the next run reads it with `before`.
-    before : FileName | None, default None
+        File (.npz) to write for a later edit: the next run reads it with `previous`.
+    previous : FileName | None, default None
         Plan of an earlier run. Patches whose labels did not change are kept.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the result tiles.
@@ -2441,10 +2745,10 @@ def paint(
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
         Expected: an integer from 8 to 256 px. Default: the labels' scale or, without labels, shorter
         side / 8, as a power of two; less if a label is rare.
-    guidance : float, default 1.0
+    guideweight : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
-    keep : bool, default False
+    keeplabels : bool, default False
         Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
@@ -2468,7 +2772,8 @@ def paint(
           [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
           with stmap]
-        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with keep]
+        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with
+          keeplabels]
         - plan: Painted labels and the patches used for them. [.npz; with plan]
         - report: Measures of the result, for programs. [JSON; with report]
 
@@ -2477,7 +2782,7 @@ def paint(
     labels : ImageLike | None, default None
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
-    soft : float, default 0.2
+    tolerance : float, default 0.2
         Largest distance, in Oklab, at which a color counts as the nearest color of the table. Black and
         white are 1 apart. Blends of soft brushes lie within 0.2 of the colors of `palette`. 0: exact
         colors only. Expected: a number from 0 to 1.
@@ -2492,7 +2797,7 @@ def paint(
         Number of times that a region of the exemplar may be copied before further copies are penalized,
         relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
-    finer : float, default 0.5
+    finerweight : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
     data : bool, default False
@@ -2524,19 +2829,19 @@ def paint(
     fine: ImageLike | None = None,
     level: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
     plan: FileName | None = None,
-    before: FileName | None = None,
+    previous: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     data: bool = False,
     seed: int = 0,
     stmap: Literal[True],
@@ -2556,19 +2861,19 @@ def paint(
     fine: ImageLike | None = None,
     level: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
     plan: FileName | None = None,
-    before: FileName | None = None,
+    previous: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     data: bool = False,
     seed: int = 0,
     stmap: bool | FileName = False,
@@ -2588,19 +2893,19 @@ def paint(
     fine: ImageLike | None = None,
     level: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
     plan: FileName | None = None,
-    before: FileName | None = None,
+    previous: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     data: bool = False,
     seed: int = 0,
     stmap: bool | FileName = False,
@@ -2806,24 +3111,23 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -2848,18 +3152,14 @@ def patchmatch(
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
-    inpaint : ImageLike | None, default None
-        Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero
-        label id). They are filled from patches outside the marked area; all other pixels are kept
-        unchanged. A string is the name of a part of the first image, or a file name.
     maps : Sequence[ImageLike], default ()
         Further maps, resynthesized from the same source pixels. A string is the name of a part of the
         first image, or a file name.
     size : Literal['pow2'] | tuple[int, int] | None, default None
         Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
         'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
-    tile : Literal['xy', 'x', 'y', 'none'] | None, default None
-        Axes along which the result tiles. Default: xy; with inpaint, none.
+    tile : Literal['xy', 'x', 'y', 'none'], default 'xy'
+        Axes along which the result tiles.
     variants : int, default 1
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
         which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
@@ -2924,7 +3224,7 @@ def patchmatch(
     uniformity : float, default 0.01
         Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to
         use more of the photo. Above 0.1, structures break up. Expected: a number from 0 to 1.
-    reuse : float, default 1.0
+    reusepenalty : float, default 1.0
         Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
         is closer to the photo and repeats more. Expected: a number from 0 to 1.
     resume : bool, default False
@@ -2938,7 +3238,7 @@ def patchmatch(
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
-    match : float | Sequence[float] | None, default None
+    mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
@@ -2968,24 +3268,23 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -3004,25 +3303,24 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -3041,25 +3339,24 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -3071,6 +3368,102 @@ def patchmatch(
     session: Session | None = None,
     as_array: Literal[True],
 ) -> Array | Any: ...
+
+@overload
+def plate(
+    source: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    frames: str = '',
+    motion: FileName | None = None,
+    vectors: Literal['st', 'backward', 'forward'] = 'st',
+    flip: bool = False,
+    save: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> ImageBuf:
+    """Assemble a clean plate of a shot: the surface that an object hides, from all frames that show it.
+
+    The motion of the surface is tracked around the region (a homography for each frame), or given by `motion`. The
+    plate has the pixels of the given frame and grows by everything that other frames show. It has as many pixels as
+    the frame that shows the region the largest, and little grain, because it is a mean of frames.
+
+    Pixels that no frame shows are transparent, and white in part 'region': fill them once with `fill`, then render
+    the plate into every frame with `project`. All frames show the same fill, so it does not flicker, and each is
+    resampled once.
+
+    Parameters
+    ----------
+    source : ImageLike
+        A frame of the shot, whose pixels the plate continues.
+    region : ImageLike | None, default None
+        Mask of that frame: white is replaced, in all frames. A string is the name of a part of the
+        first image, or a file name.
+    frames : str, default ''
+        Frames of the shot, FIRST-LAST. Their files, and those of `region` and `motion`, are named like
+        those of the given frame, with other numbers. A mask without a number is used for all frames.
+        Default: the given frame alone.
+    motion : FileName | None, default None
+        Motion of the surface: an image of the given frame's, in the convention of `vectors`, or a file
+        that `save` wrote. Default: tracked.
+    vectors : Literal['st', 'backward', 'forward'], default 'st'
+        Meaning of `motion`. st: place in the given frame, from 0 to 1; backward, forward: vectors in
+        pixels to the previous or the next frame. Channels are s and t, or backward.u and backward.v, or
+        forward.u and forward.v, otherwise the first two.
+    flip : bool, default False
+        Read `motion` with t or v pointing up, as in Nuke and Blender.
+    save : FileName | None, default None
+        File for the motion of all frames, for `project`.
+    colorspace : str | None, default None
+        Color space of the required images. Default: the one in their metadata.
+    roi : ROI | None, default None
+        Region of the result to compute. Default: all of it.
+    nthreads : int, default 0
+        Number of CPU threads if no session is given. 0: all that the process may use.
+    session : Session | None, default None
+        Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
+
+    Returns
+    -------
+    ImageBuf
+        - plate: The surface, in the frames' color space and type. Alpha is 0 where it is unknown.
+          [pixels]
+        - region: Pixels that frames need and none shows. [0 or 1, 32-bit floats]
+        - motion: Frames and their matrices, from frame to plate, for `project`. [.npz; with save]
+
+    Raises
+    ------
+    oiiotex.Error
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> plate = filters.plate("photo.png")
+    """
+@overload
+def plate(
+    source: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    frames: str = '',
+    motion: FileName | None = None,
+    vectors: Literal['st', 'backward', 'forward'] = 'st',
+    flip: bool = False,
+    save: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def preview(
@@ -3149,6 +3542,87 @@ def preview(
 ) -> Array: ...
 
 @overload
+def project(
+    source: ImageLike,
+    plate: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    motion: FileName | None = None,
+    frame: int | None = None,
+    grain: float = 1.0,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> ImageBuf:
+    """Render a plate into a region of a frame, with the motion, the light and the grain of the shot.
+
+    Each frame is sampled once from the plate (`plate`), so the fill moves with the surface and stays sharp. Its level
+    is matched to the frame's, as measured around the region, and it gets new grain like the frame's. Pixels outside
+    the region, and channels that the plate lacks, are unchanged. Frames do not depend on each other, so they can be
+    distributed, skipped and repeated.
+
+    Parameters
+    ----------
+    source : ImageLike
+        Frame of the shot.
+    plate : ImageLike
+        Filled plate.
+    region : ImageLike | None, default None
+        Mask: white is replaced, gray is mixed. Without it, the whole frame is replaced. A string is the
+        name of a part of the first image, or a file name.
+    motion : FileName | None, default None
+        File that `plate` saved. Default: none: plate and frame have the same pixels.
+    frame : int | None, default None
+        Number of the frame. Default: that of --frames, otherwise the only one.
+    grain : float, default 1.0
+        Amount of grain, as a multiple of the frame's. 0: none. Expected: a number from 0 to 4.
+    colorspace : str | None, default None
+        Color space of the required images. Default: the one in their metadata.
+    roi : ROI | None, default None
+        Region of the result to compute. Default: all of it.
+    nthreads : int, default 0
+        Number of CPU threads if no session is given. 0: all that the process may use.
+    session : Session | None, default None
+        Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
+
+    Returns
+    -------
+    ImageBuf
+        - frame: The frame with the plate in its region, in its own color space and type. [pixels]
+
+    Raises
+    ------
+    oiiotex.Error
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> frame = filters.project("photo.png", "photo.png")
+    """
+@overload
+def project(
+    source: ImageLike,
+    plate: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    motion: FileName | None = None,
+    frame: int | None = None,
+    grain: float = 1.0,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
+
+@overload
 def quilt(
     exemplar: ImageLike,
     /,
@@ -3158,7 +3632,7 @@ def quilt(
     guide: ImageLike | None = None,
     label: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     overlap: int | None = None,
     plan: FileName | None = None,
     render: bool = False,
@@ -3169,9 +3643,9 @@ def quilt(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: Literal[False] = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: Literal[False] = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -3217,10 +3691,10 @@ def quilt(
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
         Expected: an integer from 8 to 256 px. Default: the labels' scale or, without labels, shorter
         side / 8, as a power of two; less if a label is rare.
-    guidance : float, default 1.0
+    guideweight : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
-    keep : bool, default False
+    keeplabels : bool, default False
         Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
@@ -3249,7 +3723,8 @@ def quilt(
           [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
           with stmap]
-        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with keep]
+        - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with
+          keeplabels]
         - plan: Plan of the quilt: offsets and cuts. [.npz; with plan]
         - report: Measures of the result, for programs. [JSON; with report]
 
@@ -3261,7 +3736,7 @@ def quilt(
     table : FileName | None, default None
         JSON file that maps ids or 8-bit colors of the guide to labels or pairs of labels: {"255,0,0":
         3, "0,0,255": [1, 2]}.
-    soft : float, default 0.2
+    tolerance : float, default 0.2
         Largest distance, in Oklab, at which a color counts as the nearest color of the table. Black and
         white are 1 apart. Blends of soft brushes lie within 0.2 of the colors of `palette`. 0: exact
         colors only. Expected: a number from 0 to 1.
@@ -3284,7 +3759,7 @@ def quilt(
         Number of times that a region of the exemplar may be copied before further copies are penalized,
         relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
-    finer : float, default 0.5
+    finerweight : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
     level : int | None, default None
@@ -3316,7 +3791,7 @@ def quilt(
     guide: ImageLike | None = None,
     label: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     overlap: int | None = None,
     plan: FileName | None = None,
     render: bool = False,
@@ -3327,9 +3802,9 @@ def quilt(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -3351,7 +3826,7 @@ def quilt(
     guide: ImageLike | None = None,
     label: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     overlap: int | None = None,
     plan: FileName | None = None,
     render: bool = False,
@@ -3362,9 +3837,9 @@ def quilt(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -3386,7 +3861,7 @@ def quilt(
     guide: ImageLike | None = None,
     label: int | None = None,
     table: FileName | None = None,
-    soft: float = 0.2,
+    tolerance: float = 0.2,
     overlap: int | None = None,
     plan: FileName | None = None,
     render: bool = False,
@@ -3397,9 +3872,9 @@ def quilt(
     patch: int | None = None,
     candidates: int = 256,
     reuse: float = 1.0,
-    finer: float = 0.5,
-    guidance: float = 1.0,
-    keep: bool = False,
+    finerweight: float = 0.5,
+    guideweight: float = 1.0,
+    keeplabels: bool = False,
     level: int | None = None,
     data: bool = False,
     seed: int = 0,
@@ -3746,7 +4221,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -3762,19 +4236,19 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -3803,10 +4277,6 @@ def stationarize(
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
-    inpaint : ImageLike | None, default None
-        Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero
-        label id). They are filled from patches outside the marked area; all other pixels are kept
-        unchanged. A string is the name of a part of the first image, or a file name.
     sigmamap : ImageLike | None, default None
         Float image of the result's size whose first channel is sigma, in pixels, at each pixel. Use it
         to keep structure in some areas and even out others. A string is the name of a part of the first
@@ -3816,11 +4286,11 @@ def stationarize(
         first image, or a file name.
     flatten : float | None, default None
         Fraction of the photo's gradients and stains to remove before synthesis. 0: every pixel is a
-        verbatim copy. Expected: a number from 0 to 1. Default: 1; with inpaint or for data, 0.
+        verbatim copy. Expected: a number from 0 to 1. Default: 1; for data, 0.
     sigma : float | None, default None
         Scale, in pixels, above which the result is statistically uniform. Smaller structures are kept.
         Reduce it if features still repeat visibly. Expected: a number from 0.5 to 1000000 px. Default:
-        longer side / 8; with inpaint, longer side / 32; at least patch / 4.
+        longer side / 8, at least patch / 4.
     structure : float, default 0.5
         Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
         does not hold complete repeats, the result gets the nearest size that does, unless size is set.
@@ -3834,8 +4304,8 @@ def stationarize(
     size : Literal['pow2'] | tuple[int, int] | None, default None
         Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
         'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
-    tile : Literal['xy', 'x', 'y', 'none'] | None, default None
-        Axes along which the result tiles. Default: xy; with inpaint, none.
+    tile : Literal['xy', 'x', 'y', 'none'], default 'xy'
+        Axes along which the result tiles.
     variants : int, default 1
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
         which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
@@ -3900,7 +4370,7 @@ def stationarize(
     contrast : float | None, default None
         Strength with which the overall colors of the result are matched to the histogram of `target`.
         Increase it if rare colors are missing. At 0, the colors of rare objects, such as windows in a
-        wall, may vanish. Expected: a number from 0 to 1. Default: 0.7; with inpaint, 0.
+        wall, may vanish. Expected: a number from 0 to 1. Default: 0.7.
     target : Literal['flat', 'exemplar'], default 'flat'
         Histogram that `contrast` matches. flat: that of the photo after evening out. exemplar: that of
         the photo as it is, matched only on the coarsest level, as in the paper.
@@ -3922,7 +4392,7 @@ def stationarize(
     uniformity : float, default 0.01
         Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to
         use more of the photo. Above 0.1, structures break up. Expected: a number from 0 to 1.
-    reuse : float, default 1.0
+    reusepenalty : float, default 1.0
         Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
         is closer to the photo and repeats more. Expected: a number from 0 to 1.
     resume : bool, default False
@@ -3936,7 +4406,7 @@ def stationarize(
     kinds : Sequence[str] | None, default None
         Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
         data in the result. Default: color (with data=1, data) for the first map, data for the others.
-    match : float | Sequence[float] | None, default None
+    mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
@@ -3968,7 +4438,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -3984,19 +4453,19 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -4015,7 +4484,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -4031,19 +4499,19 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -4062,7 +4530,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
@@ -4079,19 +4546,19 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -4110,7 +4577,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
@@ -4127,19 +4593,19 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
-    reuse: float = 1.0,
+    reusepenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     n: int = 1,
     kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
+    mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -4316,16 +4782,16 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    tiles: str | None = None,
+    chunk: str | None = None,
     level: int | None = None,
-    toroidal: bool = False,
+    tile: Literal['none', 'xy'] = 'none',
     resume: bool = False,
     stmap: FileName | Literal[False] = False,
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -4362,8 +4828,9 @@ def synth(
         Resolution. At level N, the root exemplar (without `graph`, the photo) is 2^N pixels wide.
         Reduce it for a preview. Expected: an integer from 0 to 60. Default: finest level of the
         exemplars.
-    toroidal : bool, default False
-        Tiling result. Requires size, with sides that are multiples of 2^level pixels.
+    tile : Literal['none', 'xy'], default 'none'
+        Axes along which the result tiles. xy requires size, with sides that are multiples of 2^level
+        pixels.
     graph : FileName | None, default None
         Exemplar graph (JSON or YAML), as the graph filter writes it: photos at several scales, and
         which one refines which.
@@ -4405,7 +4872,7 @@ def synth(
 
     Other Parameters
     ----------------
-    tiles : str | None, default None
+    chunk : str | None, default None
         Chunk I of N of the rows of the result, as I/N, for a render farm.
     resume : bool, default False
         Save a checkpoint after each finished piece next to the output, in the folder OUTPUT.parts. Run
@@ -4423,15 +4890,15 @@ def synth(
         Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
         coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
         endless zoom and with paper.
-    correct : bool, default True
+    matchcolor : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
-    dims : int, default 16
+    components : int, default 16
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
-        preserve contrast in endless zooms.
+        Settings of the paper (HRRG08): components=6, jitter on all levels, and without the corrections
+        that preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
@@ -4455,16 +4922,16 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    tiles: str | None = None,
+    chunk: str | None = None,
     level: int | None = None,
-    toroidal: bool = False,
+    tile: Literal['none', 'xy'] = 'none',
     resume: bool = False,
     stmap: Literal[True],
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -4485,16 +4952,16 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    tiles: str | None = None,
+    chunk: str | None = None,
     level: int | None = None,
-    toroidal: bool = False,
+    tile: Literal['none', 'xy'] = 'none',
     resume: bool = False,
     stmap: bool | FileName = False,
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -4515,16 +4982,16 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    tiles: str | None = None,
+    chunk: str | None = None,
     level: int | None = None,
-    toroidal: bool = False,
+    tile: Literal['none', 'xy'] = 'none',
     resume: bool = False,
     stmap: bool | FileName = False,
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -4699,16 +5166,16 @@ def zoom(
     first: int = 1,
     speed: float = 0.05,
     level: float | None = None,
-    at: float | Sequence[float] | None = None,
+    center: float | Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
     movie: FileName | None = None,
-    count: int = 48,
-    rate: float = 24.0,
+    frames: int = 48,
+    fps: float = 24.0,
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -4743,16 +5210,16 @@ def zoom(
     level : float | None, default None
         Level of detail of the first frame, as in `synth`. Expected: a number from 0 to 60. Default:
         resolution of the root.
-    at : float | Sequence[float] | None, default None
+    center : float | Sequence[float] | None, default None
         Point X,Y to zoom into, in pixels of the root. Expected: a number or a sequence of numbers in
         px. Default: center of the root.
     size : tuple[int, int] | None, default None
         Size of the frame. Expected: (width, height) from 1 to 65536 px. Default: size of the root.
     movie : FileName | None, default None
         File for a preview movie: .gif (Pillow), or .mp4 (requires ffmpeg in $PATH).
-    count : int, default 48
+    frames : int, default 48
         Number of frames of the movie, from this frame on. Expected: an integer from 2 to 65536.
-    rate : float, default 24.0
+    fps : float, default 24.0
         Frames per second of the movie. Expected: a number from 0.1 to 240.
     graph : FileName | None, default None
         Exemplar graph (JSON or YAML), as the graph filter writes it: photos at several scales, and
@@ -4796,15 +5263,15 @@ def zoom(
         Expected: a number or a sequence of numbers from 0 to 1. Default: that of the graph, else 1 on
         coarse levels, 0.6 on further ones, and 0 on the root's two finest; 0.6 on all levels of an
         endless zoom and with paper.
-    correct : bool, default True
+    matchcolor : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
-    dims : int, default 16
+    components : int, default 16
         Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
         fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that
-        preserve contrast in endless zooms.
+        Settings of the paper (HRRG08): components=6, jitter on all levels, and without the corrections
+        that preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
@@ -4830,16 +5297,16 @@ def zoom(
     first: int = 1,
     speed: float = 0.05,
     level: float | None = None,
-    at: float | Sequence[float] | None = None,
+    center: float | Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
     movie: FileName | None = None,
-    count: int = 48,
-    rate: float = 24.0,
+    frames: int = 48,
+    fps: float = 24.0,
     graph: FileName | None = None,
     lock: bool | int = False,
     jitter: float | Sequence[float] | None = None,
-    correct: bool = True,
-    dims: int = 16,
+    matchcolor: bool = True,
+    components: int = 16,
     side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,

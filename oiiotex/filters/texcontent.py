@@ -45,7 +45,7 @@ class Content(ScanThenMap):
 
     The two most frequent labels in a square patch are its key, by which `quilt` selects patches (LSA16: Lockerman,
     Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
-    2016, section 6.1). Use this to see why a guide selects certain patches. The patch at `at` is outlined on the
+    2016, section 6.1). Use this to see why a guide selects certain patches. The patch at `center` is outlined on the
     photo, and the centers of all patches with the same key are marked red (figure 10). The label histograms of the
     patch at each level are printed (figure 9); json= writes them to a file. With `table`, a table shows a patch for
     each key: rows are the first label, columns the second (figure 11). The result is an 8-bit sRGB image for
@@ -54,7 +54,7 @@ class Content(ScanThenMap):
 
     example: ClassVar[str] = """\
 >>> labeled = filters.label("photo.png", keep=True)
->>> same = filters.content(labeled, at=(20, 30))
+>>> same = filters.content(labeled, center=(20, 30))
 """
     name: ClassVar[str] = "content"
     space: ClassVar[Space] = Space.ANY
@@ -68,7 +68,7 @@ class Content(ScanThenMap):
 
     source: Image = image(help="Image with label parts, from `label` with `keep`.")
     labels: Image | None = image(None, help=LABELS)
-    at: Numbers | None = param(
+    center: Numbers | None = param(
         None, unit="px", unset="the center of the image", example="512,384",
         help="Center X,Y of the patch, in the data window.",
     )  # fmt: skip
@@ -111,14 +111,16 @@ class Content(ScanThenMap):
     def _place(self, part: Part, side: int) -> tuple[int, int]:
         """Left and top of the patch, relative to the data window."""
         width, height = part.spec.width, part.spec.height
-        if self.at is None:
+        if self.center is None:
             return (width - side) // 2, (height - side) // 2
-        if len(self.at) != 2:
-            raise ParameterError(parameter="at", value=self.at, expected="two numbers, X,Y")
-        x, y = (int(np.floor(n)) for n in self.at)
+        if len(self.center) != 2:
+            raise ParameterError(parameter="center", value=self.center, expected="two numbers, X,Y")
+        x, y = (int(np.floor(n)) for n in self.center)
         x, y = x - part.spec.x, y - part.spec.y
         if not (0 <= x < width and 0 <= y < height):
-            raise ParameterError(parameter="at", value=self.at, expected=f"a point in the data window {part.window}")
+            raise ParameterError(
+                parameter="center", value=self.center, expected=f"a point in the data window {part.window}"
+            )
         return min(max(x - side // 2, 0), width - side), min(max(y - side // 2, 0), height - side)
 
 

@@ -26,7 +26,7 @@ class EstimateAO(Gather):
 
     1 is unoccluded, 0 is fully occluded. In each of sixteen directions the steepest horizon within the radius is
     found, and the light between the horizons is integrated in closed form (Jimenez and others 2016, eq. 10). Results
-    agree with ray tracing of the same heights to 0.01. The scale of the heights is a guess unless `scale` or the
+    agree with ray tracing of the same heights to 0.01. The scale of the heights is a guess unless `relief` or the
     attribute oiiotex:heightpx gives it. Occlusion from farther away than the radius is ignored.
     """
 
@@ -42,7 +42,7 @@ class EstimateAO(Gather):
 
     source: Image = image(help="Height map: its first channel, where larger is nearer.")
     radius: int = param(32, ge=2, le=1024, unit="px", help="Maximum distance at which the surface occludes.")
-    scale: float | None = param(
+    relief: float | None = param(
         None, ge=1e-6, le=1e6, unit="px", unset="the attribute oiiotex:heightpx, else longer side / 32", example="24",
         help="Height that a value of 1 stands for.",
     )  # fmt: skip
@@ -55,7 +55,7 @@ class EstimateAO(Gather):
         part = self.source.first
         said = part.spec.get_float_attribute(HEIGHT_PX, 0.0)  # PNG stores it as a string
         said = said if 1e-6 <= said <= 1e6 else 0.0
-        scale = self.scale or said or max(part.spec.width, part.spec.height) * _RELIEF
+        scale = self.relief or said or max(part.spec.width, part.spec.height) * _RELIEF
         self.inform("a height of 1 is %g px", scale)
         near, channel = cached(part, session.resources.cache), channels_of(part.spec).color[0]
         wraps = "x" in self.tile, "y" in self.tile

@@ -59,11 +59,11 @@ class Flatten(ScanThenMap):
         choices=("none", "x", "y", "xy"),
         help="Axes along which the image tiles. The result then tiles along the same axes.",
     )
-    keep: str = param(
-        "level",
-        choices=("level", "none"),
-        help="Overall color of the result. level: the median of the local levels; none: middle gray (L 50, a 0, b 0),"
-        " which makes photos comparable.",
+    tone: str = param(
+        "photo",
+        choices=("photo", "gray"),
+        help="Overall color of the result. photo: the median of the photo's local levels; gray: middle gray"
+        " (L 50, a 0, b 0), which makes photos comparable.",
     )
     drift: bool | Path = param(False, help=DRIFT_HELP)
     data: bool = param(False, advanced=True, help="Treat the channels as data, not color.")
@@ -74,7 +74,7 @@ class Flatten(ScanThenMap):
             radius=self.radius,
             amount=self.amount,
             contrast=self.contrast,
-            centered=self.keep == "none",
+            centered=self.tone == "gray",
             wraps=("y" in self.tile, "x" in self.tile),
         )
         usable = None if self.mask is None else masked_pixels(self.mask, self.source)

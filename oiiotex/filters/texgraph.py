@@ -37,7 +37,7 @@ class ExemplarGraph(Whole):
     """Create an exemplar graph from one or more photos, or draw an existing graph.
 
     An exemplar graph says which photo supplies finer detail for which (an edge), and how many octaves finer it is
-    (r). Several photos, coarsest first, become a chain: each has pixels `scale` times smaller than the one before.
+    (r). Several photos, coarsest first, become a chain: each has pixels `ratio` times smaller than the one before.
     A single photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of
     it, from the whole photo at reduced resolution to a crop at full resolution.
 
@@ -66,7 +66,7 @@ class ExemplarGraph(Whole):
         None, example="graph.json", help="Existing graph to draw (JSON or YAML), instead of creating one."
     )
     json: Path | None = param(None, example="graph.json", help="File for the graph.")
-    scale: Numbers | None = param(
+    ratio: Numbers | None = param(
         None, ge=1, unset="8, less for small photos; with scales, 2", example="4,8",
         help="Ratio between the pixel sizes of each photo and the next, or one ratio for all.",
     )  # fmt: skip
@@ -127,12 +127,12 @@ class ExemplarGraph(Whole):
         """The graph as written: a chain, with an optional loop at its end."""
         highest = max(1, _common_side(photos, [1.0] * len(photos), self.side).bit_length() - 4)  # r_max = L - 3
         usual = 1 if self.scales > 1 else min(_OCTAVES, highest)
-        given = tuple(self.scale or ())
+        given = tuple(self.ratio or ())
         if not given and len(photos) > 1 and self.scales == 1:
-            self.warn("no scale given: assuming that each photo is %d times finer than the one before", 2**usual)
+            self.warn("no ratio given: assuming that each photo is %d times finer than the one before", 2**usual)
         if len(given) not in (0, 1, len(photos) - 1):
             expected = f"one number, or one for each edge ({len(photos) - 1})"
-            raise ParameterError(parameter="scale", value=self.scale, expected=expected)
+            raise ParameterError(parameter="ratio", value=self.ratio, expected=expected)
         ratios = given if len(given) > 1 else (given or (2.0**usual,)) * (len(photos) - 1)
         names = _names(photos)
         edges = [{"from": a, "to": b, **_relation(q)} for a, b, q in zip(names, names[1:], ratios, strict=False)]
@@ -151,9 +151,9 @@ class ExemplarGraph(Whole):
         if len(self.photos or ()) != 1:
             expected = f"one photo, not {len(self.photos or ())}"
             raise ParameterError(parameter="scales", value=self.scales, expected=expected)
-        step = (self.scale or Numbers([2.0]))[0]
-        if len(self.scale or (2,)) != 1 or math.frexp(step)[0] != 0.5 or step < 2:
-            raise ParameterError(parameter="scale", value=self.scale, expected="one power of two >= 2, with scales")
+        step = (self.ratio or Numbers([2.0]))[0]
+        if len(self.ratio or (2,)) != 1 or math.frexp(step)[0] != 0.5 or step < 2:
+            raise ParameterError(parameter="ratio", value=self.ratio, expected="one power of two >= 2, with scales")
         return [int(step) ** n for n in range(self.scales - 1, -1, -1)]
 
     def _file(self, factor: int) -> Path:

@@ -21,8 +21,8 @@ from ..errors import ImageError
 from ..session import Session
 
 # parameters in which crops of one image may differ
-_APART = ("tiles", "window", "resume", "graph", "stmap", "report", "fail")
-_SHARE = re.compile(r"(?:^|:)tiles=(\d+)/(\d+)(?:$|:)")
+_APART = ("chunk", "window", "resume", "graph", "stmap", "report", "fail")
+_SHARE = re.compile(r"(?:^|:)chunk=(\d+)/(\d+)(?:$|:)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class Join(ScanThenMap):
     """Join crops of an image that were rendered separately, as on a farm.
 
     Takes all images on the stack, in any order. They must be crops of one display window, as `synth` renders them with
-    tiles=1/8 to tiles=8/8, and must cover it. They must have the same channels, pixel type and parts, and must be equal
+    chunk=1/8 to chunk=8/8, and must cover it. They must have the same channels, pixel type and parts, and must be equal
     where they overlap. The result has the same pixels as a single run.
     """
 
@@ -168,4 +168,4 @@ def _missing(shares: Sequence[Image]) -> str:
         return ""
     (count,) = counts
     absent = [f"{n}/{count}" for n in range(1, count + 1) if (n, count) not in there]
-    return f"tiles={', '.join(absent[:8])}{' ...' if len(absent) > 8 else ''} missing: " if absent else ""
+    return f"chunk={', '.join(absent[:8])}{' ...' if len(absent) > 8 else ''} missing: " if absent else ""

@@ -36,7 +36,7 @@ class LabelView(ScanThenMap):
     source: Image = image(help="Image with label parts, from `label` or `superpixel` with `keep`.")
     side: int = param(384, ge=64, le=4096, unit="px", help="Longer side of a panel.")
     columns: int = param(3, ge=1, le=16, help="Number of panels in a row.")
-    strength: float = param(0.65, ge=0, le=1, help="Opacity of the label colors over the photo.")
+    opacity: float = param(0.65, ge=0, le=1, help="Opacity of the label colors over the photo.")
 
     def compute(self, session: Session) -> dict[str, np.ndarray]:
         """The sheet."""
@@ -59,7 +59,7 @@ class LabelView(ScanThenMap):
             lightness = picture @ np.array([0.2126, 0.7152, 0.0722])
             panels.append(("photo", picture))
         for one, ids in zip(labels, maps, strict=True):
-            panels.append((_title(one, ids), colored(ids, lightness, self.strength)))
+            panels.append((_title(one, ids), colored(ids, lightness, self.opacity)))
         # superpixels are not part of the tree of levels
         levels = [n for n, one in enumerate(labels) if one.level] or list(range(len(labels)))
         tree = label_tree([labels[n] for n in levels], [maps[n] for n in levels])

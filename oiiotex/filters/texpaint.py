@@ -37,7 +37,7 @@ class Paint(Reported, Quilted):
     optional second painting, `fine`, overlays labels of the next finer level; where it is empty (black, id 0 or alpha
     0), the first painting applies (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
     Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE from `palette` maps colors to
-    labels; paintings of ids do not need it. To edit a result, write plan=FILE and pass it as before=FILE to the next
+    labels; paintings of ids do not need it. To edit a result, write plan=FILE and pass it as previous=FILE to the next
     run: patches whose labels did not change are kept, so pixels elsewhere are bit-identical.
     """
 
@@ -68,25 +68,29 @@ class Paint(Reported, Quilted):
     table: Path | None = param(
         None, example="palette.json", help="JSON table from `palette`, which maps colors to labels."
     )
-    soft: float = param(0.2, ge=0, le=1, advanced=True, help=SOFT)
+    tolerance: float = param(0.2, ge=0, le=1, advanced=True, help=SOFT)
     size: Size | None = param(
         None, ge=8, le=1 << 22, unit="px", unset="the painting's size", help="Size of the result."
     )
     plan: Path | None = param(
-        None, example="plan.npz", help="File (.npz) to write for a later edit: the next run reads it with `before`."
+        None, example="plan.npz", help="File (.npz) to write for a later edit: the next run reads it with `previous`."
     )
-    before: Path | None = param(
+    previous: Path | None = param(
         None, example="plan.npz", help="Plan of an earlier run. Patches whose labels did not change are kept."
     )
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The texture, and what other outputs are requested."""
         resources, progress = session.resources, session.progress
-        if self.before is not None and self.fine is None and present(read_begun(self.before, resources.budget)).fine:
-            self.inform("%s has a fine painting, which this run does not overlay", self.before)
+        if (
+            self.previous is not None
+            and self.fine is None
+            and present(read_begun(self.previous, resources.budget)).fine
+        ):
+            self.inform("%s has a fine painting, which this run does not overlay", self.previous)
         asked = self.size or self.painting.first.window.size
         quality = Quality.of_copies(self, resources, progress, asked, painted=True)
-        table = None if self.table is None else read_table(self.table, self.soft)
+        table = None if self.table is None else read_table(self.table, self.tolerance)
         levels = label_levels(self.exemplar, self.labels)
         level = self.level or (table.level if table else None) or opened_level(levels)
         coarse = self._sewing(level, self.painting, self.size, table, "", resources.budget)
@@ -125,7 +129,7 @@ class Paint(Reported, Quilted):
         self, level: int, guide: Image, size: Size | None, table: Table | None, prefix: str, budget: int
     ) -> Sewing:
         """The quilting of one layer: the labels of its colors, and the patches to keep."""
-        begun = None if self.before is None else read_begun(self.before, budget, prefix)
+        begun = None if self.previous is None else read_begun(self.previous, budget, prefix)
         patch, overlap = self.patch, None
         if begun is not None and patch is None:  # an edit keeps the patch size
             patch, overlap = begun.plan.grid.patch, begun.plan.grid.overlap

@@ -61,7 +61,7 @@ class Quilting(Reported, Quilted, Structured):
         help='JSON file that maps ids or 8-bit colors of the guide to labels or pairs of labels: {"255,0,0": 3,'
         ' "0,0,255": [1, 2]}.',
     )
-    soft: float = param(0.2, ge=0, le=1, help=SOFT, advanced=True)
+    tolerance: float = param(0.2, ge=0, le=1, help=SOFT, advanced=True)
     overlap: int | None = param(
         None,
         example="12",
@@ -105,7 +105,7 @@ class Quilting(Reported, Quilted, Structured):
             raise ParameterError("guide conflicts with label; set only one of them")
         if self.table is not None and self.guide is None:
             raise ParameterError("table requires guide")
-        table = None if self.table is None else read_table(self.table, self.soft)
+        table = None if self.table is None else read_table(self.table, self.tolerance)
         return Sewing(
             op=self, guide=self.guide, level=self.level, size=self.size, patch=self.patch, overlap=self.overlap,
             structured=self, meaning=lambda there: meaning_of(present(self.guide).first, table, there),

@@ -68,7 +68,7 @@ class Synth(Multiscale, Structured):
     window: str | None = param(
         None, example="1920x1080+0-400", help="Window of the unbounded plane to compute, as WxH+X+Y."
     )
-    tiles: str | None = param(
+    chunk: str | None = param(
         None, example="1/4", advanced=True, help="Chunk I of N of the rows of the result, as I/N, for a render farm."
     )
     level: int | None = param(
@@ -80,7 +80,11 @@ class Synth(Multiscale, Structured):
         help="Resolution. At level N, the root exemplar (without `graph`, the photo) is 2^N pixels wide. Reduce it"
         " for a preview.",
     )
-    toroidal: bool = param(False, help="Tiling result. Requires size, with sides that are multiples of 2^level pixels.")
+    tile: str = param(
+        "none",
+        choices=("none", "xy"),
+        help="Axes along which the result tiles. xy requires size, with sides that are multiples of 2^level pixels.",
+    )
     resume: bool = param(
         False,
         advanced=True,
@@ -105,7 +109,7 @@ class Synth(Multiscale, Structured):
     def compute(self, session: Session) -> dict[str, Any]:
         """The texture and its source coordinates."""
         resources, progress = session.resources, session.progress
-        asked, wrap = self._asked_window(), (self.toroidal, self.toroidal)
+        asked, wrap = self._asked_window(), (self.tile == "xy",) * 2
         # checks the limits before the work
         quality = Quality(op=self, resources=resources, progress=progress, wrap=wrap, copies=self.graph is None)
         plane = self.opened(resources, progress)
@@ -117,13 +121,13 @@ class Synth(Multiscale, Structured):
         how: dict[str, Any] = {"seed": self.seed, "lock": self.lock, "jitter": self.jitter}
         settings = plane.settings(**how, around=around, around_level=level, in_step=in_step)
         maker = self.maker(plane, settings, resources)
-        key = plane.key(settings, level) if self.resume or self.tiles else ""
+        key = plane.key(settings, level) if self.resume or self.chunk else ""
         states = States(resources, maker, level, window, display or window, key if self.resume else "")
-        spec = texture_spec(first.spec, states.display, states.place, self.toroidal)
+        spec = texture_spec(first.spec, states.display, states.place, self.tile)
         spec.attribute("oiiotex:level", level)
         spec.attribute(WINDOW, str(window))
         note(spec, "oiiotex:seed", settings.seed)
-        if self.tiles:
+        if self.chunk:
             spec.attribute(PLANE, key)
         texture = Part(first.name, spec, lambda w: plane.pixels(states.read(w)), first.stored)
         results = {"texture": texture, **self._maps(plane, states, spec)}
@@ -136,8 +140,8 @@ class Synth(Multiscale, Structured):
 
     def _asked_window(self) -> Window | None:
         """The value of `window`, which must lie inside `size`; None if not given."""
-        if self.tiles and not _SHARE.fullmatch(self.tiles):
-            raise ParameterError(parameter="tiles", value=self.tiles, expected="I/N, I from 1 to N")
+        if self.chunk and not _SHARE.fullmatch(self.chunk):
+            raise ParameterError(parameter="chunk", value=self.chunk, expected="I/N, I from 1 to N")
         if not self.window:
             return None
         match = _WINDOW.fullmatch(self.window)
@@ -156,27 +160,27 @@ class Synth(Multiscale, Structured):
     def _windows(self, spec: oiio.ImageSpec, asked: Window | None) -> tuple[Window | None, Window]:
         """(display window by `size`, pixels to compute), both on the plane of the level.
 
-        `tiles` selects whole rows, so the chunks are assembled by pasting.
+        `chunk` selects whole rows, so the chunks are assembled by pasting.
         """
         display = None if self.size is None else Window(0, 0, *self.size)
         window = asked or display or Window(0, 0, spec.width, spec.height)
-        if not self.tiles:
+        if not self.chunk:
             return display, window
-        share, count = map(int, self.tiles.split("/"))
+        share, count = map(int, self.chunk.split("/"))
         if not 1 <= share <= count <= window.height:
             expected = f"I/N, I from 1 to N, N at most {window.height} rows"
-            raise ParameterError(parameter="tiles", value=self.tiles, expected=expected)
+            raise ParameterError(parameter="chunk", value=self.chunk, expected=expected)
         rows = (window.top + window.height * n // count for n in (share - 1, share))
         return display or window, Window(window.left, next(rows), window.right, next(rows))
 
     def _around(self, level: int, display: Window | None) -> tuple[int, int] | None:
         """Period of the plane, in pixels of the level."""
-        if not self.toroidal:
+        if self.tile == "none":
             return None
         if self.size is None or display is None:
-            raise ParameterError(f"{modifier(toroidal=True)} requires size, the period of the texture")
+            raise ParameterError(f"{modifier(tile='xy')} requires size, the period of the texture")
         if any(n % (1 << level) for n in self.size):
-            expected = f"multiples of {1 << level} px, for {modifier(toroidal=True)} on level {level}"
+            expected = f"multiples of {1 << level} px, for {modifier(tile='xy')} on level {level}"
             raise ParameterError(parameter="size", value=self.size, expected=expected)
         return display.width, display.height
 

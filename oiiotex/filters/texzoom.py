@@ -67,7 +67,7 @@ class Zoom(Multiscale):
         unset="resolution of the root",
         help="Level of detail of the first frame, as in `synth`.",
     )
-    at: Numbers | None = param(
+    center: Numbers | None = param(
         None,
         unit="px",
         unset="center of the root",
@@ -78,8 +78,8 @@ class Zoom(Multiscale):
     movie: Path | None = param(
         None, example="zoom.mp4", help="File for a preview movie: .gif (Pillow), or .mp4 (requires ffmpeg in $PATH)."
     )
-    count: int = param(48, ge=2, le=1 << 16, help="Number of frames of the movie, from this frame on.")
-    rate: float = param(24.0, ge=0.1, le=240, help="Frames per second of the movie.")
+    frames: int = param(48, ge=2, le=1 << 16, help="Number of frames of the movie, from this frame on.")
+    fps: float = param(24.0, ge=0.1, le=240, help="Frames per second of the movie.")
 
     def single(self, name: str) -> Graph:
         """A graph of one exemplar with an edge to itself."""
@@ -88,8 +88,8 @@ class Zoom(Multiscale):
     def compute(self, session: Session) -> dict[str, Any]:
         """The frame."""
         resources, progress = session.resources, session.progress
-        if self.at is not None and len(self.at) != 2:
-            raise ParameterError(parameter="at", value=self.at, expected="two numbers, X,Y")
+        if self.center is not None and len(self.center) != 2:
+            raise ParameterError(parameter="center", value=self.center, expected="two numbers, X,Y")
         # checks the limits before the work
         quality = Quality(op=self, resources=resources, progress=progress, copies=False)
         plane = self.opened(resources, progress)
@@ -98,14 +98,14 @@ class Zoom(Multiscale):
         number = self.first if self.frame is None else self.frame
         zoom = self._zoom(plane, number)
         side = 1 << plane.finest
-        x, y = (Fraction(n) / side for n in self.at or (side / 2, side / 2))
-        last = self._zoom(plane, number + self.count - 1) if self.movie else zoom
+        x, y = (Fraction(n) / side for n in self.center or (side / 2, side / 2))
+        last = self._zoom(plane, number + self.frames - 1) if self.movie else zoom
         farthest = max(zoom, last)
         if max(abs(x), abs(y)) * 2 ** math.ceil(farthest) > FARTHEST:
             problem = f"more than 2^60 px away from 0,0 at {farthest:.6g} octaves"
-            raise ParameterError(problem, parameter="at", value=self.at)
+            raise ParameterError(problem, parameter="center", value=self.center)
         if self.movie and self.movie.suffix.lower() == ".gif":
-            resources.require(2 * self.count * width * height, f"a GIF of {self.count} frames", "reduce count")
+            resources.require(2 * self.frames * width * height, f"a GIF of {self.frames} frames", "reduce frames")
         maker = self.maker(plane, plane.settings(seed=self.seed, lock=self.lock, jitter=self.jitter), resources)
         whole = Window(0, 0, width, height)
 
@@ -116,12 +116,12 @@ class Zoom(Multiscale):
             return Part(first.name, spec, shown.pixels, first.stored)
 
         def frames() -> Iterator[np.ndarray]:
-            for n in range(self.count):
+            for n in range(self.frames):
                 part = frame_at(self._zoom(plane, number + n))
                 yield np.rint(255 * shown_pixels(part.pixels(), part, resources)).astype(np.uint8)
-                progress.advance(n + 1, self.count)
+                progress.advance(n + 1, self.frames)
 
-        results = {"frame": frame_at(zoom), "movie": lambda: (frames(), self.rate)}
+        results = {"frame": frame_at(zoom), "movie": lambda: (frames(), self.fps)}
         return with_report(quality, plane, results)
 
     def _zoom(self, plane: Plane, number: int) -> float:

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import hashlib
 import json
 import shlex
 import shutil
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypedDict
 
@@ -32,8 +31,11 @@ from ..recipes.found import Material, extract, link_or_copy
 from ..recipes.lines import SOURCE, ProductStep, source_name, steps_of
 from ..recipes.recipe import LibraryRecipe
 from .catalog import SIDECAR
+from .digests import digest_of, faults
+from .wang import WangFiles, write_wang
 
 SCHEMA = "oiiotex.asset/2"
+_SEED = 0  # arrangement of Wang tiles
 _STEP = 0.1  # of a height map's range, between neighboring pixels
 
 
@@ -116,26 +118,6 @@ def read_sidecar(folder: Path) -> dict[str, Any]:
     return dict(sidecar)
 
 
-def faults(folder: Path, files: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Errors of the files of a folder, compared with their recorded sizes and hashes."""
-    wrong = []
-    for file in files:
-        path = folder / file["path"]
-        if not path.is_relative_to(folder) or ".." in path.relative_to(folder).parts:
-            wrong.append(f"{path} is outside the asset's folder")
-        elif not path.is_file():
-            wrong.append(f"{path} is missing")
-        elif path.stat().st_size != file["bytes"] or digest_of(path) != file["sha256"]:
-            wrong.append(f"{path} has changed since it was written")
-    return wrong
-
-
-def digest_of(path: Path) -> str:
-    """The SHA-256 of a file."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def run_line(step: ProductStep, folder: Path, budget: int = 0, threads: int = 0) -> int:
     """Run a product's line in an asset's folder, writing only to the product's folder; returns the exit code.
 
@@ -175,18 +157,13 @@ class _Making:
             measures["labels"] = len(labels)
         meters = self._meters_a_pixel(tile, steps)
         hand, lattice = self._hand(), bool(steps_px)
-        looks = materials.Looks.of(maps, _session(job).resources, hand)
-        for name, picture in looks.pictures(recipe.deliver.shape, lattice).items():
-            materials.save(picture, self.folder / name)
-        if recipe.deliver.tx:
-            (self.folder / "tx").mkdir()
-            for role, path in tile.outputs.items():
-                _write_texture(self.folder / path, self.folder / "tx" / f"{role}.tx")
         described = materials.Described(material.name, dict(tile.outputs), self._space(maps["color"]), hand, lattice)
-        if recipe.deliver.materialx:
-            materials.write_materialx(described, self.folder)
-        if recipe.deliver.usd:
-            materials.write_usd(described, self.folder)
+        wang, side = self._documents(described, self._textures(tile.outputs), meters), 1
+        if wang is not None:
+            side, measures["tiles"] = wang.side, wang.side**2
+        looks = materials.Looks.of(maps, _session(job).resources, hand, side, wang and wang.plane)
+        for name, picture in looks.pictures(recipe.deliver.shape, lattice, self._photo()).items():
+            materials.save(picture, self.folder / name)
         reasons += [
             f"{limit}: {measures[limit.measure]:.4g}"
             for limit in recipe.limits
@@ -202,12 +179,13 @@ class _Making:
             "reasons": reasons, "license": facts.license, "author": facts.author, "tags": list(facts.tags),
             "size_m": list(facts.size_m), "width": spec.width, "height": spec.height,
             "color_lab": [round(float(value), 3) for value in looks.mean_lab()], "lattice": steps_px,
-            "tile_m": [meters[0] * spec.width, meters[1] * spec.height] if meters else [],
+            "tile_m": [meters[0] * spec.width / side, meters[1] * spec.height / side] if meters else [],
             "lattice_m": [[meters[0] * x, meters[1] * y] for x, y in steps_px] if meters else [],
             "labels": [{"name": name, "share": share, "color_lab": lab} for name, share, lab in labels],
             "normals": hand, "sources": self._sources(),
             "lines": {step.product: shlex.join(["oiiotex", *step.words]) for step in steps},
             "products": keys, "maps": dict(tile.outputs), "measures": measures, "files": self._files(),
+            "wang": {"side": side, "index": wang.index_file, "tiles": wang.tiles, "seed": _SEED} if wang else {},
             "seconds": round(time.perf_counter() - start, 3),
             "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         }  # fmt: skip
@@ -243,7 +221,13 @@ class _Making:
     def _taken(self, step: ProductStep, before: Mapping[str, Any]) -> bool:
         """Reuse a product's files of an earlier run; False if they have changed."""
         old = Path(self.job.before)
-        files = [file for file in before["files"] if file["path"].startswith(f"{step.product}/")]
+        wang = before.get("wang") or {"index": "", "tiles": {}}
+        added = {wang["index"], *wang["tiles"].values()}  # after the line
+        files = [
+            file
+            for file in before["files"]
+            if file["path"].startswith(f"{step.product}/") and file["path"] not in added
+        ]
         if not files or faults(old, files):
             return False
         for file in files:
@@ -259,6 +243,44 @@ class _Making:
         folder.mkdir()
         for role, file in self.job.material.maps.items():
             extract(Path(self.job.photos), file, self.folder / source_name(role, file))
+
+    # --- delivery ---
+
+    def _textures(self, outputs: Mapping[str, str]) -> dict[str, str]:
+        """The maps that MaterialX reads: MIP-mapped textures if the recipe asks for them."""
+        if not self.job.recipe.deliver.tx:
+            return dict(outputs)
+        (self.folder / "tx").mkdir()
+        textures = {role: f"tx/{role}.tx" for role in outputs}
+        for role, path in outputs.items():
+            _write_texture(self.folder / path, self.folder / textures[role])
+        return textures
+
+    def _documents(
+        self, described: materials.Described, textures: dict[str, str], meters: tuple[float, ...]
+    ) -> WangFiles | None:
+        """Write documents for renderers, those of Wang tiles if the recipe asks for them."""
+        deliver = self.job.recipe.deliver
+        if deliver.wang:
+            spec = read(self.folder / described.maps["color"]).first.spec
+            side = max(1, materials.atlas_side(spec))
+            size = [n * length / side for n, length in zip((spec.width, spec.height), meters, strict=False)]
+            width, height = size or (1.0, spec.height / spec.width)  # of an unknown size: one unit wide
+            return write_wang(
+                described.maps, self.folder, described.name, _SEED, (width, height), 0.0, described.hand, textures
+            )
+        if deliver.materialx:
+            materials.write_materialx(replace(described, maps=textures), self.folder)
+        if deliver.usd:
+            materials.write_usd(described, self.folder)
+        return None
+
+    def _photo(self) -> np.ndarray:
+        """The photo in the height of a card."""
+        self._lay_out_sources()
+        file = self.job.material.maps["color"]
+        photo = read(self.folder / source_name("color", file))
+        return materials.photo_linear(photo, self.job.recipe.space("color", file.floats), _session(self.job).resources)
 
     # --- description ---
 

@@ -167,6 +167,11 @@ class Catalog:
         """The tags of all assets: asset -> tags as keys."""
         return self._gathered("SELECT asset, tag, tag FROM tags")
 
+    def sizes(self) -> dict[str, int]:
+        """The bytes of the files of all assets."""
+        with sqlite_errors(self.library):
+            return dict(self._data.execute("SELECT asset, SUM(bytes) FROM files GROUP BY asset"))
+
     def labels(self) -> dict[str, list[AssetLabel]]:
         """The labels of assets with labels."""
         gathered: dict[str, list[AssetLabel]] = {}

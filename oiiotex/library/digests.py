@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hashes of photo files; unchanged files are not read again."""
+"""Hashes of files; unchanged photos are not read again."""
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 from ..errors import one_line
 from ..recipes.found import Material
-from .asset import digest_of
 from .catalog import Catalog
 from .runs import FoldersAlone
 
@@ -64,3 +65,23 @@ def is_text(path: str | Path) -> bool:
     except UnicodeEncodeError:
         return False
     return True
+
+
+def faults(folder: Path, files: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Errors of the files of a folder, compared with their recorded sizes and hashes."""
+    wrong = []
+    for file in files:
+        path = folder / file["path"]
+        if not path.is_relative_to(folder) or ".." in path.relative_to(folder).parts:
+            wrong.append(f"{path} is outside the asset's folder")
+        elif not path.is_file():
+            wrong.append(f"{path} is missing")
+        elif path.stat().st_size != file["bytes"] or digest_of(path) != file["sha256"]:
+            wrong.append(f"{path} has changed since it was written")
+    return wrong
+
+
+def digest_of(path: Path) -> str:
+    """The SHA-256 of a file."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -25,9 +25,9 @@ from ..errors import Error, ParameterError, one_line
 from ..recipes.found import Material, materials
 from ..recipes.lines import require_confined, require_lines
 from ..recipes.recipe import LibraryRecipe
-from .asset import AssetJob, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
+from .asset import AssetJob, Outcome, key_of, make, read_sidecar, role_of
 from .catalog import PLACES, SIDECAR, Asset, AssetLabel, Catalog
-from .digests import digests_of, is_text
+from .digests import digest_of, digests_of, faults, is_text
 from .runs import WORK, FoldersAlone
 
 log = logging.getLogger("oiiotex")
@@ -275,7 +275,8 @@ class _IngestRun:
         measures = ", ".join(f"{m} {own[m]:.3g}" for m in ("seam", "repeat") if m in own)
         reasons = f" ({'; '.join(sidecar['reasons'])})" if sidecar["reasons"] else ""
         self.say(
-            f"{name}: {sidecar['status']}{reasons}, {len(sidecar['files'])} files, {outcome.seconds:.1f} s"
+            f"{name}: {sidecar['status']}{reasons}, {len(sidecar['files'])} files, "
+            f"{sum(file['bytes'] for file in sidecar['files']) / 1e6:.1f} MB, {outcome.seconds:.1f} s"
             + (f", {measures}" if measures else "")
         )
 

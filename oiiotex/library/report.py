@@ -28,6 +28,12 @@ td.n{text-align:right;font-variant-numeric:tabular-nums}th{cursor:pointer;positi
 th[data-way="1"]::after{content:" \\25B2"}th[data-way="-1"]::after{content:" \\25BC"}
 img{max-height:120px;max-width:26vw;display:block;border-radius:3px}.ok{color:#16703a}.review,.asked{color:#a05a00}.failed{color:#b00020}
 td.why{max-width:18em;overflow-wrap:anywhere}input{font:inherit;padding:4px 8px;margin-bottom:12px;width:24em}
+@media(max-width:1100px){
+ body{margin:12px}input{width:100%;box-sizing:border-box}thead{font-size:12px}table,thead,tbody{display:block}tr{display:flex;flex-wrap:wrap}
+ th{position:static}td{border:0;padding:2px 8px}td:first-child{flex:0 0 100%}td{box-sizing:border-box}
+ tr+tr{border-top:1px solid #ddd}
+ td.n[data-l]:not([data-v=""])::before{content:attr(data-l) " ";color:#555}td.why{max-width:none}img{max-width:100%}
+}
 """
 _SCRIPT = """
 const body=document.querySelector('tbody'),heads=[...document.querySelectorAll('th')];
@@ -47,15 +53,18 @@ _ORDER = {"failed": 0, "asked": 1, "review": 2, "ok": 3}
 def write_report(catalog: Catalog, title: str) -> Path:
     """Write the report of a library, and return its path."""
     assets = sorted(catalog.assets().values(), key=lambda asset: (_ORDER[asset.status], asset.name))
-    measures = catalog.measures()
+    measures, sizes = catalog.measures(), catalog.sizes()
     named = {name for own in measures.values() for name in own}
     columns = [name for name in _COLUMNS if name in named]
     counts = {status: sum(asset.status == status for asset in assets) for status in reversed(_ORDER)}
     summary = ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "no assets yet"
     if len(assets) > _MOST:
         summary += f"; showing {_MOST}, those that are not ok first"
-    heads = ["preview: lit, 2 × 2, image | hextiledimage", "name", "status", "reason", "size", *columns, "seconds"]
-    rows = [_row(catalog.library, asset, measures.get(asset.name, {}), columns) for asset in assets[:_MOST]]
+    heads = ["photo, lit, repeated, compared", "name", "status", "reason", "size", *columns, "seconds", "MB"]
+    rows = [
+        _row(catalog.library, asset, measures.get(asset.name, {}), columns, sizes.get(asset.name, 0))
+        for asset in assets[:_MOST]
+    ]
     made = time.strftime("%Y-%m-%d %H:%M")
     page = (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
@@ -70,19 +79,25 @@ def write_report(catalog: Catalog, title: str) -> Path:
     return path
 
 
-def _row(library: Path, asset: Asset, measures: dict[str, float], columns: list[str]) -> str:
+def _row(library: Path, asset: Asset, measures: dict[str, float], columns: list[str], size: int) -> str:
     name, why = html.escape(asset.name), html.escape("; ".join(asset.reasons))
     link = f'<a href="{html.escape(asset.folder)}/">{name}</a>' if asset.folder else name
-    size = f"{asset.width}×{asset.height}" if asset.width else ""
-    numbers = [(measures.get(column), ".3g") for column in columns] + [(asset.seconds or None, ".1f")]
+    viewer = f"{asset.folder}/{asset.name}.html"
+    if asset.folder and (library / viewer).is_file():
+        link += f' <a href="{html.escape(viewer)}">plane</a>'
+    pixels = f"{asset.width}×{asset.height}" if asset.width else ""
+    numbers = [(column, measures.get(column), ".3g") for column in columns]
+    numbers += [("seconds", asset.seconds or None, ".1f"), ("MB", size / 1e6 or None, ".1f")]
     cells = "".join(
-        '<td class="n" data-v=""></td>' if value is None else f'<td class="n" data-v="{value:.6g}">{value:{form}}</td>'
-        for value, form in numbers
+        '<td class="n" data-v=""></td>'
+        if value is None
+        else f'<td class="n" data-l="{column}" data-v="{value:.6g}">{value:{form}}</td>'
+        for column, value, form in numbers
     )
     return (
         f'<tr><td data-v="{name}">{_picture(library, asset)}</td><td>{link}</td>'
         f'<td class="{asset.status}">{asset.status}</td><td class="why">{why}</td>'
-        f'<td data-v="{asset.width * asset.height}">{size}</td>{cells}</tr>'
+        f'<td data-v="{asset.width * asset.height}">{pixels}</td>{cells}</tr>'
     )
 
 

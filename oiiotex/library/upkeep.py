@@ -11,8 +11,9 @@ from typing import Any
 
 from ..api import materials
 from ..errors import Error
-from .asset import faults, read_sidecar
+from .asset import read_sidecar
 from .catalog import PLACES, SIDECAR, Catalog
+from .digests import faults
 from .runs import WORK
 
 
@@ -36,8 +37,7 @@ def check(catalog: Catalog) -> Iterator[str]:
             continue
         if (sidecar["name"], sidecar["key"], sidecar["status"]) != asset[:3]:
             yield f"{folder / SIDECAR} does not match the catalog"
-        document = folder / f"{asset.name}.mtlx"
-        if materialx and document.is_file():
+        for document in sorted(folder.glob("*.mtlx")) if materialx else ():
             yield from dict.fromkeys(materials.materialx_faults(document))
         stage = folder / f"{asset.name}.usda"
         if stage.is_file():

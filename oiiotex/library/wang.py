@@ -6,7 +6,8 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Mapping
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 from ..api import materials
 from ..api.files import temporary_beside
@@ -17,15 +18,66 @@ from ..errors import Error
 _PAGE = 1024  # px; longest side of the atlas in the web page
 
 
+class WangFiles(NamedTuple):
+    """What `write_wang` has written next to the atlases.
+
+    Attributes
+    ----------
+    side : int
+        Tiles along a side of an atlas.
+    index_file : str
+        The index image.
+    tiles : mapping of role to str
+        A tile of each map that repeats without seams, for readers without a shader.
+    plane : (256, 256, 3) uint8
+        The content of the index image.
+    """
+
+    side: int
+    index_file: str
+    tiles: dict[str, str]
+    plane: np.ndarray
+
+
 def deliver_wang(
     files: Mapping[str, Path], folder: Path, name: str, seed: int, size_m: tuple[float, float], relief: float, hand: str
 ) -> list[str]:
     """Write all files of a material into a folder, one atomically after another; other files there are kept.
 
+    `files`: atlases of --texstationarize:pack=atlas, of one run, by role. The others are those of `write_wang`.
+    Returns the names of the written files.
+    """
+    with tempfile.TemporaryDirectory(prefix="oiiotex") as text:
+        work = Path(text)
+        atlases = {role: f"{name}_{role}{path.suffix}" for role, path in files.items()}
+        _side_of({role: read(str(path)) for role, path in files.items()})
+        for role, path in files.items():
+            shutil.copyfile(path, work / atlases[role])
+        write_wang(atlases, work, name, seed, size_m, relief, hand)
+        folder.mkdir(parents=True, exist_ok=True)
+        names = sorted(path.name for path in work.iterdir())
+        for one in names:
+            with temporary_beside(folder / one) as temporary:
+                shutil.copyfile(work / one, temporary)
+    return names
+
+
+def write_wang(
+    atlases: Mapping[str, str],
+    folder: Path,
+    name: str,
+    seed: int,
+    size_m: tuple[float, float],
+    relief: float,
+    hand: str,
+    textures: Mapping[str, str] | None = None,
+) -> WangFiles:
+    """Write everything that renderers need in addition to the atlases of a folder.
+
     Parameters
     ----------
-    files : mapping of role to Path
-        Atlases of --texstationarize:pack=atlas, of one run. The color is required.
+    atlases : mapping of role to str
+        Files of --texstationarize:pack=atlas, of one run, below the folder. The color is required.
     folder : Path
     name : str
     seed : int
@@ -36,45 +88,39 @@ def deliver_wang(
         Distance between heights 0 and 1; 0: heights are not connected.
     hand : str
         Convention of the normals.
-
-    Returns
-    -------
-    list of str
-        Names of the written files.
+    textures : mapping of role to str, optional
+        Files below the folder that MaterialX reads instead: MIP-mapped textures of the atlases.
 
     Raises
     ------
     Error
-        A file is not an atlas, or they do not belong together; MaterialX is missing.
+        A file is not an atlas, or they do not belong together; MaterialX or usd-core is missing.
     """
-    maps = {role: read(str(path)) for role, path in files.items()}
+    maps = {role: read(str(folder / file)) for role, file in atlases.items()}
     side = _side_of(maps)
-    with tempfile.TemporaryDirectory(prefix="oiiotex") as text:
-        work = Path(text)
-        atlases = {role: f"{name}_{role}{path.suffix}" for role, path in files.items()}
-        tiles = {role: f"{name}_tile_{role}{path.suffix}" for role, path in files.items()}
-        for role, image in maps.items():
-            shutil.copyfile(files[role], work / atlases[role])
-            tile = materials.first_tile(image)
-            write(_as_opengl(tile) if role == "normal" and hand == "directx" else tile, work / tiles[role])
-        index = f"{name}_index.png"
-        write(from_array(materials.index_image(side * side, seed)), work / index)
-        space = maps["color"].first.spec.get_string_attribute(TAG)
-        described = materials.Described(name, tiles, space, "opengl", lattice=True, tile_m=size_m)
-        material = materials.WangMaterial(
-            described.identifier, atlases, index, side, space, hand, size_m, relief if "height" in maps else 0.0
-        )
-        materials.write_wang_materialx(material, work / f"{name}.mtlx")
-        materials.write_usd(described, work)
-        for shader in materials.SHADERS:
-            (work / shader).write_text(materials.shader(shader))
-        _write_page(maps["color"], name, side, work, index)
-        folder.mkdir(parents=True, exist_ok=True)
-        names = sorted(path.name for path in work.iterdir())
-        for one in names:
-            with temporary_beside(folder / one) as temporary:
-                shutil.copyfile(work / one, temporary)
-    return names
+
+    def beside(role: str, word: str) -> PurePosixPath:
+        """`NAME_color.png` -> `NAME_WORD.png`; `color.png` -> `WORD.png`."""
+        path = PurePosixPath(atlases[role])
+        return path.with_name(f"{path.stem.removesuffix(role)}{word}{path.suffix}")
+
+    tiles = {role: str(beside(role, f"tile_{role}")) for role in atlases}
+    for role, image in maps.items():
+        tile = materials.first_tile(image)
+        write(_as_opengl(tile) if role == "normal" and hand == "directx" else tile, folder / tiles[role])
+    index, plane = str(beside("color", "index").with_suffix(".png")), materials.index_image(side * side, seed)
+    write(from_array(plane), folder / index)
+    space = maps["color"].first.spec.get_string_attribute(TAG)
+    described = materials.Described(name, tiles, space, "opengl", lattice=True, tile_m=size_m)
+    material = materials.WangMaterial(
+        described.identifier, textures or atlases, index, side, space, hand, size_m, relief if "height" in maps else 0.0
+    )
+    materials.write_wang_materialx(material, folder / f"{name}.mtlx")
+    materials.write_usd(described, folder)
+    for shader in materials.SHADERS:
+        (folder / shader).write_text(materials.shader(shader))
+    _write_page(maps["color"], name, side, folder, folder / index)
+    return WangFiles(side, index, tiles, plane)
 
 
 def _side_of(maps: Mapping[str, Image]) -> int:
@@ -104,12 +150,12 @@ def _as_opengl(normals: Image) -> Image:
     return from_array(pixels)
 
 
-def _write_page(color: Image, name: str, side: int, work: Path, index: str) -> None:
-    picture, spec = work / "atlas.png", color.first.spec
+def _write_page(color: Image, name: str, side: int, folder: Path, index: Path) -> None:
+    picture, spec = folder / "atlas.png", color.first.spec
     step = -(-max(spec.width, spec.height) // _PAGE)
     size = [side * max(1, n // side // step) for n in (spec.height, spec.width)]
     texels = materials.srgb_of(color.first, Session().resources, size)
     write(from_array(np.rint(255 * texels).astype(np.uint8)), picture)
     aspect = spec.width / spec.height
-    (work / f"{name}.html").write_text(materials.viewer_page(name, picture, work / index, side, aspect))
+    (folder / f"{name}.html").write_text(materials.viewer_page(name, picture, index, side, aspect))
     picture.unlink()

@@ -1,188 +1,99 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A painting's history on disk. Steps are added, never removed. Each step is a painting with its plan."""
+"""The history of a document: changes of parameters, masks and paintings in one order, for undo and redo."""
 
 from __future__ import annotations
 
-import os
-import re
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, TypedDict
 
-from ..api.files import written
-from ..api.painting import regridded
-from ..deferred import np
-from ..errors import ImageError
-from .palette import COARSE, FINE
+from ..api.files import Allowed, read_as
+from ..errors import ParameterError
 
-_TAKEN = re.compile(r"(\d{6})\..*")
-_MOST_STEPS = 1_000_000
-_PAINTED = frozenset((".png", ".exr", ".tif", ".tiff"))
-_MOST_OFFERED = 500
+MOST_STEPS = 2000  # older ones are forgotten; the files of masks and paintings are kept
+
+Values = dict[str, Any]
 
 
-class Steps:
-    """The steps of a painting: NNNNNN.png, NNNNNN.npz, and NNNNNN.fine.png if the fine layer is not empty.
+class _Change(TypedDict):
+    room: str
+    name: str
+    before: Any
+    after: Any
 
-    A step is made in `spare` and moved to `folder` by `save`, so a full disk loses no step. Steps that a killed process
-    left in `spare` follow those of `folder`.
+
+class _Step(TypedDict):
+    text: Annotated[str, Allowed(most=200)]
+    changes: list[_Change]
+
+
+class _History(TypedDict):
+    at: Annotated[int, Allowed(0, MOST_STEPS)]
+    steps: Annotated[list[_Step], Allowed(most=MOST_STEPS)]
+
+
+class History:
+    """Steps and a position among them. Undone steps are not lost: a new step first adds one that undoes them.
+
+    `at`: the number of steps that are in effect.
     """
 
-    def __init__(self, folder: Path, spare: Path):
-        self.folder, self._spare = folder, spare
-        self._unsaved: set[int] = set()
-        left = sorted(_whole(spare))
-        saved = self._taken(folder)
-        self._unsaved.update(left)
-        if left and saved and left[0] <= max(saved):  # the folder has used these numbers meanwhile
-            for step in left:
-                self._rename(step, self.start())
+    def __init__(self) -> None:
+        self.steps, self.at = list[_Step](), 0
+        self._gesture: object = None  # what the last step came from
 
-    # --- paths ---
+    def read(self, content: object, checked: Callable[[str, Values], Values]) -> None:
+        """Replace the steps by those of a document; `checked(room, values)` returns valid values."""
+        said = read_as(_History, content, "history", ParameterError)
+        for step in said["steps"]:
+            for change in step["changes"]:
+                for when in ("before", "after"):
+                    change |= {when: checked(change["room"], {change["name"]: change[when]})[change["name"]]}
+        self.steps, self.at, self._gesture = said["steps"], min(said["at"], len(said["steps"])), None
 
-    def picture(self, step: int) -> Path:
-        """The painting of a step."""
-        return self._at(step) / f"{step:06d}.png"
+    def content(self) -> Values:
+        """The content for the document."""
+        return {"at": self.at, "steps": self.steps}
 
-    def fine(self, step: int) -> Path:
-        """The fine layer of a step; the file is missing if the layer is empty."""
-        return fine_of(self.picture(step))
+    def record(self, room: str, before: Mapping[str, Any], after: Values, text: str, gesture: object) -> None:
+        """Add a change. Changes of one gesture (the drag of a slider, a stroke) are one step; None: never the same."""
+        changes: list[_Change] = [
+            {"room": room, "name": name, "before": before[name], "after": value} for name, value in after.items()
+        ]
+        if self.at < len(self.steps):
+            undone = [change for step in reversed(self.steps[self.at :]) for change in reversed(step["changes"])]
+            back: list[_Change] = [change | {"before": change["after"], "after": change["before"]} for change in undone]
+            self.steps.append({"text": "Return to an earlier step", "changes": _joined(back)})
+        elif self.steps and gesture is not None and gesture == self._gesture:
+            last = self.steps.pop()
+            changes, text = last["changes"] + changes, text or last["text"]
+        changes = _joined(changes)
+        if changes:
+            text = text or ", ".join(dict.fromkeys(change["name"] for change in changes))
+            self.steps.append({"text": text[:200], "changes": changes})
+        del self.steps[: max(0, len(self.steps) - MOST_STEPS)]
+        self.at, self._gesture = len(self.steps), gesture
 
-    def plan(self, step: int) -> Path:
-        """The plan of a step: the patches of its texture."""
-        return self._at(step) / f"{step:06d}.npz"
+    def go(self, forward: bool) -> tuple[str, dict[str, Values]] | None:
+        """Move by one step. Returns its text, and values to set by room; None at the end."""
+        n = self.at if forward else self.at - 1
+        if not 0 <= n < len(self.steps):
+            return None
+        step, values = self.steps[n], dict[str, Values]()
+        for change in step["changes"]:
+            values.setdefault(change["room"], {})[change["name"]] = change["after" if forward else "before"]
+        self.at, self._gesture = n + forward, None
+        return step["text"], values
 
-    def layers(self, step: int) -> dict[str, Path]:
-        """The files of a step's layers by name; the fine one can be missing."""
-        return {COARSE: self.picture(step), FINE: self.fine(step)}
-
-    def _at(self, step: int) -> Path:
-        return self._spare if step in self._unsaved else self.folder
-
-    def _files(self, step: int) -> tuple[Path, ...]:
-        """All files of a step; the plan is last and completes the step."""
-        return self.picture(step), self.fine(step), self.plan(step)
-
-    # --- step numbers ---
-
-    @property
-    def numbers(self) -> list[int]:
-        """All steps, ascending."""
-        return sorted((_whole(self.folder) - self._unsaved) | (_whole(self._spare) & self._unsaved))
-
-    @property
-    def last(self) -> int:
-        """The last step; -1 if there is none."""
-        return max(self.numbers, default=-1)
-
-    def _taken(self, folder: Path) -> set[int]:
-        """Numbers that are in use by any file of the folder."""
-        names = os.listdir(folder) if _is_folder(folder) else []
-        return {int(match[1]) for match in map(_TAKEN.fullmatch, names) if match}
-
-    # --- new steps ---
-
-    def start(self) -> int:
-        """Reserve the number of a new step."""
-        step = 1 + max(self._taken(self.folder) | self._unsaved, default=-1)
-        if step >= _MOST_STEPS:
-            raise ImageError(f"{self.folder} has {_MOST_STEPS} steps; start another painting with document=FILE")
-        self._unsaved.add(step)
-        return step
-
-    def copy_plan(self, step: int, to: int) -> None:
-        """Copy the plan of a step to a new step."""
-        with written(self.plan(to)) as file:
-            file.write(self.plan(step).read_bytes())
-
-    def forget(self, step: int) -> None:
-        """Discard a new step and its files."""
-        for path in self._files(step) if step in self._unsaved else ():
-            path.unlink(missing_ok=True)
-        self._unsaved.discard(step)
-
-    def join(self, looks: Sequence[int]) -> int:
-        """Merge the previews of a stroke into one step: the last preview, with the number of the first."""
-        *others, last = looks
-        for look in others:
-            self.forget(look)
-        if others:
-            self._unsaved.add(others[0])
-            self._rename(last, others[0])
-        return looks[0]
-
-    def _rename(self, step: int, number: int) -> None:
-        for path, other in zip(self._files(step), self._files(number), strict=True):
-            if path.exists():
-                path.replace(other)
-        self._unsaved.discard(step)
-
-    @property
-    def unsaved(self) -> bool:
-        """Whether a step is not saved to the folder yet."""
-        return bool(self._unsaved & _whole(self._spare))
-
-    def save(self) -> None:
-        """Move unsaved steps to the folder."""
-        if not self.unsaved:
-            return
-        for step in sorted(self._unsaved & _whole(self._spare)):
-            made = [path for path in self._files(step) if path.exists()]
-            self._make_folder()
-            for path in made:
-                with written(self.folder / path.name) as file:
-                    file.write(path.read_bytes())
-            self._unsaved.discard(step)
-            for path in made:
-                path.unlink()
-
-    def _make_folder(self) -> None:
-        if os.path.lexists(self.folder) and not _is_folder(self.folder):
-            raise ImageError(f"{self.folder} must be a folder, for the steps of the painting; rename the existing file")
-        try:
-            self.folder.mkdir(exist_ok=True)
-        except OSError as error:
-            raise ImageError(f"{self.folder.absolute()}: {error.strerror}") from error
-
-    # --- plans ---
-
-    def enlarged(self, step: int, times: int, budget: int) -> Path:
-        """Write a plan for a painting `times` as large, next to the step's plan, by `painting.regridded`."""
-        return self._written(self.plan(step).with_suffix(f".x{times}.npz"), regridded(self.plan(step), budget, times))
-
-    def resized(self, step: int, size: tuple[int, int], budget: int) -> Path:
-        """Write a plan of another size with the step's patches in place, as a start for the next step."""
-        return self._written(self._spare / "resized.npz", regridded(self.plan(step), budget, size=size))
-
-    def _written(self, path: Path, arrays: dict[str, np.ndarray]) -> Path:
-        with written(path) as file:
-            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # mypy: a key could be 'allow_pickle'
-        return path
+    def facts(self) -> Values:
+        """Names of the steps that undo and redo would change; '' if there are none."""
+        texts = [step["text"] for step in self.steps]
+        return {"undo": texts[self.at - 1] if self.at else "", "redo": "".join(texts[self.at : self.at + 1])}
 
 
-def _is_folder(path: Path) -> bool:
-    """Whether a path is a folder and not a symbolic link, which could lead anywhere."""
-    return path.is_dir() and not path.is_symlink()
-
-
-def _whole(folder: Path) -> set[int]:
-    """Steps with both a painting and a plan in a folder."""
-    names = set(os.listdir(folder)) if _is_folder(folder) else set()
-    steps = {int(match[1]) for match in map(_TAKEN.fullmatch, names) if match}
-    return {step for step in steps if {f"{step:06d}.png", f"{step:06d}.npz"} <= names}
-
-
-def paintings_in(folders: Iterable[Path]) -> dict[str, Path]:
-    """Image files of folders, the first _MOST_OFFERED by name, without symbolic links and fine layers (X.fine.png)."""
-    entries = (entry for folder in dict.fromkeys(folders) if folder.is_dir() for entry in folder.iterdir())
-    offered = sorted(
-        entry
-        for entry in entries
-        if entry.suffix.lower() in _PAINTED and Path(entry.stem).suffix != ".fine"
-        if entry.is_file() and not entry.is_symlink()
-    )
-    return {str(path): path for path in offered[:_MOST_OFFERED]}
-
-
-def fine_of(path: Path) -> Path:
-    """The path of a painting's fine layer."""
-    return path.with_name(f"{path.stem}.fine{path.suffix}")
+def _joined(changes: list[_Change]) -> list[_Change]:
+    """One change for each value, from the first to the last; none where both are equal."""
+    joined: dict[tuple[str, str], _Change] = {}
+    for change in changes:
+        key = change["room"], change["name"]
+        joined[key] = change | {"before": joined[key]["before"]} if key in joined else change
+    return [change for change in joined.values() if change["before"] != change["after"]]

@@ -15,8 +15,9 @@ from ..api.service import TILES, LinkError, Request
 from ..deferred import np
 from ..errors import Error, ParameterError
 from .document import PLACE_BITS
-from .hub import Hub, Page
+from .hub import Hub
 from .lines import line, text_of, word_of
+from .pages import Page
 
 SIDE = 256  # px of a tile
 _MOST_WANTED = 256  # tiles per page
@@ -147,13 +148,15 @@ class ZoomRoom:
             window = f"{width}x{height}{left:+d}{top:+d}"
             return "synth", _given({"graph": self._hub.source.graph, "level": level, "window": window} | same)
         at = [Fraction(2 * n + size, 2) / 2**level for n, size in ((left, width), (top, height))]
-        return "zoom", _given({"level": level, "at": self._numbers(at), "size": f"{width}x{height}"} | same)
+        return "zoom", _given({"level": level, "center": self._numbers(at), "size": f"{width}x{height}"} | same)
 
     def _numbers(self, at: list[Fraction]) -> str:
         """A position in root pixels, exactly."""
         exact = [place * self._hub.source.side for place in at]
         if any(Fraction(float(n)) != n for n in exact):
-            raise ParameterError("too deep for a photo: at= cannot hold this position exactly; zoom out or use graph=")
+            raise ParameterError(
+                "too deep for a photo: center cannot hold this position exactly; zoom out or use graph"
+            )
         return ",".join(text_of(float(n)) for n in exact)
 
     def _middle(self, key: dict[str, Any]) -> list[Fraction]:
@@ -181,7 +184,7 @@ class ZoomRoom:
         aim = [Fraction(round(n * 2**40 * side), 2**40 * side) for n in self._middle(last)]
         values = {
             "graph": self._hub.source.graph or None, "level": round(first["zoom"], 9),
-            "speed": round((last["zoom"] - first["zoom"]) / (frames - 1), 9), "at": self._numbers(aim),
+            "speed": round((last["zoom"] - first["zoom"]) / (frames - 1), 9), "center": self._numbers(aim),
             "size": f"{_FRAME[0]}x{_FRAME[1]}", "seed": zoom["seed"] or None, "jitter": zoom["jitter"],
             "lock": zoom["lock"] or None,
         }  # fmt: skip

@@ -13,15 +13,18 @@ from pathlib import Path
 from ..charts.drawing import shown_pixels
 from ..charts.tile_preview import HORIZON, area_means, plane_in_perspective, repeated
 from ..color.config import as_float
-from ..core.image import Image, Part, channels_of
+from ..core.attributes import TAG
+from ..core.image import Image, Part, channels_of, from_array, resized, tagged
 from ..deferred import np, oiio
-from ..errors import Error
+from ..errors import Error, present
 from ..session.resources import Resources
+from .documents import ROUGHNESS
 
 CARD = 160  # px; height of a card in the report
 _MOST = 512  # px; longest side of a map in previews
 _THUMBNAIL, _REPEATED, _LIT, _RIVALS = 256, 512, 320, 256  # px
 _ACROSS = 4  # tiles per side in the comparison with hex-tiling
+_PLANE = 8  # tiles per side of a picture of Wang tiles
 _PAPER = 0.93
 _LIGHTS = (
     ((-0.55, 0.65, 0.55), 3.6),
@@ -33,7 +36,7 @@ _QUALITY = 85  # JPEG quality
 
 @dataclass(frozen=True)
 class Looks:
-    """Maps of a tile for drawing, all of the same size; constant maps can be a single texel.
+    """Maps of a tile, or atlases of Wang tiles, for drawing, all of the same size; constant maps can be a single texel.
 
     Attributes
     ----------
@@ -42,6 +45,10 @@ class Looks:
     normal : (h, w, 3) float32
         Unit normals, y up.
     roughness, metal, ao : (h, w, 1) float32
+    side : int
+        Tiles along a side of the maps; more than 1: atlases.
+    index : (h, w, 3) uint8, optional
+        The plane of an atlas: column and row of the tile of each cell.
     """
 
     color: np.ndarray
@@ -49,12 +56,16 @@ class Looks:
     roughness: np.ndarray
     metal: np.ndarray
     ao: np.ndarray
+    side: int = 1
+    index: np.ndarray | None = None
 
     @classmethod
-    def of(cls, maps: Mapping[str, Image], resources: Resources, hand: str) -> Looks:
+    def of(
+        cls, maps: Mapping[str, Image], resources: Resources, hand: str, side: int = 1, index: np.ndarray | None = None
+    ) -> Looks:
         """From delivered maps; missing maps get constant values. `hand`: convention of the normals."""
         part = maps["color"].first
-        color = _reduced(linear_of(part, resources))
+        color = _reduced(linear_of(part, resources), _MOST, side)
         size = color.shape[:2]
 
         def scalar(role: str, plain: float) -> np.ndarray:
@@ -62,19 +73,21 @@ class Looks:
                 return np.full((1, 1, 1), plain, np.float32)
             return np.clip(_fitted(values(maps[role])[..., :1], size), 0, 1)
 
-        rough = 1 - scalar("gloss", 0.3) if "gloss" in maps and "roughness" not in maps else scalar("roughness", 0.7)
+        rough = (
+            1 - scalar("gloss", 0.3) if "gloss" in maps and "roughness" not in maps else scalar("roughness", ROUGHNESS)
+        )
         normal = np.array([[[0, 0, 1]]], np.float32)
         if "normal" in maps:
             signs = np.array([1, -1 if hand == "directx" else 1, 1], np.float32)
             normal = _fitted(vectors(maps["normal"]), size) * signs
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
-        return cls(color, normal, rough, scalar("metal", 0.0), scalar("ao", 1.0))
+        return cls(color, normal, rough, scalar("metal", 0.0), scalar("ao", 1.0), side, index)
 
     def mean_lab(self) -> np.ndarray:
         """The mean color, in CIE Lab D65."""
         return lab_of(self.color.reshape(-1, 3).mean(axis=0))
 
-    def pictures(self, shape: str, lattice: bool) -> dict[str, np.ndarray]:
+    def pictures(self, shape: str, lattice: bool, photo: np.ndarray) -> dict[str, np.ndarray]:
         """All preview images of an asset by file name, sRGB (h, w, 3).
 
         Parameters
@@ -83,21 +96,33 @@ class Looks:
             Shape of the lit preview: 'sphere' or 'plane'.
         lattice : bool
             Whether the tile has a lattice; hex-tiling, which would break it, is then omitted.
+        photo : (h, w, 3) float
+            The photo, linear, for the card of the report.
         """
         lit = self.sphere(_LIT) if shape == "sphere" else self.plane(_LIT)
-        twice = repeated(self.color, 2, _REPEATED)
-        made = {
-            "thumbnail.jpg": _srgb(_reduced(self.color, _THUMBNAIL)),
-            "preview_2x2.jpg": _srgb(twice),
-            "lit.jpg": _srgb(lit),
-        }
-        card = [lit, twice]
+        tile = self.color[: self.color.shape[0] // self.side, : self.color.shape[1] // self.side]
+        ways = [repeated(tile, _ACROSS, _RIVALS)]
         if not lattice:
-            rivals = [repeated(self.color, _ACROSS, _RIVALS), hex_tiled(self.color, _ACROSS, _RIVALS)]
-            made["image_and_hextiled.jpg"] = _srgb(_side_by_side(rivals, _RIVALS))
-            card += rivals
-        made["card.jpg"] = _srgb(_side_by_side(card, CARD))
-        return made
+            ways.append(hex_tiled(tile, _ACROSS, _RIVALS))
+        if self.index is None:
+            small, plane, name = self.color, repeated(tile, 2, _REPEATED), "preview_2x2.jpg"
+        else:
+            small, plane, name = self._laid_out(_ACROSS), self._laid_out(_PLANE), "preview_plane.jpg"
+            ways.append(repeated(small, 1, _RIVALS))
+        made = {"thumbnail.jpg": _reduced(small, _THUMBNAIL), name: _reduced(plane, _REPEATED), "lit.jpg": lit}
+        card = [photo, lit, *([plane] if self.index is None else [])]
+        if len(ways) > 1:
+            made["compared.jpg"] = _side_by_side(ways, _RIVALS)
+            card += ways
+        made["card.jpg"] = _side_by_side(card, CARD)
+        return {name: _srgb(picture) for name, picture in made.items()}
+
+    def _laid_out(self, count: int) -> np.ndarray:
+        """The color of `count` x `count` cells of the plane of an atlas."""
+        height, width = (n // self.side for n in self.color.shape[:2])
+        tiles = self.color.reshape(self.side, height, self.side, width, 3).swapaxes(1, 2)
+        column, row = np.moveaxis(present(self.index)[:count, :count], -1, 0)[:2]
+        return tiles[row, column].swapaxes(1, 2).reshape(count * height, count * width, 3)
 
     def sphere(self, side: int) -> np.ndarray:
         """The material on a sphere, orthographic: linear, (side, side, 3)."""
@@ -112,7 +137,7 @@ class Looks:
         round_axis /= np.maximum(np.linalg.norm(round_axis, axis=-1, keepdims=True), 1e-6)
         upwards = np.cross(bulge, round_axis)
         # four tiles around the equator
-        u, v = np.arctan2(x, z) * (2 / np.pi), np.arccos(np.clip(y, -1, 1)) * (2 / np.pi)
+        u, v = (angle * (2 / np.pi / self.side) for angle in (np.arctan2(x, z), np.arccos(np.clip(y, -1, 1))))
         bumps = _bilinear(self.normal, u, v)
         normal = bumps[..., :1] * round_axis + bumps[..., 1:2] * upwards + bumps[..., 2:] * bulge
         picture = np.full((fine, fine, 3), _linear(np.float32(_PAPER)))
@@ -205,6 +230,14 @@ def linear_of(part: Part, resources: Resources) -> np.ndarray:
     return _linear(shown_pixels(part.pixels(), part, resources))
 
 
+def photo_linear(photo: Image, space: str, resources: Resources) -> np.ndarray:
+    """A photo as linear Rec. 709 in the height of the report's cards. `space`: its color space; '': as tagged."""
+    pixels = values(photo)
+    small = resized(pixels, max(1, round(CARD * pixels.shape[1] / pixels.shape[0])), CARD)
+    space = space or photo.first.spec.get_string_attribute(TAG)
+    return linear_of(tagged(from_array(small), TAG, space).first, resources)
+
+
 def srgb_of(part: Part, resources: Resources, size: Sequence[int]) -> np.ndarray:
     """The colors of a part as sRGB, 0 to 1, (height, width, 3), in a smaller size by area averages of linear values."""
     return _srgb(_fitted(linear_of(part, resources), (size[0], size[1])))
@@ -265,9 +298,10 @@ def _smith(cosine: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     return 2 * cosine / np.maximum(cosine + np.sqrt(alpha**2 + (1 - alpha**2) * cosine**2), 1e-6)
 
 
-def _reduced(texels: np.ndarray, most: int = _MOST) -> np.ndarray:
+def _reduced(texels: np.ndarray, most: int, side: int = 1) -> np.ndarray:
+    """Texels whose longer side is at most about `most`, and whose sides are multiples of `side`."""
     longer = max(texels.shape[:2])
-    height, width = (max(1, round(n * min(1, most / longer))) for n in texels.shape[:2])
+    height, width = (side * max(1, round(n * min(1, most / longer) / side)) for n in texels.shape[:2])
     return _fitted(texels, (height, width))
 
 

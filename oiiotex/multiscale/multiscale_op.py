@@ -59,13 +59,13 @@ class Multiscale(InLab, Reported, AnyWindow):
         " levels. Reduce it where structures break, increase it where the exemplar repeats.",
         advanced=True,
     )
-    correct: bool = param(
+    matchcolor: bool = param(
         True,
         help="Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to"
         " 0 for verbatim colors.",
         advanced=True,
     )
-    dims: int = param(
+    components: int = param(
         16,
         ge=1,
         le=16,
@@ -81,8 +81,8 @@ class Multiscale(InLab, Reported, AnyWindow):
     )
     paper: bool = param(
         False,
-        help="Settings of the paper (HRRG08): dims=6, jitter on all levels, and without the corrections that preserve"
-        " contrast in endless zooms.",
+        help="Settings of the paper (HRRG08): components=6, jitter on all levels, and without the corrections that"
+        " preserve contrast in endless zooms.",
         advanced=True,
     )
     seed: int | None = param(
@@ -94,7 +94,7 @@ class Multiscale(InLab, Reported, AnyWindow):
         help="Seed of the random numbers. The same seed gives the same pixels.",
     )
 
-    PAPER: ClassVar[dict[str, Any]] = {"dims": 6, "correct": True}
+    PAPER: ClassVar[dict[str, Any]] = {"components": 6, "matchcolor": True}
 
     @classmethod
     def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
@@ -123,7 +123,12 @@ class Multiscale(InLab, Reported, AnyWindow):
         for given in images:
             for part in given.parts[1:]:
                 self.warn("part '%s' of %s is dropped", part.name, given.source)
-        how: dict[str, Any] = {"side": self.side, "dims": self.dims, "correct": self.correct, "literal": self.paper}
+        how: dict[str, Any] = {
+            "side": self.side,
+            "dims": self.components,
+            "correct": self.matchcolor,
+            "literal": self.paper,
+        }
         parts = tuple(image.first for image in images)
         read = tuple(map(_changed, graph.files)) if self.graph else tuple(map(id, parts))
         return resources.remembered(
@@ -187,9 +192,9 @@ def with_report(
     return measured.add_to(results, seen)
 
 
-def texture_spec(spec: oiio.ImageSpec, display: Window, place: Window, toroidal: bool = False) -> oiio.ImageSpec:
+def texture_spec(spec: oiio.ImageSpec, display: Window, place: Window, tile: str = "none") -> oiio.ImageSpec:
     """The spec of a window of a texture, display and data window on its plane. Toroidal: the display window tiles."""
-    new = tile_spec(spec, "xy" if toroidal else "none", (display.width, display.height))
+    new = tile_spec(spec, tile, (display.width, display.height))
     new.full_x, new.full_y = display.left, display.top
     new.x, new.y, new.width, new.height = place.left, place.top, place.width, place.height
     return new

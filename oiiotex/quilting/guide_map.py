@@ -46,7 +46,7 @@ class Meaning:
         (k1, k2) of each code.
     pure : (n,) bool
         The code names a single label, and so also its place inside a cell.
-    soft : float
+    tolerance : float
         Largest distance in Oklab at which a color counts as one of `codes`.
     """
 
@@ -54,20 +54,20 @@ class Meaning:
     keys: np.ndarray
     pure: np.ndarray
     colors: bool
-    soft: float = 0.0
+    tolerance: float = 0.0
 
     def name(self, code: int) -> str:
         """A code as written in a table."""
         return color_of(code) if self.colors else str(code)
 
     def find(self, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Index of each code in `codes`, or of the nearest color within `soft`, and a mask of codes without one."""
+        """Index of each code in `codes`, or of the nearest color within `tolerance`, and a mask of those without."""
         place = np.minimum(np.searchsorted(self.codes, codes), len(self.codes) - 1)
         stray = self.codes[place] != codes
-        if self.colors and self.soft and stray.any():
+        if self.colors and self.tolerance and stray.any():
             others, inverse = np.unique(codes[stray], return_inverse=True)
             distance, nearest = self._nearest.query(oklab_of(others))
-            place[stray], stray[stray] = nearest[inverse], (distance > self.soft)[inverse]
+            place[stray], stray[stray] = nearest[inverse], (distance > self.tolerance)[inverse]
         return place, stray
 
     @functools.cached_property
@@ -82,7 +82,11 @@ class Meaning:
         worst = sorted(met, key=lambda code: (-met[code].count, code))
         named = ", ".join(f"{self.name(code)} ({met[code].text(unit)})" for code in worst[:_NAMED])
         more = f" and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
-        limit = f" (farther than soft={self.soft:g} from every color of the table)" if self.colors and self.soft else ""
+        limit = (
+            f" (farther than tolerance={self.tolerance:g} from every color of the table)"
+            if self.colors and self.tolerance
+            else ""
+        )
         return f"{'colors' if self.colors else 'ids'} without a label{limit}: {named}{more}"
 
     def codes_of(self, pixels: np.ndarray, channels: Channels) -> np.ndarray:
@@ -130,7 +134,7 @@ class Table:
     finer: dict[int, Any]
     colors: bool
     level: int | None
-    soft: float
+    tolerance: float
 
 
 SOFT = (
@@ -139,7 +143,7 @@ SOFT = (
 )
 
 
-def read_table(path: Path, soft: float = 0.0) -> Table:
+def read_table(path: Path, tolerance: float = 0.0) -> Table:
     """Read a palette's JSON, or {"255,0,0": 3, "0,255,0": [3, 1], ...} in 8 bits, or {"7": 3, ...} of ids."""
     try:
         document = read_document(path)
@@ -156,7 +160,7 @@ def read_table(path: Path, soft: float = 0.0) -> Table:
         raise ImageError("the table is empty", parameter="table", value=str(path))
     if len(colors) > 1:
         raise ImageError("mixes colors and ids", parameter="table", value=str(path), expected="only one of them")
-    return Table(path, keys, finer, colors.pop(), level, soft)
+    return Table(path, keys, finer, colors.pop(), level, tolerance)
 
 
 def meaning_of(guide: Part, table: Table | None, labels: np.ndarray, fine: bool = False) -> Meaning:
@@ -182,7 +186,7 @@ def meaning_of(guide: Part, table: Table | None, labels: np.ndarray, fine: bool 
             raise ImageError(f"unknown label {key}", parameter="table", value=str(table.path), expected=expected)
     if fine and 0 not in rows:  # 0: not painted, also where soft brushes blend into it
         codes, keys, pure = [0, *codes], [[0, 0], *keys], np.concatenate([[True], pure])
-    return Meaning(np.array(codes, np.int64), np.array(keys, np.int64), pure, table.colors, table.soft)
+    return Meaning(np.array(codes, np.int64), np.array(keys, np.int64), pure, table.colors, table.tolerance)
 
 
 def labels_met(guide: Part, meaning: Meaning) -> list[int]:

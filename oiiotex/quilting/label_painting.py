@@ -75,7 +75,7 @@ class Begun:
         if g != grid:
             raise ImageError(
                 f"{g.width}x{g.height} px with patches of {g.patch} px",
-                parameter="before",
+                parameter="previous",
                 value=str(self.path),
                 expected=f"{grid.width}x{grid.height} px with patches of {grid.patch} px, and the same tile",
             )
@@ -92,7 +92,7 @@ def read_begun(path: Path, budget: int, prefix: str = "") -> Begun | None:
     arrays = read_arrays(path, budget)
     if "keys" not in arrays:
         expected = f"a plan of {texture_filter('paint')}"
-        raise ImageError(parameter="before", value=str(path), expected=expected)
+        raise ImageError(parameter="previous", value=str(path), expected=expected)
     if f"{prefix}keys" not in arrays:
         return None
     plan, _ = Plan.of(arrays, path, prefix)

@@ -41,7 +41,9 @@ from .label_painting import Begun
 from .quilt_plan import AT_ONCE, MOST_PATCH, Grid, plan_bytes
 from .quilter import MOST_FINER, Demand, Quilt, QuiltExemplar, Rules, cell_memory, folded
 
-CARRIED = Output("label.N", Kind.IDS, "Label parts of the photo, copied from the same source pixels.", asked_by="keep")
+CARRIED = Output(
+    "label.N", Kind.IDS, "Label parts of the photo, copied from the same source pixels.", asked_by="keeplabels"
+)
 LEAST_PATCH, _LEAST_GUIDED = 8, 32
 _LAB_BYTES, _VALUE_BYTES = 14, 12  # per pixel of the exemplar: on the grid, masks, and reduced; as floats
 _GRID_ROWS = 256  # rows converted to the grid at a time
@@ -75,17 +77,17 @@ class Quilted(LabeledExemplar, Gather):
         " increase it if patches match poorly.",
         advanced=True,
     )
-    finer: float = param(
+    finerweight: float = param(
         0.5, ge=0, le=100, help="Weight of finer levels' labels in the overlaps, compared with color.", advanced=True
     )
-    guidance: float = param(
+    guideweight: float = param(
         1.0,
         ge=0,
         le=100,
         help="Weight of the guide's labels inside a patch, compared with"
         " color. Increase it to follow the guide more closely.",
     )
-    keep: bool = param(
+    keeplabels: bool = param(
         False, help="Append the label maps of the result as parts label.N, rearranged exactly as its pixels."
     )
 
@@ -189,8 +191,8 @@ class Sewing:
             candidates=self.op.candidates,
             reach=min(4, patch // 16),
             reuse=self.op.reuse,
-            finer=self.op.finer,
-            guidance=self.op.guidance,
+            finer=self.op.finerweight,
+            guidance=self.op.guideweight,
         )
 
     def _grid(
@@ -272,7 +274,7 @@ class Sewing:
 
     def _finer(self, labels: LabelMap | None) -> tuple[np.ndarray, ...]:
         """Label maps of the levels below."""
-        if labels is None or self.op.finer == 0:
+        if labels is None or self.op.finerweight == 0:
             return ()
         levels = label_levels(self.op.exemplar, self.op.labels).values()
         below = [one for one in levels if one.level < labels.level][-MOST_FINER:]

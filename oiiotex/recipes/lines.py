@@ -97,10 +97,15 @@ def require_lines(recipe: LibraryRecipe) -> str:
     for step in steps:
         with within(f"product {step.product}"):
             _require_deliverable(step)
-    delivered = [step.product for step in steps if step.outputs]
+    delivered = [step for step in steps if step.outputs]
     if len(delivered) != 1:
         raise ParameterError(f"{len(delivered)} products have $outputs: expected exactly one, which is delivered")
-    return delivered[0]
+    ops = [each for each in parse(list(delivered[0].words), LANGUAGE).steps if each.op]
+    packed = any(split_modifiers(each.word)[1].get("pack") == "atlas" for each in ops)
+    if recipe.deliver.wang and not packed:
+        hint = "add :variants=16:size=256x256:pack=atlas to --texstationarize"
+        raise ParameterError(f"product {delivered[0].product}: wang = true delivers atlases of Wang tiles; {hint}")
+    return delivered[0].product
 
 
 def require_confined(recipe: LibraryRecipe) -> None:

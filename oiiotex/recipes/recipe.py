@@ -89,6 +89,11 @@ class Deliver:
     shape: Literal["sphere", "plane"] = "sphere"
     materialx: bool = True
     usd: bool = False
+    wang: bool = False
+
+    def __post_init__(self) -> None:
+        if self.wang and self.format != "exr":
+            raise ParameterError('wang = true requires format = "exr": TIFF files lose the number of tiles')
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-_INDEX = "_index.png"
+_INDEX = "index.png"
 _GROUP = "Wang Tiles"
 _ROLES = ("color", "normal", "roughness", "metal", "height", "opacity", "emission")
 _INPUTS = {"roughness": "Roughness", "metal": "Metallic", "opacity": "Alpha", "emission": "Emission Color"}
@@ -37,11 +37,11 @@ class WangMaterial(ImportHelper, bpy.types.Operator):
         index = Path(self.filepath)
         name = index.name.removesuffix(_INDEX)
         files = {path.stem: path for path in sorted(index.parent.iterdir()) if path.suffix != ".mtlx"}
-        maps = {role: files[f"{name}_{role}"] for role in _ROLES if f"{name}_{role}" in files}
+        maps = {role: files[f"{name}{role}"] for role in _ROLES if f"{name}{role}" in files}
         if not index.name.endswith(_INDEX) or "color" not in maps:
-            self.report({"ERROR"}, f"{index.name}: expected NAME_index.png next to NAME_color, of oiiotex-library wang")
+            self.report({"ERROR"}, f"{index.name}: expected NAME_index.png next to NAME_color, of oiiotex-library")
             return {"CANCELLED"}
-        material = bpy.data.materials.new(name)
+        material = bpy.data.materials.new(name.rstrip("_") or index.parent.parent.name)
         material.use_nodes = True
         _build(material, _group(_loaded(index, "Non-Color"), self.side), maps, self.relief, self.eevee)
         if context.active_object is not None and hasattr(context.active_object.data, "materials"):
@@ -97,6 +97,7 @@ def _build(material, group, maps: dict[str, Path], relief: float, eevee: bool) -
     """Connect the maps to the material's surface."""
     nodes, links = material.node_tree.nodes, material.node_tree.links
     surface = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
+    surface.inputs["Roughness"].default_value = 0.7  # of photos, as in their MaterialX documents
     coordinate, place = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeGroup")
     place.node_tree, place.location = group, (-900, 0)
     coordinate.location = (-1100, 0)

@@ -23,8 +23,8 @@ from tests.conftest import data_folder
 from tools.docs.pictures.layout import beside, write_jpeg
 
 PICTURES = Path(__file__).parents[3] / "docs" / "pictures"
-SHOWN = (("rusty_metal", "lit"), ("mossy_rock", "lit"), ("clover_lawn_003", "image_and_hextiled"),
-         ("bark_flaky_000", "image_and_hextiled"))  # fmt: skip
+SHOWN = (("rusty_metal", "lit"), ("mossy_rock", "lit"), ("clover_lawn_003", "compared"),
+         ("bark_flaky_000", "compared"))  # fmt: skip
 PHOTOS, SIZE = 12, 512
 WIDTH, HEIGHT = 1720, 1040  # px of the window
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

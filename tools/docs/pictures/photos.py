@@ -232,7 +232,7 @@ def quilts() -> None:
     gray = np.searchsorted(np.sort(wanted), guide) * 100 + 40
     drawn = np.repeat(np.repeat(np.repeat(gray[..., None].astype(np.uint8), 3, 2), 6, 0), 6, 1)
     write_jpeg(beside(drawn, halved(pixels(quilt))), "quilt_guide.jpg")
-    marked = pixels(filters.content(parts, at=(300, 300), level=level))
+    marked = pixels(filters.content(parts, center=(300, 300), level=level))
     table = pixels(filters.content(parts, level=level, table=True))
     height = max(marked.shape[0], table.shape[0])
     panes = [np.pad(p, ((0, height - len(p)), (0, 0), (0, 0)), constant_values=255) for p in (marked, table)]

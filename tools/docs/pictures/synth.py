@@ -97,8 +97,8 @@ def rainbow() -> np.ndarray:
         graph = graph_of(Path(folder), [("stripes", "gray", 3)], stripes=stripes, gray=gray)
         panes = [np.rint(255 * p).astype(np.uint8) for p in (stripes, gray)]
         for correct in (False, True):
-            panes.append(made(graph=graph, correct=correct, size=(512, 512), shown=256))
-            panes.append(made(graph=graph, correct=correct, window="128x128+200+200"))
+            panes.append(made(graph=graph, matchcolor=correct, size=(512, 512), shown=256))
+            panes.append(made(graph=graph, matchcolor=correct, window="128x128+200+200"))
     return beside(*panes, gap=4)
 
 

@@ -9,11 +9,11 @@ from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
-from ..api.images import read
-from ..api.service import BRUSH, EXPORT, Client, Request
-from .history import Steps
-from .hub import Hub
+from ...api.images import read
+from ...api.service import BRUSH, EXPORT, Client, Request
+from ..hub import Hub
 from .palette import COARSE, FINE
+from .steps import Steps
 
 _PATCHES = 16, 64  # px, smallest and largest
 
@@ -37,7 +37,7 @@ class LiveSewing:
             Whether to write its plan.
         """
         hub, client = self._hub, await self._hub.client()
-        values = self._values(seed) | ({"patch": self._patch()} if before is None else {"before": before})
+        values = self._values(seed) | ({"patch": self._patch()} if before is None else {"previous": before})
         values |= {"plan": self._steps.plan(step)} if new else {}
         labeled, paintings = await self._images(client, step)
         hub.tell({"do": "busy", "room": "paint", "done": 0, "total": 1})
@@ -71,7 +71,7 @@ class LiveSewing:
         """
         client = await self._hub.client()
         labeled, paintings = await self._images(client, step)
-        values = self._values(seed) | {"size": f"{size[0]}x{size[1]}", "before": before}
+        values = self._values(seed) | {"size": f"{size[0]}x{size[1]}", "previous": before}
 
         async def save() -> None:
             try:

@@ -11,14 +11,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..api.files import read_document, written
-from ..api.images import Image, PieceCache, as_float, channels_of, read, write_indexed
-from ..api.painting import Meaning, Strays, code_of
-from ..api.service import BRUSH
-from ..deferred import np
-from ..errors import Error, ImageError
-from .document import LEAST_PAINTED, MOST_PAINTED
-from .hub import Hub
+from ...api.files import read_document, written
+from ...api.images import Image, PieceCache, as_float, channels_of, read, write_indexed
+from ...api.painting import Meaning, Strays, code_of
+from ...api.service import BRUSH
+from ...deferred import np
+from ...errors import Error, ImageError
+from ..document import LEAST_PAINTED, MOST_PAINTED
+from ..hub import Hub
 
 _SWATCH = 48  # px
 _MOST_LABELS, _MOST_WITHIN = 24, 6
