@@ -113,6 +113,9 @@ def nuke_nodes(text):
         if words[1:] == ["{"]:
             assert current is None, f"line {number}: a node within a node"
             current = (words[0], {})
+        elif words[0] == "addUserKnob":
+            assert words[1].startswith("{") and words[-1].endswith("}"), f"line {number}"
+            current[1][words[2].rstrip("}")] = words[-1].rstrip("}")
         elif words == ["}"]:
             found.append(current)
             current = None
@@ -125,7 +128,11 @@ def nuke_nodes(text):
 
 def test_the_script_of_nuke_connects_what_it_should():
     stack, inputs = [], {}
-    for kind, knobs in nuke_nodes((HOST / "textures.nk").read_text()):
+    (_, buttons), *nodes = nuke_nodes((HOST / "textures.nk").read_text())
+    for name, called in (("tile", "make_tile"), ("labels", "pick_labels"), ("plane", "wang_plane")):
+        assert buttons[name] == f"import oiiotex_nuke; oiiotex_nuke.{called}()"
+        assert f"def {called}()" in (HOST / "oiiotex_nuke.py").read_text()
+    for kind, knobs in nodes:
         assert set(knobs) - {"inputs", "name", "label", "xpos", "ypos"} <= NODES[kind], kind
         count = int(knobs.get("inputs", 1))
         inputs[knobs["name"]] = [stack.pop() for _ in range(count)]  # input 0 is the last one
