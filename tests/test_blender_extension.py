@@ -18,10 +18,8 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.service.client import connect
-from oiiotex.service.settings import ResidentSettings
-from oiiotex.session import Session
 from tests import pictures
+from tests.browser import end_resident
 from tests.conftest import save
 from tests.test_cryptomatte_blender import BLENDER, needs_blender
 
@@ -118,7 +116,7 @@ def folder(monkeypatch):
         save(np.full((64, 80, 3), (0.5, 0.5, 1.0)), path / "normal.png")
         subprocess.run([sys.executable, BUILD, path / "extension.zip"], check=True)
         yield path
-        connect(ResidentSettings.of(Session())).end()
+        end_resident(path / "run")
 
 
 WITHOUT_BLENDER = """
