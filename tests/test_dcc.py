@@ -87,7 +87,7 @@ def test_roles_are_the_ends_of_names(host):
 @pytest.mark.parametrize(("program", "stubs"), [("nuke", "nuke"), ("houdini", "hou"), ("maya", "maya")])
 def test_calls_are_those_of_public_stubs(program, stubs, tmp_path):
     if not any(Path(place, f"{stubs}-stubs").exists() for place in sys.path):
-        pytest.skip(f"NOT RUN: no stubs of {program} (pip install oiiotex[test])")
+        pytest.skip(f"NOT RUN: no stubs of {program} (pip install oiiotex[hosts])")
     script = tmp_path / f"oiiotex_{program}.py"
     for path in HOST.glob("*.py"):
         shutil.copy(path, tmp_path)
