@@ -20,6 +20,7 @@ import pytest
 from oiiotex.io.reading import read
 from oiiotex.library.commands import run
 from oiiotex.library.wang import write_wang
+from oiiotex.materials.preview import Looks
 from oiiotex.materials.shaded import shaded_sphere
 from oiiotex.session import Session
 from tests import pictures
@@ -166,6 +167,9 @@ def test_the_generated_shader_shows_the_tiles_of_the_plane(tmp_path):
     maps = {"color": read(str(tmp_path / "color.exr"))}
     shown = shaded_sphere(tmp_path / "hues.mtlx", maps, Session().resources, 64, wang.size_m, 4)
     assert shown.shape == (64, 64, 4) and shown[0, 0, 3] == 0 and shown[32, 32, 3] == 1
+    plain = Looks.of(maps, Session().resources, "", 4, wang.plane).sphere(64)
+    inside = shown[..., 3] == 1
+    assert shown[inside][:, :3].mean() == pytest.approx(plain[inside].mean(), rel=0.15)  # under the same lights
     numbers = wang.plane[..., 2]
     for x, y in ((1, -2), (2, -2), (1, -1), (2, -1)):  # around the middle: u = 2, v = 1
         place = 32 + 10 * (2 * (y >= -1) - 1), 32 + 10 * (2 * (x >= 2) - 1)

@@ -71,6 +71,7 @@ def shaded_sphere(
         work = Path(text)
         content = mx.createDocument()
         mx.readFromXmlFile(content, str(document))
+        content.setColorSpace("lin_rec709")  # of the picture
         for one in content.traverseTree():
             if one.isA(mx.Input) and one.getType() == "filename" and one.getValueString():
                 role = PurePosixPath(one.getValueString()).stem
@@ -184,7 +185,7 @@ def _render(work: Path, folder: str, side: int) -> None:
     options = context.getOptions()
     options.hwSpecularEnvironmentMethod = PyMaterialXGenShader.HwSpecularEnvironmentMethod.SPECULAR_ENVIRONMENT_FIS
     options.fileTextureVerticalFlip = True
-    options.hwSrgbEncodeOutput = True
+    options.hwSrgbEncodeOutput = False  # the framebuffer does it
     options.hwMaxActiveLightSources = len(LIGHTS)
     renderer.setLightHandler(_lights(document, context))
     camera, at, axis = renderer.getCamera(), mx.Vector3(0, 0, 5), mx.Vector3(0, 1, 0)
