@@ -10,7 +10,7 @@ from pathlib import Path
 from ...core.image import Image
 from ...core.parameters import param
 from ...errors import ParameterError
-from ..language.parse import Option, Step, parse
+from ..language.parse import CommandLine, Option, parse
 from ..stack.chain import Chain
 
 
@@ -34,7 +34,7 @@ def show(chain: Chain, given: LiveModifiers) -> None:
 
     words = list(chain.session.settings.words)
     end = next(n for n, word in enumerate(words) if word.lstrip("-").split(":")[0] == "texlive")
-    photos, throughout = _photos(chain.stack, words[:end], parse(words[:end], LANGUAGE).steps)
+    photos, throughout = _photos(chain.stack, words[:end], parse(words[:end], LANGUAGE))
     for step in parse(words[end + 1 :], LANGUAGE).steps:
         if step.option is None or not (step.option.throughout or step.option.control):
             raise ParameterError(f"{step.word} after --texlive never runs: save results on the page")
@@ -51,16 +51,18 @@ def show(chain: Chain, given: LiveModifiers) -> None:
 
 
 def _photos(
-    stack: Sequence[Image], words: Sequence[str], steps: Sequence[Step]
+    stack: Sequence[Image], words: Sequence[str], before: CommandLine
 ) -> tuple[list[tuple[Image, tuple[str, ...]]], tuple[str, ...]]:
     """Every image of the stack, from the bottom, with the line that leaves it on top; options that apply throughout.
 
     A line of files, of which some are tagged, is taken apart. Other lines are whole, and pop the images above.
     """
+    steps = before.steps
     files = [n for n, step in enumerate(steps) if step.op is None and step.option is None]
-    throughout, own, plain = list[str](), [list[str]() for _ in files], len(files) == len(stack)
+    throughout = [word for name, arguments in before.settings.items() for word in (name, *arguments)]
+    own, plain = [list[str]() for _ in files], len(files) == len(stack)
     for n, step in enumerate(steps):
-        if step.option is not None and (step.option.throughout or step.option.run is None):
+        if step.option is not None and step.option.throughout:
             throughout += [step.word, *step.arguments]
         elif n in files or (step.name == "--iscolorspace" and n > files[0]):
             own[sum(first <= n for first in files) - 1] += [step.word, *step.arguments]
