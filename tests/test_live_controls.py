@@ -110,7 +110,7 @@ def dab(page) -> None:
 
 def marked(page) -> int:
     """Pixels of the painted mask."""
-    counted = "rooms.tile.planes.mask?.reduce((n, v) => n + (v > 0), 0) ?? 0"
+    counted = "rooms.tile.regions.planes.mask?.reduce((n, v) => n + (v > 0), 0) ?? 0"
     return page.evaluate(f"import('./main.js').then(({{ rooms }}) => {counted})")
 
 
@@ -145,7 +145,7 @@ def test_parameters_and_masks_have_one_history_that_survives_the_page(page, fold
     wait(page, f"import('./main.js').then(({{ shell }}) => shell.state.tile.structure === {moved})")
     page.keyboard.press("Control+Shift+Z")
     wait(page, "import('./main.js').then(({ shell }) => shell.state.tile.mask === 'brush')")
-    wait(page, "import('./main.js').then(({ rooms }) => rooms.tile.planes.mask.includes(255))")
+    wait(page, "import('./main.js').then(({ rooms }) => rooms.tile.regions.planes.mask.includes(255))")
     assert page.is_disabled("#redo") and page.inner_text("#status") == "Redone: Source mask"
     page.keyboard.press("Control+z")
     wait(page, "import('./main.js').then(({ shell }) => shell.state.tile.mask === '')")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the Tile room shows to judge a tile by: coarse tiles of all presets, values of a pixel, maps of measures."""
+"""Means to judge a tile: coarse tiles of all presets, values of pixels, maps of measures."""
 
 from __future__ import annotations
 

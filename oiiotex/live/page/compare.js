@@ -77,7 +77,7 @@ export class Compare {
     this.room.tileView.redraw();
   }
 
-  /** A new picture of the current tile: stored ones with its parameters are finished, too. */
+  /** A new picture of the current tile: stored ones with its parameters are replaced. */
   taken() {
     const { room } = this;
     const now = JSON.stringify(room.shell.state.tile);

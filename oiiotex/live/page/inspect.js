@@ -5,7 +5,7 @@ import { make } from "./controls.js";
 
 const PATIENCE = 500; // ms until a sample that was not answered is asked again
 const RAMP = [[0, 0, 4], [87, 16, 110], [188, 55, 84], [249, 142, 9], [252, 255, 164]]; // dark to bright
-const TEXTS = { drift: ["Drift", "Deviation of the statistics of a place from the rest, in units of Lab (--texstationarity)"], repetition: ["Repetition", "Number of uses of the region of the photo around a pixel, 32 px wide"] };
+const MEASURES = { drift: ["Drift", "Deviation of the statistics of a place from the rest, in units of Lab (--texstationarity)"], repetition: ["Repetition", "Number of uses of the region of the photo around a pixel, 32 px wide"] };
 
 export class Inspect {
   constructor(room) {
@@ -22,7 +22,7 @@ export class Inspect {
 
   /** Show a measure ("drift", "repetition") instead of the colors, or the colors (""). */
   show(name) {
-    this.name = TEXTS[name] ? name : "";
+    this.name = MEASURES[name] ? name : "";
     this.legend.hidden = !this.name;
     if (this.name) this.ask();
   }
@@ -31,8 +31,8 @@ export class Inspect {
   ask() {
     if (!this.name) return;
     this.maps = { photo: null, tile: null };
-    this.legend.title = TEXTS[this.name][1];
-    this.legend.textContent = `${TEXTS[this.name][0]} ...`;
+    this.legend.title = MEASURES[this.name][1];
+    this.legend.textContent = `${MEASURES[this.name][0]} ...`;
     this.room.shell.ask("tile", { do: "measure", name: this.name });
   }
 
@@ -44,7 +44,7 @@ export class Inspect {
     for (let n = 0; n < out.length; n++) out[n] = colors[plane[n]];
     canvas.getContext("2d").putImageData(image, 0, 0);
     this.maps[what] = { name, high, plane, width, height, canvas };
-    if (name === this.name) this.legend.replaceChildren(`${TEXTS[name][0]} 0 `, make("span", { className: "ramp" }), ` ${Number(high.toPrecision(3))}`);
+    if (name === this.name) this.legend.replaceChildren(`${MEASURES[name][0]} 0 `, make("span", { className: "ramp" }), ` ${Number(high.toPrecision(3))}`);
   }
 
   /** What the views draw for the photo or the tile: the measure, or the image. */

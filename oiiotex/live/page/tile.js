@@ -6,9 +6,10 @@ import { button, choice, make, section, segments, slider, whole } from "./contro
 import { Inspect } from "./inspect.js";
 import { measuresOf } from "./measures.js";
 import { Output } from "./output.js";
+import { Regions } from "./regions.js";
 import { drawPlane, mipmaps } from "./plane.js";
 import { Strip } from "./strip.js";
-import { Viewer, drawBrush, stroke } from "./viewer.js";
+import { Viewer, drawBrush } from "./viewer.js";
 import { canvasOf } from "./wire.js";
 
 const LET_GO = 60; // ms from the last change of a slider to the message to the server
@@ -20,10 +21,6 @@ export class TileRoom {
     this.photo = this.tile = null;
     this.size = [0, 0]; // of the full-size tile, px; previews are smaller
     this.mode = "2x2";
-    this.brush = { name: "", tool: "brush", diameter: 48 };
-    this.planes = { mask: null, inpaint: null }; // Uint8, at the photo's preview size
-    this.shownOver = "";
-    this.overlay = null;
     this.waiting = {};
     this.build();
   }
@@ -35,13 +32,13 @@ export class TileRoom {
       size: () => (this.photo ? [this.photo.width, this.photo.height] : [0, 0]),
       unit: () => this.shell.facts.photo[0] / this.photo.width,
       sampled: (x, y) => this.inspect.sample("photo", x, y),
-      draw: (context) => this.drawPhoto(context),
-      overlay: (context, viewer) => drawBrush(context, viewer, this.brush.diameter),
+      draw: (context) => this.regions.draw(context),
+      overlay: (context, viewer) => drawBrush(context, viewer, this.regions.brush.diameter),
       paint: {
-        active: () => this.brush.name !== "" && this.photo !== null,
-        down: (x, y, event) => this.strokeFrom(x, y, event),
-        move: (x, y, event) => this.strokeTo(x, y, event),
-        up: () => this.strokeEnds(),
+        active: () => this.regions.brush.name !== "" && this.photo !== null,
+        down: (x, y, event) => this.regions.strokeFrom(x, y, event),
+        move: (x, y, event) => this.regions.strokeTo(x, y, event),
+        up: () => this.regions.strokeEnds(),
       },
     });
     this.tileView = new Viewer("Tile", {
@@ -51,17 +48,14 @@ export class TileRoom {
     });
     this.compare = new Compare(this);
     this.inspect = new Inspect(this);
-    this.photoView.canvas.addEventListener("click", (event) => this.pickLabel(event));
+    this.regions = new Regions(this);
+    this.photoView.canvas.addEventListener("click", (event) => this.regions.pickLabel(event));
     this.planeCanvas = make("canvas", { role: "img", ariaLabel: "Tile on a plane", hidden: true });
     this.tileView.element.append(this.planeCanvas);
     new ResizeObserver(() => this.drawPlane()).observe(this.tileView.element);
     this.modes = segments("Layout", [["1x1", "1 × 1", "One tile (T)"], ["2x2", "2 × 2", "Two by two tiles (T)"], ["plane", "Plane", "Perspective plane, to judge repetition (T)"]], (mode) => this.setMode(mode));
     this.fact = make("span", { className: "fact" });
     this.tileView.bar.append(this.modes, make("span", { className: "grow" }), this.fact);
-    this.overlays = segments("Overlay", [["", "Photo", "Photo without overlay"], ["dominant", "Dominant", "Overlay of the dominant texture (LDR09) (M)"], ["label", "Labels", "Overlay of the coarsest label map (LSA16)"],
-      ["drift", "Drift", "False color: how much the statistics of a place differ from the rest, as in gradients and stains (D)"], ["repetition", "Repetition", "False color: how often a region of the photo is used (R)"]], (name) => this.showOver(name));
-    this.overlays.set("");
-    this.photoView.bar.append(this.overlays);
     this.tileView.empty.textContent = "Synthesizing the tile ...";
     this.tileView.empty.hidden = false;
     this.strip = new Strip(this);
@@ -76,7 +70,7 @@ export class TileRoom {
     const set = (values) => this.set(values);
     const effective = (name) => this.chosen?.[name] ?? this.planned()[name];
     this.controls = {
-      flatten: slider("Flatten", { title: "Fraction of the photo's gradients and stains to remove before synthesis. 0 copies the photo's pixels unchanged", low: 0, high: 1, step: 0.05, reset: null, automatic: () => (this.shell.state?.tile.inpaint ? 0 : 1), change: (flatten) => set({ flatten }) }),
+      flatten: slider("Flatten", { title: "Fraction of the photo's gradients and stains to remove before synthesis. 0 copies the photo's pixels unchanged", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 1, change: (flatten) => set({ flatten }) }),
       sigma: slider("Sigma", { title: "Scale, in pixels, above which the result is statistically uniform (MJH17)", low: 1, high: 512, log: true, reset: null, automatic: () => effective("sigma"), change: (sigma) => set({ sigma, amount: null }) }),
       amount: slider("Amount", { title: "Perceived uniformity, an alternative to sigma: the matching sigma is measured on this photo (MJH17 section 4.4)", low: 0, high: 1, step: 0.05, reset: null, change: (amount) => set({ amount, sigma: null }) }),
       contrast: slider("Contrast", { title: "Weight of matching the photo's overall histogram", low: 0, high: 1, step: 0.05, reset: null, automatic: () => effective("contrast"), change: (contrast) => set({ contrast }) }),
@@ -88,13 +82,8 @@ export class TileRoom {
       width: whole("Width", { title: "Width of the tile, in pixels. Empty: the photo's width", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[0], change: (width) => set({ width }) }),
       height: whole("Height", { title: "Height of the tile, in pixels. Empty: the photo's height", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[1], change: (height) => set({ height }) }),
       mask: choice("Source", { title: "Valid source pixels: the part of the photo that patches are copied from", options: [["", "Whole photo"], ["dominant", "Dominant texture"], ["brush", "Painted mask"]], change: (mask) => this.setMask(mask) }),
-      inpaint: choice("Replace", { title: "Part of the photo that is resynthesized", options: [["", "Everything"], ["brush", "Painted area"]], change: (inpaint) => set({ inpaint }) }),
+      inpaint: choice("Replace", { title: "Painted area: only this part is replaced (--texfill), by patches from Source; patch, structure and seed apply", options: [["", "Everything"], ["brush", "Painted area"]], change: (inpaint) => set({ inpaint }) }),
     };
-    this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Source", "Paint the valid source pixels (P)"], ["inpaint", "Replace", "Paint the area to resynthesize"]], (name) => this.setBrush(name));
-    this.erase = button("Erase", "The brush erases (E)", () => this.setTool(this.brush.tool === "erase" ? "brush" : "erase"));
-    this.diameter = slider("Size", { title: "Brush diameter, in pixels of the photo ([ and ])", low: 2, high: 400, log: true, reset: 48, digits: 0, change: (diameter) => { this.brush.diameter = diameter; } });
-    this.diameter.set(48);
-    this.tools.set("");
     this.measures = make("div", { className: "measures", ariaLive: "polite" }, make("p", { className: "stale", textContent: "Measured when the tile is finished." }));
     this.output = new Output(this.shell, "tile", [button("Save", "Write the tile to the document's folder, in the background", () => { this.tell(); this.shell.ask("tile", { do: "save" }); })]);
     return make("aside", {},
@@ -103,17 +92,15 @@ export class TileRoom {
         make("div", { className: "buttons" }, button("Keep variant", "Add these parameters to the variants below (V)", () => this.strip.keep()), button("Show seeds", "Preview eight more seeds at low resolution", () => this.strip.askSeeds()), button("Show presets", "Preview all presets with the other parameters, at low resolution", () => this.shell.ask("tile", { do: "presets" })))),
       section("Measures", this.measures),
       this.output.element,
-      section("Regions", this.controls.mask, this.controls.inpaint, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
-        make("div", { className: "buttons" }, this.erase, button("Clear", "Erase everything painted", () => this.fill(0)), button("Invert", "Invert the painted mask", () => this.fill(null)))));
+      section("Regions", this.controls.mask, this.controls.inpaint, ...this.regions.elements));
   }
 
   /** Values in effect where the photo decides, before its result is known. */
   planned() {
     const { tile } = this.shell.state;
-    const { share, ...values } = this.shell.facts.presets[tile.preset ?? (tile.inpaint ? "inpaint" : "")];
+    const { share, ...values } = this.shell.facts.presets[tile.preset ?? ""];
     const [width, height] = this.shell.facts.photo;
     const patch = tile.patch ?? values.patch;
-    if (tile.inpaint) values.contrast = 0;
     return { ...values, patch, sigma: Math.max(Math.max(tile.width ?? width, tile.height ?? height) / share, patch / 4) };
   }
 
@@ -136,7 +123,7 @@ export class TileRoom {
   }
 
   setMask(mask) {
-    if (mask === "dominant") this.showOver("dominant");
+    if (mask === "dominant") this.regions.showOver("dominant");
     this.set({ mask });
   }
 
@@ -196,7 +183,7 @@ export class TileRoom {
       this.photo = Object.assign(canvasOf(facts, bytes), { histogram: facts.histogram });
       this.inspect.draw();
       for (const name of ["mask", "inpaint"]) {
-        if (this.planes[name]?.length !== facts.width * facts.height) this.planes[name] = null;
+        if (this.regions.planes[name]?.length !== facts.width * facts.height) this.regions.planes[name] = null;
       }
       if (this.photoView.fitted) this.photoView.fit();
       this.photoView.redraw();
@@ -227,11 +214,11 @@ export class TileRoom {
       this.photoView.redraw();
       this.tileView.redraw();
     } else if (facts.kind === "brush") {
-      this.planes[facts.name] = new Uint8Array(bytes);
+      this.regions.planes[facts.name] = new Uint8Array(bytes);
       this.photoView.redraw();
     } else if (facts.kind === "overlay") {
-      this.overlay = { ...facts, plane: new Uint8Array(bytes), canvas: null };
-      this.overlay.canvas = this.tinted(this.overlay);
+      this.regions.overlay = { ...facts, plane: new Uint8Array(bytes), canvas: null };
+      this.regions.overlay.canvas = this.regions.tinted(this.regions.overlay);
       this.photoView.redraw();
       this.shell.status(facts.name === "label" ? "Click a label to use it as the only source" : "");
     }
@@ -269,37 +256,6 @@ export class TileRoom {
 
   // --- drawing ---
 
-  drawPhoto(context) {
-    const { width, height } = this.photo;
-    context.drawImage(this.inspect.picture("photo", this.photo), 0, 0, width, height);
-    if (this.overlay && this.overlay.name === this.shownOver) context.drawImage(this.overlay.canvas, 0, 0, width, height);
-    const name = this.brush.name || (this.shell.state.tile.mask === "brush" ? "mask" : this.shell.state.tile.inpaint ? "inpaint" : "");
-    const plane = this.planes[name];
-    if (plane && !this.shownOver) {
-      if (this.tintOf !== plane || this.tintStale) {
-        this.tint = this.tinted({ plane, width, height, ids: [255], colors: [name === "mask" ? "90,170,110" : "214,130,60"] });
-        this.tintOf = plane;
-        this.tintStale = false;
-      }
-      context.drawImage(this.tint, 0, 0);
-    }
-  }
-
-  /** A plane of ids as a canvas of semi-transparent colors. */
-  tinted({ plane, width, height, ids, colors }) {
-    const table = new Uint32Array(256);
-    ids.forEach((id, n) => {
-      const [red, green, blue] = colors[n].split(",").map(Number);
-      table[id] = 0x8c000000 | red | (green << 8) | (blue << 16);
-    });
-    const canvas = make("canvas", { width, height });
-    const image = new ImageData(width, height);
-    const out = new Uint32Array(image.data.buffer);
-    for (let n = 0; n < out.length; n++) out[n] = table[plane[n]];
-    canvas.getContext("2d").putImageData(image, 0, 0);
-    return canvas;
-  }
-
   drawPlane() {
     if (this.mode !== "plane" || !this.compare.shown().canvas) return;
     const { clientWidth, clientHeight } = this.tileView.element;
@@ -309,84 +265,6 @@ export class TileRoom {
     const { canvas, size } = this.compare.shown();
     this.levels ??= mipmaps(canvas);
     drawPlane(this.planeCanvas, this.levels, (clientWidth / size[0]) * 0.8);
-  }
-
-  showOver(name) {
-    this.shownOver = name;
-    this.overlays.set(name);
-    this.inspect.show(name);
-    if (["dominant", "label"].includes(name) && this.overlay?.name !== name) {
-      this.shell.status(name === "dominant" ? "Finding the dominant texture ..." : "Finding labels ...");
-      this.shell.ask("tile", { do: "overlay", name });
-    }
-    this.setBrush(this.brush.name);
-    this.photoView.redraw();
-    this.tileView.redraw();
-  }
-
-  /** Use the label under the pointer as the only source. */
-  pickLabel(event) {
-    if (this.shownOver !== "label" || this.overlay?.name !== "label") return;
-    const { plane, width, height } = this.overlay;
-    const [x, y] = this.photoView.at(event);
-    const [column, row] = [Math.floor((x * width) / this.photo.width), Math.floor((y * height) / this.photo.height)];
-    if (column < 0 || row < 0 || column >= width || row >= height) return;
-    const label = plane[row * width + column];
-    if (label) this.set({ mask: label });
-  }
-
-  // --- the brush ---
-
-  setBrush(name) {
-    this.brush.name = this.shownOver === "label" ? "" : name;
-    this.tools.set(this.brush.name);
-    if (this.brush.name && this.shownOver) this.showOver("");
-    this.photoView.canvas.style.cursor = this.brush.name ? "none" : "";
-    this.photoView.redraw();
-  }
-
-  setTool(tool) {
-    this.brush.tool = tool;
-    this.erase.setAttribute("aria-pressed", String(tool === "erase"));
-  }
-
-  plane() {
-    const { name } = this.brush;
-    this.planes[name] ??= new Uint8Array(this.photo.width * this.photo.height);
-    return this.planes[name];
-  }
-
-  strokeFrom(x, y, event) {
-    this.last = [x, y];
-    this.strokeTo(x, y, event);
-  }
-
-  strokeTo(x, y, event) {
-    const pressure = event.pointerType === "pen" ? Math.max(0.05, event.pressure) : 1;
-    stroke(this.plane(), this.photo.width, this.photo.height, this.last, [x, y], this.brush.diameter * pressure, this.brush.tool === "erase" ? 0 : 255);
-    this.last = [x, y];
-    this.tintStale = true;
-    this.photoView.redraw();
-  }
-
-  strokeEnds() {
-    this.sendBrush(this.brush.name);
-  }
-
-  /** Send a painted plane, and use it. */
-  sendBrush(name) {
-    this.shell.ask("tile", { do: "brush", name }, this.planes[name]);
-    this.tintStale = true;
-    this.photoView.redraw();
-    if (this.shell.state.tile[name] !== "brush") this.set({ [name]: "brush" });
-  }
-
-  fill(value) {
-    if (!this.brush.name) return this.shell.status("First choose what to paint: Source or Replace");
-    const plane = this.plane();
-    if (value === null) for (let n = 0; n < plane.length; n++) plane[n] = 255 - plane[n];
-    else plane.fill(value);
-    this.sendBrush(this.brush.name);
   }
 
   // --- keys ---
@@ -405,19 +283,16 @@ export class TileRoom {
     }
     else if (key === "d" || key === "r") {
       const name = { d: "drift", r: "repetition" }[key];
-      this.showOver(this.shownOver === name ? "" : name);
+      this.regions.showOver(this.regions.shownOver === name ? "" : name);
     }
     else if (key === "s") this.nextSeed();
     else if (key === "v") this.strip.keep();
     else if (key === "t") this.setMode({ "1x1": "2x2", "2x2": "plane", plane: "1x1" }[this.mode]);
-    else if (key === "m") this.showOver(this.shownOver === "dominant" ? "" : "dominant");
-    else if (key === "p") { this.setTool("brush"); this.setBrush(this.brush.name || "mask"); }
-    else if (key === "e") { this.setTool("erase"); this.setBrush(this.brush.name || "mask"); }
-    else if (key === "[" || key === "]") {
-      this.brush.diameter = Math.min(400, Math.max(2, this.brush.diameter * (key === "[" ? 0.8 : 1.25)));
-      this.diameter.set(this.brush.diameter);
-      this.photoView.redraw();
-    } else return false;
+    else if (key === "m") this.regions.showOver(this.regions.shownOver === "dominant" ? "" : "dominant");
+    else if (key === "p") this.regions.take("brush");
+    else if (key === "e") this.regions.take("erase");
+    else if (key === "[" || key === "]") this.regions.scaleBrush(key === "[" ? 0.8 : 1.25);
+    else return false;
     return true;
   }
 
