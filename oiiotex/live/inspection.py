@@ -110,19 +110,22 @@ class Inspection:
     # --- values and maps ---
 
     async def sample(self, page: Page, asked: Mapping[str, Any], tile: dict[str, Any] | None) -> None:
-        """Tell a page the values of a pixel of the photo or the tile, in the file's space and as displayed."""
+        """Tell a page the values of a pixel of the photo or the tile, in the file's space and as displayed.
+
+        None are told of a tile that is not finished.
+        """
         x, y, what = int(asked["x"]), int(asked["y"]), asked["what"]
+        facts = {"do": "sample", "room": "tile", "what": what, "x": x, "y": y, "values": [], "shown": []}
         client, photo = await self._hub.client(), await self._hub.photo()
-        spec = self._photo_spec if tile is None else spec_of(tile["parts"][0])
-        if not (0 <= x < spec.width and 0 <= y < spec.height):
-            return
-        number = photo if tile is None else tile["number"]
-        window = Window(spec.x + x, spec.y + y, spec.x + x + 1, spec.y + y + 1)
-        _, (pixels,) = await asyncio.wrap_future(client.read(number, window, priority=BRUSH))
-        values = as_float(pixels)
-        shown = self._hub.picture(values, self._hub.shown())[0, 0].tolist()
-        named = list(zip(spec.channelnames, (f"{value:.5g}" for value in values[0, 0]), strict=True))
-        facts = {"do": "sample", "room": "tile", "what": what, "x": x, "y": y, "values": named, "shown": shown}
+        number, spec = photo, self._photo_spec
+        if what == "tile" and tile is not None:
+            number, spec = tile["number"], spec_of(tile["parts"][0])
+        if (what == "photo" or tile is not None) and 0 <= x < spec.width and 0 <= y < spec.height:
+            window = Window(spec.x + x, spec.y + y, spec.x + x + 1, spec.y + y + 1)
+            _, (pixels,) = await asyncio.wrap_future(client.read(number, window, priority=BRUSH))
+            values = as_float(pixels)
+            facts["values"] = list(zip(spec.channelnames, (f"{value:.5g}" for value in values[0, 0]), strict=True))
+            facts["shown"] = self._hub.picture(values, self._hub.shown())[0, 0].tolist()
         page.tell(json.dumps(facts))
 
     async def show_measure(self, name: str, tile: dict[str, Any] | None, measure: str) -> None:

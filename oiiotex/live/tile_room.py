@@ -110,8 +110,7 @@ class TileRoom:
         elif do == "presets":
             await self._inspection.find_presets(self._values())
         elif do == "sample":
-            if asked["what"] == "photo" or self._image is not None:
-                await self._inspection.sample(page, asked, self._image if asked["what"] == "tile" else None)
+            await self._inspection.sample(page, asked, self._image)
         elif do == "measure":
             await self._inspection.show_measure(asked["name"], self._image, self._hub.document.state["tile"]["measure"])
         elif do == "overlay":
