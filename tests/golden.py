@@ -68,11 +68,22 @@ CASES = {
         ("--texstationarize:target=exemplar:contrast=1",),
         "lin_rec709_scene",
     ),
-    "stationarize_inpaint_moss_hdr": Case(
+    "fill_moss_hdr": Case(
         lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),
-        ("second.exr", "--texstationarize:inpaint=1:seed=3:patch=7"),
+        ("second.exr", "--texfill:seed=3:patch=7"),
         "lin_rec709_scene",
         second=lambda: (np.hypot(*(np.indices((112, 96)) - np.array([46, 60])[:, None, None])) < 24)[..., None] * 1.0,
+    ),
+    "plate_bricks": Case(
+        lambda: pictures.bricks(64, 80, 1),
+        ("second.exr", "--texplate:region=1"),
+        second=lambda: (np.abs(np.indices((64, 80))[0] - 30) < 8)[..., None] * 1.0,
+    ),
+    "project_moss_hdr": Case(
+        lambda: 8 * pictures.stained(pictures.moss(64, 80, 3)),
+        ("second.exr", "--texproject"),
+        "lin_rec709_scene",
+        second=lambda: pictures.bricks(64, 80, 1),
     ),
     "stationarize_sigmamap_bricks": Case(
         lambda: pictures.stained(pictures.bricks(96, 128, 1)),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from itertools import combinations, product
 
 from oiiotex.exemplar.materials import _MOST_CHANNELS
-from oiiotex.exemplar.patch_synthesis import _PATCHES
+from oiiotex.exemplar.patch_synthesis import PATCHES
 from oiiotex.labels.filter_bank import PLANES
 from oiiotex.projections.histograms import BINS, INVERSE
 from oiiotex.projections.pearson_table import KURTOSES, SCORES, SKEWNESSES
@@ -29,7 +29,7 @@ OPTIONS: dict[str, dict[str, object]] = {
     "moments": {"INVERSE": [INVERSE], **TABLES, "CHANNELS": CHANNELS},
     "multiscale": {"RUN": [1, 16]},
     "patchmatch": {
-        "PATCH": range(_PATCHES[0], _PATCHES[-1] + 1),
+        "PATCH": range(PATCHES[0], PATCHES[-1] + 1),
         "CHANNELS": CHANNELS,
         "LATTICE": [0, 1, 2],
         "PIECES": [0, 1],
@@ -42,7 +42,7 @@ OPTIONS: dict[str, dict[str, object]] = {
     "use_prices": {},
 }
 # of a range the ends and what is usual are compiled; RUN is 1 on a GPU
-COMPILED = {"CHANNELS": [3, 6, CHANNELS[-1]], "PATCH": [_PATCHES[0], 11, _PATCHES[-1]], "RUN": [1]}
+COMPILED = {"CHANNELS": [3, 6, CHANNELS[-1]], "PATCH": [PATCHES[0], 11, PATCHES[-1]], "RUN": [1]}
 
 
 def compiled(stem: str) -> list[dict[str, int]]:

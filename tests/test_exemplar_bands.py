@@ -48,7 +48,7 @@ OPS: dict[str, tuple[str, dict[str, Any]]] = {
     "a photo": ("stationarize", {"stmap": True}),
     "alpha and a mask": ("stationarize", {"exemplar": WITH_ALPHA, "mask": 1 - marked(110, 170, 80, 120)}),
     "weights": ("stationarize", {"weight": WEIGHT, "measure": "moments"}),
-    "a part anew": ("stationarize", {"inpaint": marked(60, 80, 60, 90), "size": None}),
+    "a part anew": ("fill", {"region": marked(60, 80, 60, 90), "size": None}),
     "a material": ("patchmatch", {"maps": [NORMALS, PHOTO[..., :1]], "kinds": ("color", "normal", "height")}),
     "variants": ("stationarize", {"variants": 2, "measure": "moments", "iterations": 1}),
     "by the letter": ("stationarize", {"paper": True, "sigma": 5}),
@@ -61,7 +61,9 @@ def made(case: str, session: Session) -> list[np.ndarray]:
     images = {key: buffer(value) for key, value in given.items() if isinstance(value, np.ndarray)}
     images |= {"maps": [buffer(one, space="data") for one in given["maps"]]} if "maps" in given else {}
     given |= images
-    results = getattr(filters, name)(given.pop("exemplar"), session=session, **given)
+    taken = [given.pop(key) for key in ("exemplar", "region") if key in given]
+    more = {key: value for key, value in given.items() if value is not None}
+    results = getattr(filters, name)(*taken, session=session, **more)
     found = []
     for one in results if isinstance(results, list) else [results]:
         found += [pixels(part) for part in (one.values() if isinstance(one, dict) else [one])]

@@ -20,7 +20,7 @@ BUMPS = 0.04 * pictures.smooth_noise(96, 96, 5, 2)
 RELIEF = BUMPS + 0.5 * pictures.smooth_noise(96, 96, 40, 7)  # which colors do not show
 LEAST = 0.1 * np.ptp(RELIEF)
 QUICK = {"iterations": 4, "patch": 7, "size": (64, 64), "kinds": ("color", "height"), "seed": 3}
-BLIND = {"match": (1, 0)}
+BLIND = {"mapweights": (1, 0)}
 
 
 def heights(values: np.ndarray = RELIEF, kind: object = oiio.FLOAT) -> oiio.ImageBuf:
@@ -125,7 +125,7 @@ def test_cliffs_are_warned_of_and_closed(caplog):
 
 def test_a_height_is_matched_at_low_weight_when_match_is_left_out():
     _, by_default = made()
-    np.testing.assert_array_equal(by_default, made(match=(1, 0.25))[1])
+    np.testing.assert_array_equal(by_default, made(mapweights=(1, 0.25))[1])
     _, blind = made(**BLIND)
     by_default, blind = (large_steps(one, LEAST, (True, True)) for one in (by_default, blind))
     assert by_default < 0.25 * blind
@@ -162,12 +162,12 @@ def test_whole_numbers_that_cannot_hold_levelled_heights_say_so(caplog):
     assert "exceed the range of uint8 and are clipped" in caplog.text
 
 
-def test_inpaint_raises_nothing_outside():
+def test_a_fill_raises_nothing_outside():
     within = np.zeros((96, 96, 1))
     within[30:60, 30:60] = 1
-    mask = buffer(within, oiio.FLOAT, space="", names=("Y",))
-    more = {"size": None, "inpaint": mask, "relevel": True} | BLIND
-    _, levelled = made(**more)
+    region = buffer(within, oiio.FLOAT, space="", names=("Y",))
+    given = {"maps": [heights()], "kinds": ("color", "height"), "relevel": True, "patch": 7, "iterations": 4} | BLIND
+    levelled = pixels(filters.fill(buffer(ALBEDO), region, **given)[1])[..., 0]
     outside = within[..., 0] == 0
     np.testing.assert_array_equal(levelled[outside], pixels(heights())[..., 0][outside])
 

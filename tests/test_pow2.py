@@ -59,12 +59,6 @@ def test_pow2_is_kept_on_a_lattice_with_a_warning_where_that_is_visible(caplog):
     assert "128x128 px stretch" in made["19.3"][0] and not made["none"]
 
 
-def test_inpaint_keeps_the_size_of_the_photo():
-    photo = buffer(pictures.moss(52, 90, 4))
-    with pytest.raises(ParameterError, match="size='pow2': expected 90x52, the photo's, with inpaint"):
-        filters.stationarize(photo, inpaint=photo, size="pow2", session=Session())
-
-
 def test_the_library_makes_powers_of_two_by_default():
     line = next(line for line in commented_recipe().splitlines() if line.startswith("line = ") and "$maps" in line)
     assert ":size=pow2:" in line

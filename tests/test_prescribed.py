@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texstationarize told where, with what and how finely: inpaint, weight, sigmamap."""
+"""--texstationarize told with what and how finely: weight, sigmamap."""
 
 from __future__ import annotations
-
-import logging
 
 import numpy as np
 import OpenImageIO as oiio
@@ -15,99 +13,18 @@ from oiiotex.opencl.buffers import Buffers
 from oiiotex.opencl.rows import Rows
 from oiiotex.patchmatch import constraints
 from oiiotex.projections import histograms
-from oiiotex.quality.seam_measures import seam_ratio
 from oiiotex.stationarity.grid_statistics import CellGrid
 from tests import pictures
 from tests.any_filter import buffer, pixels
-from tests.conftest import load, oiiotex, save
 from tests.reference.projections import projected_by
 from tests.test_histograms import lab_like
 
 PHOTO = pictures.stained(pictures.pebbles(96, 112, 3))
-STAIN = (((np.indices((96, 112))[1] - 73) / 27) ** 2 + ((np.indices((96, 112))[0] - 38) / 20) ** 2 < 1)[..., None]
 QUICK = {"iterations": 4, "patch": 7}
-
-
-def mask(where: np.ndarray) -> oiio.ImageBuf:
-    return buffer(where * 1.0, space="data", names=("Y",))
 
 
 def made(**more: object):
     return filters.stationarize(buffer(PHOTO), **{**QUICK, **more})
-
-
-# --- inpaint ---
-
-
-def test_outside_nothing_changes_and_inside_nothing_stays_of_the_stain():
-    found = made(inpaint=mask(STAIN), stmap=True)
-    tile, st = pixels(found["tile"]), pixels(found["st"])
-    photo = PHOTO.astype(np.float32)
-    np.testing.assert_array_equal(np.where(STAIN, 0, tile), np.where(STAIN, 0, photo))
-    x, y = (np.floor(st[..., i] * n).astype(int) for i, n in ((0, 112), (1, 96)))
-    np.testing.assert_array_equal(tile, photo[y, x])
-    assert not STAIN[y, x].any()  # patches come from outside
-    stain, clean, around = (a[STAIN[..., 0]].mean() for a in (photo, tile, photo[:, ::-1]))
-    assert abs(clean - around) < 0.35 * abs(stain - around)
-
-
-def test_the_new_pixels_go_with_the_old_ones():
-    """Jumps across the mask's border are half of those that a piece of another texture makes there."""
-    across = STAIN[:, 1:, 0] != STAIN[:, :-1, 0]
-    other = np.where(STAIN, pixels(made(weight=mask(~STAIN))), PHOTO)
-    tiles = (pixels(made(inpaint=mask(STAIN))), other)
-    found, pasted = (np.abs(np.diff(tile[..., 1], axis=1))[across].mean() for tile in tiles)
-    assert found < 0.6 * pasted
-
-
-def test_only_a_border_made_anew_makes_a_photo_tile():
-    y, x = np.indices((96, 112))
-    border = (np.minimum(np.minimum(x, 111 - x), np.minimum(y, 95 - y)) < 14)[..., None]
-    tile = pixels(made(inpaint=mask(border), tile="xy"))
-    np.testing.assert_array_equal(tile[~border[..., 0]], PHOTO.astype(np.float32)[~border[..., 0]])
-    for axis in (0, 1):
-        assert seam_ratio(tile[..., 1], axis) < 0.6 * seam_ratio(PHOTO[..., 1], axis)
-
-
-def test_windows_stay_and_what_is_transparent_stays():
-    spec = oiio.ImageSpec(112, 96, 4, oiio.FLOAT)
-    spec.x, spec.y, spec.full_x, spec.full_y, spec.full_width, spec.full_height = -7, 11, -20, 0, 160, 140
-    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
-    photo = oiio.ImageBuf(spec)
-    alpha = (np.indices((96, 112))[1] < 100)[..., None] * 1.0
-    photo.set_pixels(photo.roi, np.concatenate([PHOTO * alpha, alpha], -1).astype(np.float32))
-    found = filters.stationarize(photo, inpaint=mask(STAIN), **QUICK)
-    assert found.roi == photo.roi and found.roi_full == photo.roi_full
-    np.testing.assert_array_equal(pixels(found)[~STAIN[..., 0]], pixels(photo)[~STAIN[..., 0]])
-    assert (pixels(found)[STAIN[..., 0], 3] == 1).all()
-
-
-def test_a_mask_of_nothing_leaves_the_photo_as_it_is_and_says_so(caplog):
-    with caplog.at_level(logging.WARNING):
-        np.testing.assert_array_equal(pixels(made(inpaint=mask(STAIN & False))), PHOTO.astype(np.float32))
-    assert "inpaint marks no pixel; the photo is unchanged" in caplog.text
-
-
-def test_what_inpaint_cannot_do_is_reported():
-    with pytest.raises(errors.ImageError, match=r"inpaint marks every pixel of .*no source pixels remain"):
-        made(inpaint=mask(STAIN | True))
-    with pytest.raises(errors.ImageError, match="inpaint is 40x30, but the exemplar is 112x96"):
-        made(inpaint=mask(STAIN[:30, :40]))
-    with pytest.raises(errors.ParameterError, match=r"size=[(]64, 64[)]: expected 112x96, the photo's, with inpaint"):
-        made(inpaint=mask(STAIN), size=(64, 64))
-    with pytest.raises(errors.ImageError, match="no 7x7 patch of the exemplar of 112x96 px is free of"):
-        made(inpaint=mask(np.indices((96, 112)).sum(0)[..., None] % 5 > 0))
-
-
-def test_inpaint_on_the_command_line(tmp_path):
-    save(PHOTO, tmp_path / "photo.png")
-    save(STAIN * 1.0, tmp_path / "stain.png")
-    done = oiiotex(
-        "photo.png", "stain.png", "--texstationarize:inpaint=1:iterations=2:patch=7", "-o", "out.png", cwd=tmp_path
-    )
-    assert done.returncode == 0, done.stderr
-    before, after = load(tmp_path / "photo.png"), load(tmp_path / "out.png")
-    np.testing.assert_array_equal((before != after).any(-1) & ~STAIN[..., 0], False)
 
 
 # --- weight ---

@@ -36,8 +36,8 @@ patchmatch
 wang
 quality
 exemplar graphcut
-quilting multiscale capture atlas
-charts
+quilting multiscale capture atlas fill
+charts motion
 materials
 python_types plugin installed_filters notebook
 python_api

@@ -96,7 +96,6 @@ def test_variants_of_a_material_come_tile_by_tile(tmp_path):
     ("given", "said"),
     [
         ({"tile": "x"}, "variants=2: conflicts with tile=x"),
-        ({"inpaint": PHOTO, "size": None}, "variants=2: conflicts with inpaint"),
         (
             {"size": (24, 64)},
             "tiles of 24x64 px are too small for border strips of 7 px: expected at least 28x28 px",

@@ -72,11 +72,11 @@ def _grown(name: str, **values: Any) -> Callable[[Session, int], Work]:
 
 
 def _held(session: Session, side: int) -> Work:
-    """Stationarization within a disc; what is around it stays."""
+    """A disc filled from around it."""
     source = _large(side)
     y, x = np.indices((side, side))
     disc = buffer_of((np.hypot(y - side / 2, x - side / 2) < 0.3 * side)[..., None].astype(np.float32))
-    return lambda: filters.stationarize(source, inpaint=disc, session=session)
+    return lambda: filters.fill(source, disc, session=session)
 
 
 def _zoom(session: Session, side: int) -> Work:
@@ -160,7 +160,7 @@ TIMED = AT_EVERY_SIZE | {
     "texsynth's analysis, 256 px": _analysis,
     "texstationarize:measure=moments": _grown("stationarize", measure="moments", order=4),
     "texstationarize:measure=steerable": _grown("stationarize", measure="steerable"),
-    "texstationarize:inpaint": _held,
+    "texfill": _held,
     "texpatchmatch": _grown("patchmatch"),
     "texcomposite": _composite,
 }
@@ -170,7 +170,7 @@ COMPARED: dict[str, Callable[[Session, int], Work]] = {
     "texstationarize": _grown("stationarize", stmap=True),
     "texstationarize:measure=moments": _grown("stationarize", stmap=True, measure="moments", order=4),
     "texstationarize:measure=steerable": _grown("stationarize", stmap=True, measure="steerable"),
-    "texstationarize:inpaint": _held,
+    "texfill": _held,
     "texpatchmatch": _grown("patchmatch", stmap=True),
     "texquilt": _grown("quilt", stmap=True, tile="xy"),
     "texsuperpixel": _superpixel,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Label codes, painted plans and levels of zoom, for the live page."""
 
-from ..exemplar.presets import AUTOMATIC, INPAINTED, PRESETS
+from ..exemplar.presets import AUTOMATIC, PRESETS
 from ..labels.legend import code_of, codes_of, color_of
 from ..multiscale.graph import read_graph
 from ..multiscale.synthesizer import MOST_LEVEL
@@ -11,7 +11,6 @@ from ..stationarity.measures import MEASURES
 
 __all__ = [
     "AUTOMATIC",
-    "INPAINTED",
     "MEASURES",
     "MOST_LEVEL",
     "PRESETS",

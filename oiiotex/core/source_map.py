@@ -113,9 +113,7 @@ class SourceMap:
         t = ((y + corner[1] + 0.5) / factor + spec.y - spec.full_y) / spec.full_height
         return np.stack([s, t], axis=-1).astype(np.float32)
 
-    def parts(
-        self, name: str, exemplar: Part, tiling: str = "none", in_place: bool = False, by_rows: bool = False
-    ) -> dict[str, Part]:
+    def parts(self, name: str, exemplar: Part, tiling: str = "none", by_rows: bool = False) -> dict[str, Part]:
         """As `Sources.parts`, for a complete result.
 
         Parameters
@@ -125,12 +123,10 @@ class SourceMap:
         exemplar : Part
         tiling : str
             Axes along which the result wraps: x, y, xy or none.
-        in_place : bool
-            Whether the result has the windows of the exemplar; otherwise it is at the origin.
         by_rows : bool
             Whether the exemplar is read by rows for every window of the result, instead of held in memory.
         """
-        spec = tile_spec(exemplar.spec, tiling, None if in_place else self.packed.shape[::-1])
+        spec = tile_spec(exemplar.spec, tiling, self.packed.shape[::-1])
         whole = Window.data(spec)
         sources = Sources(lambda window: self[window.inside(whole)], spec, ready=True, by_rows=by_rows)
         return sources.parts(name, exemplar)

@@ -1,26 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Images that control a synthesis: pixels to inpaint, weights of source pixels, sigma for each pixel."""
+"""Images that control a synthesis: weights of source pixels, sigma for each pixel."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable
-
 from ..color.config import as_float
 from ..core.image import Image, Part, channels_of, dtype_of
-from ..core.source_map import SourceMap
-from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError
-from ..patchmatch.constraints import Constraints, FixedPixels
-from ..patchmatch.optimization import Synthesis
-from ..patchmatch.recipe import Recipe
-from .exemplar_masks import laid_over, mask_pixels
+from .exemplar_masks import laid_over
 
-INPAINT = (
-    "Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero label id). They"
-    " are filled from patches outside the marked area; all other pixels are kept unchanged."
-)
 WEIGHT = (
     "Image of relative weights, in its first channel: pixels of weight 2 are used twice as often as pixels of weight"
     " 1, and pixels of weight 0 are never used."
@@ -30,19 +18,6 @@ SIGMAMAP = (
     " structure in some areas and even out others."
 )
 _LEAST_SIGMA = 0.5
-
-Run = Callable[[Recipe, Constraints], Synthesis]
-
-
-def marked_pixels(inpaint: Image, exemplar: Image) -> np.ndarray:
-    """The pixels to resynthesize, (height, width) bool; raises ImageError if all are marked."""
-    marked = mask_pixels(laid_over(inpaint.first, exemplar, "inpaint"))
-    if marked.all():
-        raise ImageError(
-            f"inpaint marks every pixel of {exemplar.source}: no source pixels remain; mark fewer, or omit inpaint to"
-            " resynthesize the whole photo"
-        )
-    return marked
 
 
 def weights_of(weight: Image, exemplar: Image) -> np.ndarray:
@@ -79,39 +54,3 @@ def sigmas_of(sigmamap: Image, width: int, height: int) -> np.ndarray:
 
 def _channel(part: Part) -> np.ndarray:
     return as_float(part.pixels()[..., channels_of(part.spec).color[0]])
-
-
-def remade_source(
-    marked: np.ndarray, opaque: np.ndarray | None, recipe: Recipe, constraints: Constraints, run: Run
-) -> SourceMap:
-    """The source of every pixel of a photo of which only the marked pixels are resynthesized, by `run`.
-
-    Only the surroundings of the marked pixels that patches and local histograms reach are synthesized. Recipe and
-    constraints are for the whole photo; new pixels match the photo's color where it is opaque.
-    """
-    height, width = marked.shape
-    source = SourceMap.of(np.arange(height)[:, None], np.arange(width))
-    if not marked.any():
-        return source
-    window = _surroundings(marked, recipe)
-    cut = window.inside(Window(0, 0, width, height))
-    is_fixed = ~marked if opaque is None else opaque & ~marked
-    fixed = FixedPixels(is_fixed[cut], source[cut], is_goal=True)
-    sigmas = None if constraints.sigmas is None else constraints.sigmas[cut]
-    in_step = None if recipe.in_step is None else recipe.in_step.moved(window.left, window.top)
-    small = dataclasses.replace(recipe, width=window.width, height=window.height, in_step=in_step)
-    synthesis = run(small, dataclasses.replace(constraints, fixed=fixed, sigmas=sigmas))
-    source.packed[cut] = np.where(marked[cut], synthesis.source.packed, source.packed[cut])
-    return source
-
-
-def _surroundings(marked: np.ndarray, recipe: Recipe) -> Window:
-    """The marked pixels and all that influence them; the full extent of an axis that wraps."""
-    reach = 2 * recipe.patch + int(3 * (recipe.sigma or 0))
-    ends = []
-    for axis, wraps in ((0, recipe.wrap_x), (1, recipe.wrap_y)):
-        hit = np.flatnonzero(marked.any(axis))
-        n = marked.shape[1 - axis]
-        ends.append((0, n) if wraps else (max(0, int(hit[0]) - reach), min(n, int(hit[-1]) + 1 + reach)))
-    (left, right), (top, bottom) = ends
-    return Window(left, top, right, bottom)

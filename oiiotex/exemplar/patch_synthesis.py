@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -23,16 +24,16 @@ from ..session import Session
 from ..session.progress import Progress
 from ..session.resources import Resources
 from ..wang.tiles import COUNTS, TWO_COLORS_FROM
-from .constraint_images import INPAINT, WEIGHT
+from .constraint_images import WEIGHT
 from .exemplar_op import ExemplarPixels, MaterialOp
 from .heights import RELEVEL
 from .photo_lattice import least_size
 
 _COUNTS = f"{', '.join(map(str, COUNTS[:-1]))} or {COUNTS[-1]}"
-_PATCHES, PATCH = tuple(range(5, 23, 2)), 13
+PATCHES, PATCH = tuple(range(5, 23, 2)), 13
 _LAB_BYTES = 12  # for each pixel of a map
 _SIZE_HELP = "Size of the result. pow2: each side of the photo, rounded to the nearest power of two."
-_PATCH_HELP = (
+PATCH_HELP = (
     "Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks or stones are cut."
 )
 
@@ -47,16 +48,10 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         REPORT,
     )
 
-    inpaint: Image | None = image(None, help=INPAINT)
     weight: Image | None = image(None, help=WEIGHT, advanced=True)
     relevel: bool = param(False, help=RELEVEL, advanced=True)
     size: SizeRule | Size | None = param(None, ge=5, le=65536, unit="px", unset="size of the photo", help=_SIZE_HELP)
-    tile: str | None = param(
-        None,
-        choices=("xy", "x", "y", "none", None),
-        unset="xy; with inpaint, none",
-        help="Axes along which the result tiles.",
-    )
+    tile: str = param("xy", choices=("xy", "x", "y", "none"), help="Axes along which the result tiles.")
     variants: int = param(
         1,
         ge=1,
@@ -73,7 +68,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         f" that renderers can filter it without padding. Requires variants={_COUNTS}.",
     )
     patch: int | None = param(
-        None, example="21", choices=(*_PATCHES, None), unit="px", unset=str(PATCH), help=_PATCH_HELP
+        None, example="21", choices=(*PATCHES, None), unit="px", unset=str(PATCH), help=PATCH_HELP
     )
     iterations: int = param(
         30,
@@ -114,7 +109,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         return Recipe.tiling(
             width,
             height,
-            self.tiling,
+            self.tile,
             # beyond twice the tile the window is flat
             sigma=None if sigma is None else min(sigma, 2.0 * max(width, height)),
             patch=self.side,
@@ -166,10 +161,10 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         self.all_maps()  # checks n
         self._check()
         size = self.asked_size
-        tiling = self.tiling if self.variants < TWO_COLORS_FROM else "none"  # Wang tiles continue in other tiles
-        quality = Quality.of_copies(self, resources, progress, size, tiling, patch=self.side, losses=self.finds_losses)
-        if self.inpaint is None:
-            self._require_memory(size, resources)
+        tiling = self.tile if self.pack or self.variants < TWO_COLORS_FROM else "none"  # continue in other tiles
+        whole = Size(*(n * (math.isqrt(self.variants) if self.pack else 1) for n in size))
+        quality = Quality.of_copies(self, resources, progress, whole, tiling, patch=self.side, losses=self.finds_losses)
+        self._require_memory(size, resources)
         return size, quality
 
     @property
@@ -196,7 +191,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
     @property
     def sized(self) -> bool:
         """Whether an input image determines the size of the result."""
-        return self.inpaint is not None
+        return False
 
     def sigmas(self, width: int, height: int) -> np.ndarray | None:
         """Sigma at each pixel of a result of this size; None if it is constant."""
@@ -210,31 +205,22 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """Refuse conflicting modifiers."""
         if self.relevel and "height" not in self.map_kinds:
             raise ParameterError(f"{modifier(relevel=True)} requires kinds with a height")
-        own = Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
-        if self.inpaint is not None and self.asked_size != own:
-            raise ParameterError(parameter="size", value=self.size, expected=f"{own}, the photo's, with inpaint")
         if self.pack and self.variants not in COUNTS:
             raise ParameterError(f"requires variants={_COUNTS}", parameter="pack", value=self.pack)
         if self.variants > 1:
             one_file = isinstance(self.stmap, Path) and not self.pack
-            wrong = "inpaint" if self.inpaint is not None else "stmap" if one_file else ""
-            wrong = wrong or ("relevel" if self.relevel else "")
-            wrong = wrong or ("" if self.tiling == "xy" else f"tile={self.tile}")
+            wrong = "stmap" if one_file else "relevel" if self.relevel else ""
+            wrong = wrong or ("" if self.tile == "xy" else f"tile={self.tile}")
             if wrong:
                 raise ParameterError(f"conflicts with {wrong}", parameter="variants", value=self.variants)
 
     def _require_memory(self, size: Size, resources: Resources) -> None:
-        """Refuse what exceeds the memory budget by sizes alone; the area of `inpaint` is not known yet."""
+        """Refuse what exceeds the memory budget by sizes alone."""
         if self.size is None and self.kept_structure > 0 and not self.sized:
-            least = least_size(size, ("x" in self.tiling, "y" in self.tiling))
+            least = least_size(size, ("x" in self.tile, "y" in self.tile))
             size = Size(*(max(n, self.side) for n in least))
         recipe, spec = self.recipe(*size), self.exemplar.first.spec
         if self.values().get("amount") is not None or getattr(self, "sigmamap", None) is not None:
             recipe = replace(recipe, sigma=None)  # sigma depends on pixels
         held = ExemplarHeld(self.holds_photo(resources), self.mask is not None or self.label is not None)
         require_memory(resources.device, recipe, (spec.height, spec.width, 3), self.budget_left(resources), held)
-
-    @property
-    def tiling(self) -> str:
-        """Axes along which the result tiles."""
-        return self.tile or ("xy" if self.inpaint is None else "none")

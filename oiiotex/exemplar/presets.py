@@ -22,7 +22,6 @@ CONTRAST = 0.7  # strength of histogram matching
 LARGE_PATCH, SMALL_PATCH = 21, 11  # px
 SIGMA_SHARE, PAPER_SIGMA_SHARE, KEEP_SIGMA_SHARE, EVEN_SIGMA_SHARE = 8, 32, 4, 32  # sigma is the longer side / share
 AUTOMATIC: dict[str, float] = {"contrast": CONTRAST, "patch": PATCH, "share": SIGMA_SHARE}  # without a preset
-INPAINTED: dict[str, float] = {"contrast": 0.0, "patch": PATCH, "share": PAPER_SIGMA_SHARE}  # the same, with inpaint
 PRESETS: dict[str, dict[str, float]] = {  # values of modifiers
     EVEN: {"contrast": CONTRAST, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},
     CLEAN: {"contrast": 0.0, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},
@@ -43,8 +42,6 @@ def filled(op: PatchSynthesis, preset: str, resources: Resources, progress: Prog
     """
     chosen: dict[str, Any] = dict(PRESETS[preset])
     share = chosen.pop("share")
-    if op.inpaint is not None:
-        del chosen["contrast"]
     if sigma:
         chosen["sigma"] = max(max(op.asked_size) / share, (op.patch or chosen["patch"]) / 4)
     missing: dict[str, Any] = {name: value for name, value in chosen.items() if getattr(op, name) is None}

@@ -27,7 +27,7 @@ from ..regularity.offset_prices import InStep
 from ..wang.atlas import mark_as_atlas, packed
 from ..wang.tiles import edged, edges_of, runs_for, wang_tiles
 from .coarse_looks import coarse_looks
-from .constraint_images import marked_pixels, remade_source, weights_of
+from .constraint_images import weights_of
 from .first_result import better_of, hint_that_it_tiles, say_fidelity
 from .heights import height_tile
 from .photo_lattice import fitting_size, photo_structure
@@ -55,10 +55,8 @@ class SynthesisRun:
         self._in_memory, self._budget = op.holds_photo(resources), op.budget_left(resources)
         with resources.stats.time("read and color"):
             self._maps = [self._in_any_order(image.first) for image in self._flat.all_maps()]
-            marked = None if op.inpaint is None else marked_pixels(op.inpaint, op.exemplar)
             weight = None if op.weight is None else weights_of(op.weight, op.exemplar)
-        self._marked, self._unmarked = marked, None if marked is None else ~marked
-        self._seen = self._flat.read(resources, self._unmarked, None if weight is None else weight > 0)
+        self._seen = self._flat.read(resources, None if weight is None else weight > 0)
         if not self._in_memory:
             resources.cache.forget()  # everything has been read
         structure = None
@@ -67,10 +65,9 @@ class SynthesisRun:
                 structure = self._seen.remembered(resources, photo_structure, op.flag())
         self._lattice = structure if isinstance(structure, Lattice) else None
         self._courses = structure if isinstance(structure, Courses) else None
-        self._wraps = "x" in op.tiling, "y" in op.tiling
+        self._wraps = "x" in op.tile, "y" in op.tile
         size = fitting_size(op.flag(), self._lattice, size, op.size is not None or op.sized, self._wraps)
-        looks = marked is None and op.variants == 1
-        self._look = coarse_looks(self._maps[0], self._progress.look) if looks else None
+        self._look = coarse_looks(self._maps[0], self._progress.look) if op.variants == 1 else None
         self._constraints = Constraints(weight=weight, sigmas=op.sigmas(*size))
         self._recipe = self._recipe_of(size)
         self._quality = self._quality_of(quality)
@@ -139,22 +136,16 @@ class SynthesisRun:
     # --- one tile ---
 
     def _one(self) -> tuple[dict[str, Any], ...]:
-        op, resources, recipe, kept, lost = self._op, self._resources, self._recipe, None, None
-        quality = self._quality
-        if self._marked is not None:
-            if not self._marked.any():
-                op.warn("inpaint marks no pixel; the photo is unchanged")
-            source = remade_source(self._marked, self._seen.opaque, recipe, self._constraints, self._run)
-        else:
-            if op.tiling == "xy" and op.size is None and self._in_memory:
-                hint_that_it_tiles(op.flag(), op.exemplar.first)
-            other = op.second_choice(recipe)
-            synthesis, kept, recipe = better_of(
-                op.flag(), self._run, self._constraints, recipe, other, self._seen, resources.stats
-            )
-            source, lost = synthesis.source, synthesis.lost
-            quality = replace(quality, sigma=recipe.sigma)
-            say_fidelity(op.flag(), kept, recipe, warn=op.judges_itself)
+        op, resources, recipe, quality = self._op, self._resources, self._recipe, self._quality
+        if op.tile == "xy" and op.size is None and self._in_memory:
+            hint_that_it_tiles(op.flag(), op.exemplar.first)
+        other = op.second_choice(recipe)
+        synthesis, kept, recipe = better_of(
+            op.flag(), self._run, self._constraints, recipe, other, self._seen, resources.stats
+        )
+        source, lost = synthesis.source, synthesis.lost
+        quality = replace(quality, sigma=recipe.sigma)
+        say_fidelity(op.flag(), kept, recipe, warn=op.judges_itself)
         resources.device.collect(resources.stats)
         op.say_what_stays()
         first, *others = self._with_heights(self._tiles(source), source)
@@ -175,17 +166,17 @@ class SynthesisRun:
 
     def _tiles(self, source: SourceMap) -> tuple[dict[str, Part], ...]:
         """All maps copied from the same source pixels; the first tile has the source coordinates."""
-        op, in_place, by_rows = self._op, self._marked is not None, not self._in_memory
-        tiling = "none" if op.variants > 1 and not op.pack else op.tiling  # variants continue in each other
-        return op.of_all(self._maps, lambda one, _: source.parts("tile", one, tiling, in_place, by_rows=by_rows))
+        op, by_rows = self._op, not self._in_memory
+        tiling = "none" if op.variants > 1 and not op.pack else op.tile  # variants continue in each other
+        return op.of_all(self._maps, lambda one, _: source.parts("tile", one, tiling, by_rows=by_rows))
 
     def _with_heights(self, tiles: tuple[dict[str, Part], ...], source: SourceMap) -> tuple[dict[str, Part], ...]:
         """The tiles, with the steps of heights logged, and leveled with relevel."""
-        op, still, results = self._op, self._unmarked, []
+        op, results = self._op, []
         maps = (op.exemplar, *op.maps)
         for tile, one, kind in zip(tiles, maps, op.map_kinds, strict=True):
             if kind == "height":
-                given = tile["tile"], one, source, self._wraps, op.relevel, still, self._resources
+                given = tile["tile"], one, source, self._wraps, op.relevel, None, self._resources
                 tile = tile | {"tile": height_tile(op.flag(), *given)}
             results.append(tile)
         return tuple(results)
@@ -218,7 +209,8 @@ class SynthesisRun:
         edges = edges_of(op.variants)
         names = [f"wang{number:02d}_{one}" for number, one in enumerate(edges)]
         if op.pack:
-            material = self._tiles(packed(sources))
+            names, sources = ["atlas"], [packed(sources)]  # measured as the plane that it is
+            material = self._tiles(sources[0])
             tiles = [tile | {"tile": mark_as_atlas(tile["tile"], op.variants)} for tile in material]
         else:
             tiles = [

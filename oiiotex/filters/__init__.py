@@ -20,12 +20,13 @@ _GROUPS = {  # the name of each filter and the class that declares it, in the or
     "Texture synthesis": {
         "stationarize": "Stationarize", "synth": "Synth", "quilt": "Quilting", "cut": "Cut",
         "patchmatch": "PatchMatch", "composite": "Composite", "paint": "Paint", "atlas": "Atlas", "zoom": "Zoom",
-        "graph": "ExemplarGraph", "join": "Join",
+        "graph": "ExemplarGraph", "join": "Join", "fill": "Fill",
     },
     "Texture preparation and material maps": {
         "flatten": "Flatten", "rectify": "Rectify", "warp": "Warp", "estimateheight": "EstimateHeight",
         "estimateao": "EstimateAO", "estimateroughness": "EstimateRoughness", "checkmaterial": "CheckMaterial",
     },
+    "Fills that move with a shot": {"plate": "Plate", "project": "Project"},
     "Texture analysis and labels": {
         "label": "Label", "superpixel": "Superpixel", "decompose": "Decompose", "dominant": "Dominant",
         "palette": "Palette", "content": "Content", "stationarity": "Stationarity", "sigmas": "Sigmas", "lab": "Lab",

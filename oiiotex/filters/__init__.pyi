@@ -1688,6 +1688,309 @@ def estimateroughness(
 ) -> Array: ...
 
 @overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    label: int | None = None,
+    matte: str | None = None,
+    sourcelabel: int | None = None,
+    adapt: float | None = None,
+    drift: FileName | Literal[False] = False,
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: FileName | Literal[False] = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> ImageBuf:
+    """Replace a region of a photo by texture from the rest of it, or from another photo.
+
+    Patches that fit the surroundings are found from coarse to fine levels by PatchMatch (BSFG09: Barnes, Shechtman,
+    Finkelstein, Goldman, PatchMatch, SIGGRAPH 2009; levels as in MJH17), and each pixel is a copy of one source pixel
+    with all channels. With `source`, gradients of light and the color level are taken from the surroundings. All
+    other pixels stay bit-identical, except in the zone of `cut`.
+
+    To keep pixels of the region that exist already, such as those carried from the previous frame, paste them into
+    the photo and mark only the rest: the fill continues them like all other pixels. `mask` excludes them as a source.
+
+    Parameters
+    ----------
+    exemplar : ImageLike
+        Photo; of the n maps of a material, the first.
+    region : ImageLike
+        Image that marks the pixels to replace (first channel above half its range, or a nonzero label
+        id). It is not taken with label or matte.
+    mask : ImageLike | None, default None
+        Image that marks the valid source pixels, of the photo or of source (first channel above half
+        its range, or a nonzero label id). A string is the name of a part of the first image, or a file
+        name.
+    source : ImageLike | None, default None
+        Another photo to fill from, of any size and color space. With n, its first n parts are the maps.
+        A string is the name of a part of the first image, or a file name.
+    maps : Sequence[ImageLike], default ()
+        Further maps, resynthesized from the same source pixels. A string is the name of a part of the
+        first image, or a file name.
+    label : int | None, default None
+        Id of a label to replace, from the photo's label maps. Expected: an integer >= 1.
+    matte : str | None, default None
+        Object to replace, from the photo's Cryptomatte: its name, or its id in hexadecimal. All pixels
+        that it covers are replaced, even partly covered ones.
+    sourcelabel : int | None, default None
+        Id of a label. Only pixels of that label are used as a source. Expected: an integer >= 1.
+    adapt : float | None, default None
+        Fraction of the difference in light gradient and color level that is corrected. 0: every pixel
+        is a verbatim copy. Expected: a number from 0 to 1. Default: 1 with source, else 0.
+    cut : int, default 0
+        Width of a zone around the region in which the border follows the least visible seam (KSE03).
+        Pixels of the zone may be replaced. 0: only the region is replaced. Expected: an integer from 0
+        to 256 px.
+    patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
+        Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
+        or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
+    n : int, default 1
+        Number of maps of one material, resynthesized together: the last n images. Expected: an integer
+        from 1 to 16.
+    seed : int, default 0
+        Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
+        4294967295.
+    colorspace : str | None, default None
+        Color space of the required images. Default: the one in their metadata.
+    roi : ROI | None, default None
+        Region of the result to compute. Default: all of it.
+    nthreads : int, default 0
+        Number of CPU threads if no session is given. 0: all that the process may use.
+    session : Session | None, default None
+        Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
+
+    Returns
+    -------
+    ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]
+        A dict of parts by name if more than one part is requested.
+        A list of these if several images are made.
+        - fill: The photo with the region replaced. One image for each of the n maps, in order. [pixels]
+        - st: Source coordinates of every pixel; with source, B is 1 where they lie in it. [32-bit float
+          coordinates; with stmap]
+        - drift: Correction of the copied pixels: Lab x gain + offset. Channels as of `flatten`. [32-bit
+          float values; with drift]
+
+    Other Parameters
+    ----------------
+    labels : ImageLike | None, default None
+        Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
+        of the first image, or a file name.
+    mattes : ImageLike | None, default None
+        Cryptomatte, if it is not in the photo's file. A string is the name of a part of the first
+        image, or a file name.
+    drift : bool | FileName, default False
+        Correction of the copied pixels. 1: append it as part 'drift'; a file name: write it to that
+        file.
+    tile : Literal['none', 'x', 'y', 'xy'], default 'none'
+        Axes along which the region continues.
+    structure : float, default 0.5
+        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
+        does not hold complete repeats, the result gets the nearest size that does, unless size is set.
+        0: repeats are not preserved. No effect on photos without regular repeats. Expected: a number
+        from 0 to 1.
+    iterations : int, default 30
+        Number of iterations on the coarsest level. Expected: an integer from 1 to 1000.
+    uniformity : float, default 0.01
+        Strength with which all parts of the source are used equally often (MJH17 eq. 6). Expected: a
+        number from 0 to 1.
+    relevel : bool, default False
+        Raise or lower each copied piece of a height map so that pieces meet without steps. Set it if
+        displaced heights show cliffs. Requires kinds=...,height.
+    kinds : Sequence[str] | None, default None
+        Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
+        data in the result. Default: color (with data=1, data) for the first map, data for the others.
+    mapweights : float | Sequence[float] | None, default None
+        Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
+        follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
+        0.25 for a height.
+    level : int | None, default None
+        Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
+        Default: the coarsest with several labels.
+    data : bool, default False
+        Use the channels as data, without conversion to CIE Lab.
+    stmap : bool | FileName, default False
+        Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
+        file.
+
+    Raises
+    ------
+    oiiotex.Error
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> clean = filters.fill("plate.exr", "mask.exr", seed=7)
+    >>> other = filters.fill("plate.exr", "mask.exr", source="grass.exr")
+    """
+@overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    label: int | None = None,
+    matte: str | None = None,
+    sourcelabel: int | None = None,
+    adapt: float | None = None,
+    drift: Literal[True],
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> dict[str, ImageBuf]: ...
+@overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    label: int | None = None,
+    matte: str | None = None,
+    sourcelabel: int | None = None,
+    adapt: float | None = None,
+    drift: bool | FileName = False,
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: Literal[True],
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> dict[str, ImageBuf]: ...
+@overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    label: int | None = None,
+    matte: str | None = None,
+    sourcelabel: int | None = None,
+    adapt: float | None = None,
+    drift: bool | FileName = False,
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+@overload
+def fill(
+    exemplar: ImageLike,
+    region: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    source: ImageLike | None = None,
+    mattes: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
+    label: int | None = None,
+    matte: str | None = None,
+    sourcelabel: int | None = None,
+    adapt: float | None = None,
+    drift: bool | FileName = False,
+    cut: int = 0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    structure: float = 0.5,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    relevel: bool = False,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    mapweights: float | Sequence[float] | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array | Any: ...
+
+@overload
 def flatten(
     source: Picture,
     /,
@@ -2808,12 +3111,11 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -2850,18 +3152,14 @@ def patchmatch(
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
-    inpaint : ImageLike | None, default None
-        Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero
-        label id). They are filled from patches outside the marked area; all other pixels are kept
-        unchanged. A string is the name of a part of the first image, or a file name.
     maps : Sequence[ImageLike], default ()
         Further maps, resynthesized from the same source pixels. A string is the name of a part of the
         first image, or a file name.
     size : Literal['pow2'] | tuple[int, int] | None, default None
         Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
         'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
-    tile : Literal['xy', 'x', 'y', 'none'] | None, default None
-        Axes along which the result tiles. Default: xy; with inpaint, none.
+    tile : Literal['xy', 'x', 'y', 'none'], default 'xy'
+        Axes along which the result tiles.
     variants : int, default 1
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
         which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
@@ -2970,12 +3268,11 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3006,13 +3303,12 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3043,13 +3339,12 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
     contrast: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3073,6 +3368,102 @@ def patchmatch(
     session: Session | None = None,
     as_array: Literal[True],
 ) -> Array | Any: ...
+
+@overload
+def plate(
+    source: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    frames: str = '',
+    motion: FileName | None = None,
+    vectors: Literal['st', 'backward', 'forward'] = 'st',
+    flip: bool = False,
+    save: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> ImageBuf:
+    """Assemble a clean plate of a shot: the surface that an object hides, from all frames that show it.
+
+    The motion of the surface is tracked around the region (a homography for each frame), or given by `motion`. The
+    plate has the pixels of the given frame and grows by everything that other frames show. It has as many pixels as
+    the frame that shows the region the largest, and little grain, because it is a mean of frames.
+
+    Pixels that no frame shows are transparent, and white in part 'region': fill them once with `fill`, then render
+    the plate into every frame with `project`. All frames show the same fill, so it does not flicker, and each is
+    resampled once.
+
+    Parameters
+    ----------
+    source : ImageLike
+        A frame of the shot, whose pixels the plate continues.
+    region : ImageLike | None, default None
+        Mask of that frame: white is replaced, in all frames. A string is the name of a part of the
+        first image, or a file name.
+    frames : str, default ''
+        Frames of the shot, FIRST-LAST. Their files, and those of `region` and `motion`, are named like
+        those of the given frame, with other numbers. A mask without a number is used for all frames.
+        Default: the given frame alone.
+    motion : FileName | None, default None
+        Motion of the surface: an image of the given frame's, in the convention of `vectors`, or a file
+        that `save` wrote. Default: tracked.
+    vectors : Literal['st', 'backward', 'forward'], default 'st'
+        Meaning of `motion`. st: place in the given frame, from 0 to 1; backward, forward: vectors in
+        pixels to the previous or the next frame. Channels are s and t, or backward.u and backward.v, or
+        forward.u and forward.v, otherwise the first two.
+    flip : bool, default False
+        Read `motion` with t or v pointing up, as in Nuke and Blender.
+    save : FileName | None, default None
+        File for the motion of all frames, for `project`.
+    colorspace : str | None, default None
+        Color space of the required images. Default: the one in their metadata.
+    roi : ROI | None, default None
+        Region of the result to compute. Default: all of it.
+    nthreads : int, default 0
+        Number of CPU threads if no session is given. 0: all that the process may use.
+    session : Session | None, default None
+        Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
+
+    Returns
+    -------
+    ImageBuf
+        - plate: The surface, in the frames' color space and type. Alpha is 0 where it is unknown.
+          [pixels]
+        - region: Pixels that frames need and none shows. [0 or 1, 32-bit floats]
+        - motion: Frames and their matrices, from frame to plate, for `project`. [.npz; with save]
+
+    Raises
+    ------
+    oiiotex.Error
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> plate = filters.plate("photo.png")
+    """
+@overload
+def plate(
+    source: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    frames: str = '',
+    motion: FileName | None = None,
+    vectors: Literal['st', 'backward', 'forward'] = 'st',
+    flip: bool = False,
+    save: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
 
 @overload
 def preview(
@@ -3143,6 +3534,87 @@ def preview(
     exemplar: ImageLike | None = None,
     panels: Sequence[str] | None = None,
     height: int = 512,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
+
+@overload
+def project(
+    source: ImageLike,
+    plate: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    motion: FileName | None = None,
+    frame: int | None = None,
+    grain: float = 1.0,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> ImageBuf:
+    """Render a plate into a region of a frame, with the motion, the light and the grain of the shot.
+
+    Each frame is sampled once from the plate (`plate`), so the fill moves with the surface and stays sharp. Its level
+    is matched to the frame's, as measured around the region, and it gets new grain like the frame's. Pixels outside
+    the region, and channels that the plate lacks, are unchanged. Frames do not depend on each other, so they can be
+    distributed, skipped and repeated.
+
+    Parameters
+    ----------
+    source : ImageLike
+        Frame of the shot.
+    plate : ImageLike
+        Filled plate.
+    region : ImageLike | None, default None
+        Mask: white is replaced, gray is mixed. Without it, the whole frame is replaced. A string is the
+        name of a part of the first image, or a file name.
+    motion : FileName | None, default None
+        File that `plate` saved. Default: none: plate and frame have the same pixels.
+    frame : int | None, default None
+        Number of the frame. Default: that of --frames, otherwise the only one.
+    grain : float, default 1.0
+        Amount of grain, as a multiple of the frame's. 0: none. Expected: a number from 0 to 4.
+    colorspace : str | None, default None
+        Color space of the required images. Default: the one in their metadata.
+    roi : ROI | None, default None
+        Region of the result to compute. Default: all of it.
+    nthreads : int, default 0
+        Number of CPU threads if no session is given. 0: all that the process may use.
+    session : Session | None, default None
+        Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
+
+    Returns
+    -------
+    ImageBuf
+        - frame: The frame with the plate in its region, in its own color space and type. [pixels]
+
+    Raises
+    ------
+    oiiotex.Error
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> frame = filters.project("photo.png", "photo.png")
+    """
+@overload
+def project(
+    source: ImageLike,
+    plate: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    motion: FileName | None = None,
+    frame: int | None = None,
+    grain: float = 1.0,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3749,7 +4221,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -3765,7 +4236,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3806,10 +4277,6 @@ def stationarize(
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
-    inpaint : ImageLike | None, default None
-        Image that marks the pixels to resynthesize (first channel above half its range, or a nonzero
-        label id). They are filled from patches outside the marked area; all other pixels are kept
-        unchanged. A string is the name of a part of the first image, or a file name.
     sigmamap : ImageLike | None, default None
         Float image of the result's size whose first channel is sigma, in pixels, at each pixel. Use it
         to keep structure in some areas and even out others. A string is the name of a part of the first
@@ -3819,11 +4286,11 @@ def stationarize(
         first image, or a file name.
     flatten : float | None, default None
         Fraction of the photo's gradients and stains to remove before synthesis. 0: every pixel is a
-        verbatim copy. Expected: a number from 0 to 1. Default: 1; with inpaint or for data, 0.
+        verbatim copy. Expected: a number from 0 to 1. Default: 1; for data, 0.
     sigma : float | None, default None
         Scale, in pixels, above which the result is statistically uniform. Smaller structures are kept.
         Reduce it if features still repeat visibly. Expected: a number from 0.5 to 1000000 px. Default:
-        longer side / 8; with inpaint, longer side / 32; at least patch / 4.
+        longer side / 8, at least patch / 4.
     structure : float, default 0.5
         Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
         does not hold complete repeats, the result gets the nearest size that does, unless size is set.
@@ -3837,8 +4304,8 @@ def stationarize(
     size : Literal['pow2'] | tuple[int, int] | None, default None
         Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
         'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
-    tile : Literal['xy', 'x', 'y', 'none'] | None, default None
-        Axes along which the result tiles. Default: xy; with inpaint, none.
+    tile : Literal['xy', 'x', 'y', 'none'], default 'xy'
+        Axes along which the result tiles.
     variants : int, default 1
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
         which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part
@@ -3903,7 +4370,7 @@ def stationarize(
     contrast : float | None, default None
         Strength with which the overall colors of the result are matched to the histogram of `target`.
         Increase it if rare colors are missing. At 0, the colors of rare objects, such as windows in a
-        wall, may vanish. Expected: a number from 0 to 1. Default: 0.7; with inpaint, 0.
+        wall, may vanish. Expected: a number from 0 to 1. Default: 0.7.
     target : Literal['flat', 'exemplar'], default 'flat'
         Histogram that `contrast` matches. flat: that of the photo after evening out. exemplar: that of
         the photo as it is, matched only on the coarsest level, as in the paper.
@@ -3971,7 +4438,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -3987,7 +4453,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4018,7 +4484,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     flatten: float | None = None,
@@ -4034,7 +4499,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4065,7 +4530,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
@@ -4082,7 +4546,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4113,7 +4577,6 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    inpaint: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
@@ -4130,7 +4593,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,

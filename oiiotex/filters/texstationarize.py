@@ -68,7 +68,7 @@ True
         example="0.5",
         ge=0,
         le=1,
-        unset="1; with inpaint or for data, 0",
+        unset="1; for data, 0",
         help="Fraction of the photo's gradients and stains to remove before synthesis. 0: every pixel is a verbatim"
         " copy.",
     )
@@ -79,7 +79,7 @@ True
         ge=0.5,
         le=1e6,
         unit="px",
-        unset=f"longer side / {SIGMA_SHARE}; with inpaint, longer side / {PAPER_SIGMA_SHARE}; at least patch / 4",
+        unset=f"longer side / {SIGMA_SHARE}, at least patch / 4",
         help="Scale, in pixels, above which the result is statistically uniform. Smaller structures are kept. Reduce it"
         " if features still repeat visibly.",
     )
@@ -97,7 +97,7 @@ True
         example="0.3",
         ge=0,
         le=1,
-        unset=f"{CONTRAST}; with inpaint, 0",
+        unset=f"{CONTRAST}",
         advanced=True,
         help="Strength with which the overall colors of the result are matched to the histogram of `target`."
         " Increase it if rare colors are missing. At 0, the colors of rare objects, such as windows in a wall,"
@@ -145,7 +145,7 @@ True
         if self.flatten is not None:
             return self.flatten
         color = self.map_kinds[0] == "color"
-        if not color or self.inpaint is not None:
+        if not color:
             return 0.0
         return 0.0 if lens_of(self.exemplar, resources, self.working_space).space is None else 1.0
 
@@ -171,25 +171,23 @@ True
 
     @property
     def sized(self) -> bool:
-        """True with inpaint or sigmamap."""
-        return self.inpaint is not None or self.sigmamap is not None
+        """True with sigmamap."""
+        return self.sigmamap is not None
 
     def recipe(self, width: int, height: int) -> Recipe:
         """MJH17 with the selected measure."""
         order = order_of(self.measure, self.order)
         # patches cannot restore what a projection removes from small tiles at scales far below a patch
-        # inpainted pixels must match their surroundings, low-frequency variation included
-        share = PAPER_SIGMA_SHARE if self.paper or self.inpaint is not None else SIGMA_SHARE
+        share = PAPER_SIGMA_SHARE if self.paper else SIGMA_SHARE
         sigma = self.sigma or max(max(width, height) / share, self.side / 4)
-        contrast = self.contrast if self.contrast is not None else CONTRAST if self.inpaint is None else 0.0
+        contrast = self.contrast if self.contrast is not None else CONTRAST
         plain = self._recipe(width, height, sigma, contrast, self.target == "flat")
-        complete = self.inpaint is None and not self.paper
-        return replace(plain, measure=self.measure, order=order, complete=complete, literal=self.paper)
+        return replace(plain, measure=self.measure, order=order, complete=not self.paper, literal=self.paper)
 
     @property
     def finds_losses(self) -> bool:
         """True for a single tile that is synthesized as a whole."""
-        return self.inpaint is None and self.variants == 1 and not self.paper
+        return self.variants == 1 and not self.paper
 
     def controlled(self, recipe: Recipe, seen: ExemplarPixels, resources: Resources, progress: Progress) -> Recipe:
         """The recipe with the sigma that `amount` stands for (MJH17 section 4.4)."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Label maps as Cryptomatte 1.2: compositors pick labels by clicking.
+"""Cryptomatte 1.2: label maps are written as one, and the matte of an object is read.
 
 The specification is Psyop's (github.com/Psyop/Cryptomatte, specification/cryptomatte_specification.pdf). A label map
 has one label per pixel; its borders are softened (`covered`), and one layer of two ranks holds the two labels with the
@@ -8,15 +8,18 @@ largest coverage of each pixel.
 
 from __future__ import annotations
 
+import difflib
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 
 import mmh3
 
-from ..core.image import Part
+from ..core.image import Image, Part
 from ..core.label_map import LabelMap
 from ..core.window import Window
 from ..deferred import np, oiio
+from ..errors import ImageError, ParameterError
 
 
 def hashed(name: str) -> int:
@@ -138,3 +141,61 @@ def _metadata(name: str, manifest: Mapping[str, str], manifest_file: str | None)
     else:
         facts["manif_file"] = manifest_file
     return {f"cryptomatte/{key}/{k}": v for k, v in facts.items()}
+
+
+# --- reading ---
+
+_RANK = re.compile(r"(.+?)(\d\d)\.(r|red)", re.IGNORECASE)
+_FEW = 8  # names in a message
+
+
+def coverage_of(image: Image, name: str) -> tuple[Window, np.ndarray]:
+    """The matte of an object: the data window of its Cryptomatte, and its coverage there, (height, width) float32.
+
+    Parameters
+    ----------
+    image : Image
+        Image with Cryptomatte channels in any part, as float.
+    name : str
+        Name of the object, or its id: eight hexadecimal digits.
+
+    Raises
+    ------
+    ImageError
+        The image has no Cryptomatte.
+    ParameterError
+        No layer has the object; the message lists names of the manifest.
+    """
+    names, layers = list[str](), [(part, ranks) for part in image.parts if (ranks := _ranks(part))]
+    if not layers:
+        raise ImageError("has no Cryptomatte channels", subject=image.source, hint="name its file with mattes=")
+    bits = {hashed(name)} | ({int(name, 16)} if re.fullmatch(r"[0-9a-fA-F]{8}", name) else set())
+    for part, _ in layers:
+        for text in _manifests(part):
+            table = json.loads(text)
+            names += table
+            bits |= {int(table[name], 16)} if name in table else set()
+    for part, ranks in layers:
+        pixels = part.pixels()
+        total = np.zeros(pixels.shape[:2], np.float32)
+        for first in ranks:
+            for channel in (first, first + 2):
+                ids = np.ascontiguousarray(pixels[..., channel], np.float32).view(np.uint32)
+                total += np.where(np.isin(ids, list(bits)), pixels[..., channel + 1], np.float32(0))
+        if total.any():
+            return part.window, total
+    known = difflib.get_close_matches(name, names, _FEW, 0) or sorted(names)[:_FEW]
+    listed = f"a name such as {', '.join(known)}" if known else "the name of an object, or its id in hexadecimal"
+    raise ParameterError(parameter="matte", value=name, expected=listed)
+
+
+def _manifests(part: Part) -> list[str]:
+    return [str(one.value) for one in part.spec.extra_attribs if re.fullmatch(r"cryptomatte/.+/manifest", one.name)]
+
+
+def _ranks(part: Part) -> list[int]:
+    """The first channel of each rank pair: id, coverage, id, coverage."""
+    names = [str(one.value) for one in part.spec.extra_attribs if re.fullmatch(r"cryptomatte/.+/name", one.name)]
+    channels = part.spec.channelnames
+    found = [(n, match) for n, one in enumerate(channels) if (match := _RANK.fullmatch(one))]
+    return [n for n, match in found if n + 3 < len(channels) and any(match[1].endswith(one) for one in names)]

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ..api.images import Image, Part, Session, Shown, Window, channels_of, shown_by, views, write
-from ..api.painting import AUTOMATIC, INPAINTED, PRESETS
+from ..api.painting import AUTOMATIC, PRESETS
 from ..api.service import BRUSH, EXPORT, Client, LinkError, ResidentSettings, connect, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ParameterError
@@ -219,7 +219,7 @@ class Hub(Pages):
             "views": views(self.session.resources.color),
             "document": self.document.path.name,
             "type": self.source.pixel_type,
-            "presets": {"": AUTOMATIC, "inpaint": INPAINTED} | PRESETS,
+            "presets": {"": AUTOMATIC} | PRESETS,
             "unsaved": self.unsaved,
             "history": self.document.history.facts(),
         }

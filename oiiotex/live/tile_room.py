@@ -21,7 +21,7 @@ from .pages import Page, gesture_of
 
 THUMBNAIL = 128  # px
 MOST_THUMBNAILS = 12
-_FLAG = "--texstationarize"
+_OPS = {"": "stationarize", "brush": "fill"}  # by what is replaced
 _BRUSHES = {"mask": "Source", "inpaint": "Replace"}  # and their titles on the page
 
 
@@ -142,14 +142,14 @@ class TileRoom:
         if self._image is not None:
             hub.release(client, self._image["number"])
             self._image = None
-        number, optional = await self._exemplar()
+        images, optional = await self._exemplar()
         if turn != self._turn:
             if saves:
                 raise Error("not saved: the parameters have changed since")
             return
         loop = asyncio.get_running_loop()
         self._request = request = client.make(
-            "stationarize", [number], self._values() | {"stmap": 1}, optional=optional, priority=BRUSH, measure=True,
+            self._op, images, self._values() | {"stmap": 1}, optional=optional, priority=BRUSH, measure=True,
             on_look=lambda pixels, whole: loop.call_soon_threadsafe(self._looked, turn, pixels, whole),
             on_progress=lambda done, total: loop.call_soon_threadsafe(self._advanced, turn, done, total),
         )  # fmt: skip
@@ -167,7 +167,7 @@ class TileRoom:
         made = facts["images"][0]
         if turn == self._turn:
             self._image = made
-            lines = [[level, text.removeprefix(f"{_FLAG}: ")] for level, text in facts["log"]]
+            lines = [[level, text.removeprefix(f"--tex{self._op}: ")] for level, text in facts["log"]]
             chosen = spec_of(made["parts"][0]).get_string_attribute("oiiotex:chosen")
             self._measures = {"do": "measures", "room": "tile", "lines": lines, "chosen": chosen}
             hub.tell(self._measures)
@@ -194,9 +194,19 @@ class TileRoom:
         if turn == self._turn:
             self._hub.tell({"do": "busy", "room": "tile", "done": done, "total": total})
 
+    @property
+    def _op(self) -> str:
+        """The filter that makes the tile."""
+        return _OPS[self._hub.document.state["tile"]["inpaint"]]
+
     def _values(self) -> dict[str, Any]:
         """Modifiers with other values than the default, except images."""
         tile = self._hub.document.state["tile"]
+        if tile["inpaint"]:
+            values = {"patch": tile["patch"], "seed": tile["seed"] or None}
+            values |= {"structure": tile["structure"]} if tile["structure"] != 0.5 else {}
+            values |= {"sourcelabel": tile["mask"]} if isinstance(tile["mask"], int) else {}
+            return {name: value for name, value in values.items() if value is not None}
         values = {name: tile[name] for name in ("flatten", "sigma", "amount", "contrast", "preset", "patch")}
         if tile["amount"] is not None:
             values["sigma"] = None
@@ -211,8 +221,8 @@ class TileRoom:
             values["label"] = tile["mask"]
         return {name: value for name, value in values.items() if value is not None}
 
-    async def _exemplar(self) -> tuple[int, dict[str, int | str]]:
-        """Numbers of the photo, with any parts the tile requires, and of optional images."""
+    async def _exemplar(self) -> tuple[list[int], dict[str, int | str]]:
+        """Numbers of the photo, with parts that the tile requires, and of a painted area; and of optional images."""
         tile, optional = self._hub.document.state["tile"], dict[str, int | str]()
         number = await self._hub.photo()
         if tile["mask"] == "dominant":
@@ -222,9 +232,7 @@ class TileRoom:
             optional["mask"] = await self._brush("mask")
         elif tile["mask"]:
             number = (await self._hub.made("label"))["number"]
-        if tile["inpaint"]:
-            optional["inpaint"] = await self._brush("inpaint")
-        return number, optional
+        return [number, *([await self._brush("inpaint")] if tile["inpaint"] else [])], optional
 
     def _mask(self, name: str) -> Path | None:
         """The file of a painted mask. Each stroke has another file, so that lines and undo find it."""
@@ -254,19 +262,19 @@ class TileRoom:
         elif tile["mask"]:
             words.append("--texlabel:keep=1")
         if tile["inpaint"]:
-            images["inpaint"] = str(self._mask("inpaint"))
-        return line([*words, word_of(_FLAG, images | self._values())], *self._hub.output("tile"))
+            words.append(str(self._mask("inpaint")))
+        return line([*words, word_of(f"--tex{self._op}", images | self._values())], *self._hub.output("tile"))
 
     # --- seeds ---
 
     async def _seeds(self, first: int, count: int) -> None:
         self._stop_thumbnails()
         client = await self._hub.client()
-        number, optional = await self._exemplar()
+        images, optional = await self._exemplar()
         requests = {
             seed: client.make(
-                "stationarize",
-                [number],
+                self._op,
+                images,
                 self._values() | {"seed": seed},
                 optional=optional,
                 priority=LOOKS,

@@ -22,6 +22,7 @@ from .field import Geometry, allowed_patches, bands_of, box_sums
 
 FINER = 2  # minimum size of an octave, relative to a level that is reduced from it
 ENOUGH = 0.25  # minimum share of whole patches on a usable coarse level, relative to the finest level's
+ENOUGH_AMONG = 0.5  # the same if pixels around the result are fixed: the patches that fit these must be among them
 
 
 @dataclass(frozen=True)
@@ -32,15 +33,17 @@ class FixedPixels:
     ----------
     where : (height, width) bool
         Which pixels of the target are fixed.
-    places : SourceMap
-        (height, width): the exemplar pixels that they show. Undefined at free pixels.
-    is_goal : bool
-        Match the overall histogram of the free pixels to that of the fixed ones, not to the exemplar's.
+    places : SourceMap or None
+        (height, width): the exemplar pixels that they show. Undefined at free pixels. None: they show no pixels of the
+        exemplar.
+    values : (height, width, channels) float32, optional
+        Their values, on the scale of the exemplar. Default: those of the exemplar at `places`, which are then also
+        restored in the result; otherwise it has the patches that fit best there.
     """
 
     where: np.ndarray
-    places: SourceMap
-    is_goal: bool = False
+    places: SourceMap | None
+    values: np.ndarray | None = None
 
     def image(self, exemplar: SomeRows, geometry: Geometry) -> np.ndarray:
         """The fixed pixels on a level as a grid image, `OUTSIDE` where the target is free.
@@ -52,12 +55,15 @@ class FixedPixels:
         geometry : Geometry
             Geometry of the level.
         """
-        shown = coarse_image(self.places.gather(exemplar), self.where, geometry.width, geometry.height)
+        values = present(self.places).gather(exemplar) if self.values is None else self.values
+        shown = coarse_image(values, self.where, geometry.width, geometry.height)
         kept = coarse_mask(self.where, geometry.width, geometry.height)
         return np.where(present(kept)[..., None], to_grid(shown, geometry.steps), OUTSIDE)
 
     def first_guess(self, field: SourceMap, shape: tuple[int, ...], geometry: Geometry) -> SourceMap:
         """The field with patches that begin at a fixed pixel matched to that pixel's source, as the initial guess."""
+        if self.places is None:
+            return field
         g = geometry
         y = (np.arange(g.rows) * 2 + 1) * self.where.shape[0] // (2 * g.height)
         x = (np.arange(g.columns) * 2 + 1) * self.where.shape[1] // (2 * g.width)
@@ -268,7 +274,7 @@ def _weighed(values: np.ndarray, axis: int, first: np.ndarray, shares: list[np.n
     return sum(values.take(np.minimum(first + k, last), axis) * share.reshape(shape) for k, share in enumerate(shares))
 
 
-def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_out: str) -> int:
+def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_out: str, enough: float = ENOUGH) -> int:
     """The level to start on: the coarsest with about as many whole patches, for its size, as the finest.
 
     A mask shrinks with every level while patches keep their size. A level that is too coarse has no whole patch, or a
@@ -288,6 +294,6 @@ def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_ou
 
     def serves(geometry: Geometry) -> bool:
         mask = coarse_mask(allowed, geometry.exemplar_width, geometry.exemplar_height)
-        return bool(allowed_patches(mask, geometry).mean() >= ENOUGH * share)
+        return bool(allowed_patches(mask, geometry).mean() >= enough * share)
 
     return next(n for n, geometry in enumerate(geometries) if geometry is finest or serves(geometry))

@@ -33,7 +33,9 @@ class LevelCheckpoint:
     ):  # fmt: skip
         facts: list[object] = [constraints.weight, constraints.sigmas]
         if constraints.fixed is not None:
-            facts += [constraints.fixed.where, constraints.fixed.places.packed, constraints.fixed.is_goal]
+            fixed = constraints.fixed
+            places = None if fixed.places is None else fixed.places.packed
+            facts += [fixed.where, places, fixed.values]
         if recipe.in_step is not None:  # NumPy abbreviates large arrays when it prints them
             facts += recipe.in_step.facts()
         self._keeper, self._key = keeper, hash_of(__version__, exemplar, allowed, recipe, *facts)

@@ -34,6 +34,8 @@ from ..projections.projection import Projecting, projected, projection
 from ..stationarity.grid_statistics import CellGrid
 from . import use_prices
 from .constraints import (
+    ENOUGH,
+    ENOUGH_AMONG,
     UNCONSTRAINED,
     Constraints,
     Octaves,
@@ -126,7 +128,7 @@ def synthesize(
     """
     scales = level_scales(recipe, exemplar.shape)
     geometries = [geometry_at(recipe, exemplar.shape, scale) for scale in scales]
-    start = first_level(allowed, geometries, ruled_out)
+    start = first_level(allowed, geometries, ruled_out, ENOUGH if constraints.fixed is None else ENOUGH_AMONG)
     scales, geometries = scales[start:], geometries[start:]
     fine = PAPER_FINE_ITERATIONS if recipe.literal else FINE_ITERATIONS
     schedule = [[COARSE_PASSES] * recipe.iterations, *([FINE_PASSES] * fine for _ in scales[1:])]
@@ -201,7 +203,7 @@ def synthesize(
                 prices_of_flatness = use_prices.handed_on(device, buffers) if recipe.complete else np.zeros(0)
                 levels.keep(level, geometry, field, prices_of_flatness)
         source = matcher.pick()
-        if fixed is not None:
+        if fixed is not None and fixed.places is not None and fixed.values is None:
             source = SourceMap(np.where(fixed.where, fixed.places.packed, source.packed))
         lost = None if prices is None else lost_texture(source, image, patches, geometry)
         return Synthesis(source, present(field), lost)
@@ -251,16 +253,13 @@ class _Level:
         if fixed is not None:  # fixed pixels that no patch can show would distort the others
             free = self._free = fixed[..., 0] == OUTSIDE
             fixed = np.where(free[..., None], OUTSIDE, np.clip(fixed, self._low, self._high)).astype(np.int16)
-            stays = matcher.rows.plane("fixed", fixed.shape, np.int16, fixed)
+            matcher.rows.plane("fixed", fixed.shape, np.int16, fixed)
             ease = ease_from(free, EASE * recipe.patch)
             matcher.rows.plane("ease", ease.shape, np.uint8, ease)
         sigma = None if recipe.sigma is None else recipe.sigma * scale
         if recipe.contrast > 0:
             self._counts = ValueCounts(device, buffers, self._first, self._entries, g.channels)
-            if fixed is not None and present(constraints.fixed).is_goal and not free.all():
-                self._goal = self._values_of(stays, "fixed")
-            else:
-                self._goal = self._exemplar_counts(exemplar, sigma)
+            self._goal = self._exemplar_counts(exemplar, sigma)
         self._projection: Projecting | None = None
         sigmas = level_sigmas(constraints, g, scale)
         if sigmas is not None:

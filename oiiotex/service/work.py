@@ -115,9 +115,9 @@ class Bench:
             count = 1 if further is None else values.get(further.count) or 1
             if len(given) != len(declared) + count - 1:
                 raise ParameterError(f"{name} takes {len(declared) + count - 1} image(s), not {len(given)}")
-            bound |= {i.attribute: image for i, image in zip(declared, given, strict=False)}
             if further is not None:
-                bound[further.attribute] = tuple(given[len(declared) :])
+                bound[further.attribute] = tuple(given[1:count])
+            bound |= {i.attribute: image for i, image in zip(declared, (*given[:1], *given[count:]), strict=True)}
         slots = {i.name: i for i in op.optional_images()}
         for key, what in asked.get("optional", {}).items():
             if key not in slots:

@@ -265,17 +265,19 @@ class Chain:
     def _bound(self, op: type[Op], operands: list[Image], values: dict[str, Any]) -> dict[str, Any]:
         """The values and the operands, by the names that the op declares.
 
-        Operands are, from the bottom up: required images, those after the first that a count adds, then optional ones.
+        Operands are, from the bottom up: the first image and those that a count adds, the other required ones, then
+        optional ones.
         """
         declared = op.images()
         if len(declared) == 1 and declared[0].many:
             return {declared[0].name: tuple(operands), **values}
         waiting = iter(operands)
         taken = op.taken(values)
-        bound = values | {parameter.name: next(waiting) if parameter in taken else None for parameter in declared}
-        further = op.further_images()
-        if further is not None:
-            bound[further.attribute] = tuple(next(waiting) for _ in range((values.get(further.count) or 1) - 1))
+        bound, further = dict(values), op.further_images()
+        for n, parameter in enumerate(declared):
+            bound[parameter.name] = next(waiting) if parameter in taken else None
+            if n == 0 and further is not None:
+                bound[further.attribute] = tuple(next(waiting) for _ in range((values.get(further.count) or 1) - 1))
         for parameter in op.optional_images():
             asked = values.get(parameter.attribute)
             if asked is not None:

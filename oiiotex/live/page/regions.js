@@ -16,7 +16,7 @@ export class Regions {
       ["drift", "Drift", "False color: how much the statistics of a place differ from the rest, as in gradients and stains (D)"], ["repetition", "Repetition", "False color: how often a region of the photo is used (R)"]], (name) => this.showOver(name));
     this.overlays.set("");
     this.room.photoView.bar.append(this.overlays);
-    this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Source", "Paint the valid source pixels (P)"], ["inpaint", "Replace", "Paint the area to resynthesize"]], (name) => this.setBrush(name));
+    this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Source", "Paint the valid source pixels (P)"], ["inpaint", "Replace", "Paint the area to replace"]], (name) => this.setBrush(name));
     this.erase = button("Erase", "The brush erases (E)", () => this.setTool(this.brush.tool === "erase" ? "brush" : "erase"));
     this.diameter = slider("Size", { title: "Brush diameter, in pixels of the photo ([ and ])", low: 2, high: 400, log: true, reset: 48, digits: 0, change: (diameter) => { this.brush.diameter = diameter; } });
     this.diameter.set(48);

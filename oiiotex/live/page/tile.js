@@ -70,7 +70,7 @@ export class TileRoom {
     const set = (values) => this.set(values);
     const effective = (name) => this.chosen?.[name] ?? this.planned()[name];
     this.controls = {
-      flatten: slider("Flatten", { title: "Fraction of the photo's gradients and stains to remove before synthesis. 0 copies the photo's pixels unchanged", low: 0, high: 1, step: 0.05, reset: null, automatic: () => (this.shell.state?.tile.inpaint ? 0 : 1), change: (flatten) => set({ flatten }) }),
+      flatten: slider("Flatten", { title: "Fraction of the photo's gradients and stains to remove before synthesis. 0 copies the photo's pixels unchanged", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 1, change: (flatten) => set({ flatten }) }),
       sigma: slider("Sigma", { title: "Scale, in pixels, above which the result is statistically uniform (MJH17)", low: 1, high: 512, log: true, reset: null, automatic: () => effective("sigma"), change: (sigma) => set({ sigma, amount: null }) }),
       amount: slider("Amount", { title: "Perceived uniformity, an alternative to sigma: the matching sigma is measured on this photo (MJH17 section 4.4)", low: 0, high: 1, step: 0.05, reset: null, change: (amount) => set({ amount, sigma: null }) }),
       contrast: slider("Contrast", { title: "Weight of matching the photo's overall histogram", low: 0, high: 1, step: 0.05, reset: null, automatic: () => effective("contrast"), change: (contrast) => set({ contrast }) }),
@@ -82,7 +82,7 @@ export class TileRoom {
       width: whole("Width", { title: "Width of the tile, in pixels. Empty: the photo's width", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[0], change: (width) => set({ width }) }),
       height: whole("Height", { title: "Height of the tile, in pixels. Empty: the photo's height", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[1], change: (height) => set({ height }) }),
       mask: choice("Source", { title: "Valid source pixels: the part of the photo that patches are copied from", options: [["", "Whole photo"], ["dominant", "Dominant texture"], ["brush", "Painted mask"]], change: (mask) => this.setMask(mask) }),
-      inpaint: choice("Replace", { title: "Part of the photo that is resynthesized", options: [["", "Everything"], ["brush", "Painted area"]], change: (inpaint) => set({ inpaint }) }),
+      inpaint: choice("Replace", { title: "Painted area: only this part is replaced (--texfill), by patches from Source; patch, structure and seed apply", options: [["", "Everything"], ["brush", "Painted area"]], change: (inpaint) => set({ inpaint }) }),
     };
     this.measures = make("div", { className: "measures", ariaLive: "polite" }, make("p", { className: "stale", textContent: "Measured when the tile is finished." }));
     this.output = new Output(this.shell, "tile", [button("Save", "Write the tile to the document's folder, in the background", () => { this.tell(); this.shell.ask("tile", { do: "save" }); })]);
@@ -98,10 +98,9 @@ export class TileRoom {
   /** Values in effect where the photo decides, before its result is known. */
   planned() {
     const { tile } = this.shell.state;
-    const { share, ...values } = this.shell.facts.presets[tile.preset ?? (tile.inpaint ? "inpaint" : "")];
+    const { share, ...values } = this.shell.facts.presets[tile.preset ?? ""];
     const [width, height] = this.shell.facts.photo;
     const patch = tile.patch ?? values.patch;
-    if (tile.inpaint) values.contrast = 0;
     return { ...values, patch, sigma: Math.max(Math.max(tile.width ?? width, tile.height ?? height) / share, patch / 4) };
   }
 

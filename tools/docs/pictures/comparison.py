@@ -75,7 +75,7 @@ def of_the_dominant(photo: oiio.ImageBuf) -> oiio.ImageBuf:
 
 def of_the_destained(photo: oiio.ImageBuf) -> oiio.ImageBuf:
     """Toroidal PatchMatch of the photo with everything but its dominant texture resynthesized; compare figure 6."""
-    clean = filters.stationarize(photo, inpaint=one_channel(~dominant_mask(photo)), seed=SEED)
+    clean = filters.fill(photo, one_channel(~dominant_mask(photo)), seed=SEED)
     return filters.patchmatch(clean, size=TILE, seed=SEED)
 
 
@@ -184,7 +184,7 @@ The panes, from left to right and top to bottom:
 | ours, histogram; moments; steerable | `--texstationarize` with each `measure` (MJH17 section 3) |
 | by the letter | the same with `paper=1`, which follows the paper exactly |
 | dominant texture | toroidal PatchMatch from the mask of `--texdominant` (LDR09). Gray: no dominant texture |
-| de-stained | resynthesis outside that mask (`--texstationarize:inpaint=`), then toroidal PatchMatch (MJH17 figure 6) |
+| de-stained | fill outside that mask (`--texfill`), then toroidal PatchMatch (MJH17 figure 6) |
 | Wang tiles | `--texpatchmatch:variants=16` (MJH17 figure 5) |
 | ours, Wang tiles | `--texstationarize:variants=16` |
 

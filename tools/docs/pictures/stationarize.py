@@ -50,10 +50,10 @@ def stains_removed() -> None:
     cases += [] if wall is None else [(shrunk(wall, 512), (0.53, 0.45, 0.12, 0.18))]
     for photo, place in cases:
         marked = ellipse(photo, *place)
-        made = filters.stationarize(photo, inpaint=one_channel(marked), seed=SEED)
+        made = filters.fill(photo, one_channel(marked), seed=SEED)
         shown = np.where(marked[..., None], pixels(photo) // 2, pixels(photo))
         rows.append(halved(beside(pixels(photo), shown, pixels(made))))
-    write_jpeg(stacked(rows), "stationarize_inpaint.jpg")
+    write_jpeg(stacked(rows), "fill_repair.jpg")
 
 
 def gradient_of_sigmas(side: tuple[int, int] = (768, 256)) -> None:

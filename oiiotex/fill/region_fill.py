@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One use of --texfill: from the marked pixels to the photo in which they are replaced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from ..color.config import as_float
+from ..color.lab import lens_of
+from ..core.demand import SomeRows, rows_of
+from ..core.image import Image, Part, derived_spec, spec_beside
+from ..core.source_map import SourceMap, tile_spec
+from ..core.window import Window
+from ..deferred import np
+from ..errors import ImageError
+from ..exemplar.exemplar_masks import both, label_map, labeled_pixels, masked_pixels
+from ..exemplar.exemplar_op import ExemplarPixels
+from ..exemplar.heights import height_tile
+from ..exemplar.materials import read_material
+from ..exemplar.photo_lattice import photo_structure
+from ..patchmatch.constraints import Constraints, FixedPixels
+from ..patchmatch.memory import ExemplarHeld
+from ..patchmatch.optimization import require_memory, synthesize
+from ..patchmatch.recipe import Recipe
+from ..regularity.courses import Courses, InCourses
+from ..regularity.lattice import Lattice
+from ..regularity.offset_prices import InStep
+from .light import Light, drift_within, light_of
+from .region import marked_pixels, surroundings
+from .seam_zone import grown, replaced_pixels
+from .source_layout import in_layout_of
+
+if TYPE_CHECKING:
+    from ..session.progress import Progress
+    from ..session.resources import Resources
+
+_SHARES = 1, 1, 8, 1  # of the time: reading, light, synthesis, cut
+_AROUND = 0.5  # longer sides of the region around it, in which the light is measured
+
+
+@dataclass(frozen=True)
+class Filling:
+    """The source of each pixel of a window, and where it is shown.
+
+    `source`: of a window at (0, 0) of the photo's data window; `shown` (height, width) bool.
+    """
+
+    window: Window
+    source: SourceMap
+    shown: np.ndarray
+
+
+class RegionFill:
+    """The inputs of a use of the op, and its results."""
+
+    def __init__(self, op: Any, resources: Resources, progress: Progress):
+        self._op, self._resources, self._stages = op, resources, progress.stages(*_SHARES)
+        self._photos = op.all_maps()
+        self._sources = op.source_maps()
+        self._other = op.source is not None
+        with resources.stats.time("read and color"):
+            self._marked = marked_pixels(op.exemplar, op.region, op.labels, op.label, op.level, op.mattes, op.matte)
+        self._wraps = "x" in op.tile, "y" in op.tile
+        self._light: tuple[Light, Light] | None = None
+
+    def results(self) -> tuple[dict[str, Any], ...]:
+        """One mapping for each map of the material."""
+        op, progress = self._op, next(self._stages)
+        if not self._marked.any():
+            op.warn("the region has no pixel; the photo is unchanged")
+            empty = np.zeros((0, 0), bool)
+            return self._parts(Filling(Window(0, 0, 0, 0), SourceMap(np.zeros((0, 0), np.uint32)), empty))
+        if self._marked.all() and not self._other:
+            raise ImageError(
+                f"the region covers every pixel of {op.exemplar.source}: no source pixels remain; mark fewer, or give"
+                " another photo with source="
+            )
+        zone = grown(self._marked, op.cut)
+        filling = self._filled(zone, progress)
+        op.say_what_stays()
+        results = self._parts(filling)
+        if progress.look is not None:
+            progress.look(as_float(results[0]["fill"].pixels()), True)
+        return results
+
+    # --- synthesis ---
+
+    def _filled(self, zone: np.ndarray, progress: Progress) -> Filling:
+        op, resources = self._op, self._resources
+        window = surroundings(zone, 2 * op.side, self._wraps)
+        recipe = self._recipe(window)
+        held = op.holds_photo(resources)
+        spec = self._sources[0].first.spec
+        masked = ExemplarHeld(held, True)
+        require_memory(resources.device, recipe, (spec.height, spec.width, 3), op.budget_left(resources), masked)
+        with resources.stats.time("read and color"):
+            seen, shown, opaque = self._read(held)
+        progress.advance(1, 1)
+        inside = window.inside(Window(0, 0, *zone.shape[::-1]))
+        kept = np.array(shown[inside[0]][:, inside[1]])
+        stage = next(self._stages)
+        values = seen.values
+        with resources.stats.time("light"):
+            if op.strength > 0:
+                self._light = self._lights(seen, stage)
+            if self._light is not None:
+                mine, other = self._light
+                values = other.removed_from(values, Window(0, 0, *self._sources[0].first.window.size))
+                kept = np.asarray(mine.removed_from(kept, window))
+        if not self._other and op.structure > 0:
+            recipe = self._in_step(recipe, seen, window)
+        marked = self._marked[inside]
+        is_fixed = ~marked if opaque is None else ~marked & opaque[inside]
+        places = None
+        if not self._other:
+            places = SourceMap.of(np.arange(window.top, window.bottom)[:, None], np.arange(window.left, window.right))
+        fixed = FixedPixels(is_fixed, places, values=np.ascontiguousarray(kept)) if is_fixed.any() else None
+        with resources.stats.time("synthesis"):
+            source = synthesize(
+                resources.device, values, seen.usable, recipe, op.budget_left(resources), next(self._stages).advance,
+                seen.why, Constraints(fixed=fixed),
+            ).source  # fmt: skip
+        resources.device.collect(resources.stats)
+        source = SourceMap(np.asarray(source.packed))
+        if op.cut:
+            with resources.stats.time("cut"):
+                marked = replaced_pixels(marked, zone[inside], kept, values, source)
+        next(self._stages).advance(1, 1)
+        return Filling(window, source, marked)
+
+    def _recipe(self, window: Window) -> Recipe:
+        op = self._op
+        return Recipe.tiling(
+            *window.size, op.tile, sigma=None, patch=op.side, iterations=op.iterations, seed=op.seed,
+            uniformity=op.uniformity, contrast=0.0, flat=False,
+        )  # fmt: skip
+
+    def _in_step(self, recipe: Recipe, seen: ExemplarPixels, window: Window) -> Recipe:
+        """The recipe that keeps the photo's lattice or courses."""
+        op = self._op
+        structure = seen.remembered(self._resources, photo_structure, op.flag())
+        whole = replace(recipe, width=self._marked.shape[1], height=self._marked.shape[0])
+        if isinstance(structure, Lattice):
+            step: InStep | InCourses = InStep(structure, structure.on_torus(whole), op.structure)
+        elif isinstance(structure, Courses):
+            step = InCourses.of(structure, whole, op.structure)
+        else:
+            return recipe
+        return replace(recipe, in_step=step.moved(window.left, window.top))
+
+    def _read(self, held: bool) -> tuple[ExemplarPixels, SomeRows, np.ndarray | None]:
+        """The source, values of the photo, and the photo's opaque pixels."""
+        op, resources = self._op, self._resources
+        match = op.weights()
+        shown, opaque = read_material(self._photos, op.kinds, match, op.data, resources, held)
+        values, clear = shown, opaque
+        if self._other:
+            values, clear = read_material(self._sources, op.kinds, match, op.data, resources, held)
+        allowed = None if op.mask is None else masked_pixels(op.mask, self._sources[0])
+        if op.sourcelabel is not None:
+            labels = label_map(op.source or op.exemplar, None if self._other else op.labels, op.level)
+            allowed = both(labeled_pixels(labels, op.sourcelabel), allowed)
+        usable = both(clear, allowed)
+        if not self._other:
+            usable = both(usable, ~self._marked)
+        if usable is not None and not usable.any():
+            raise ImageError("no pixel remains to fill from: mask, label and region exclude all of the photo")
+        why = "pixels that are transparent, outside mask or label" + ("" if self._other else ", or in the region")
+        return ExemplarPixels(values, clear, usable, why), shown, opaque
+
+    def _lights(self, seen: ExemplarPixels, progress: Progress) -> tuple[Light, Light] | None:
+        """Corrections of the photo and of the source to one level; None if the photo has nothing around the region."""
+        op, resources, zone = self._op, self._resources, self._marked
+        space = op.first_space
+        around = surroundings(zone, max(4 * op.side, int(_AROUND * _longer_side(zone))), self._wraps)
+        inside = around.inside(Window(0, 0, *zone.shape[::-1]))
+        mine = drift_within(op.exemplar, around, ~zone[inside], space, resources, progress)
+        whole = Window(0, 0, *self._sources[0].first.window.size)
+        usable = np.ones((whole.height, whole.width), bool) if seen.usable is None else seen.usable
+        other = drift_within(self._sources[0], whole, usable, space, resources, progress)
+        if mine is None or other is None:
+            return None
+        in_lab = lens_of(op.exemplar, resources, space).space is not None
+        corners = [one.first.window[:2] for one in (op.exemplar, self._sources[0])]
+        target = mine.overall_level
+        first, second = (
+            light_of(d, target, op.strength, in_lab, c) for d, c in zip((mine, other), corners, strict=True)
+        )
+        return first, second
+
+    # --- results ---
+
+    def _parts(self, filling: Filling) -> tuple[dict[str, Any], ...]:
+        op, changed = self._op, self._change(filling)
+        sources = iter(self._sources)
+
+        def make(one: Part, kind: str) -> dict[str, Any]:
+            source, photo = next(sources), Image((one,), op.exemplar.source)
+            part = in_layout_of(photo, source, kind == "color", self._resources) if self._other else source.first
+            first = source is self._sources[0]
+            filled = {"fill": self._filled_part(one, part, filling, changed if first else None)}
+            return filled | ({"st": self._st(filling), "drift": self._drift(filling, changed)} if first else {})
+
+        results = op.of_all([one.first for one in self._photos], make)
+        if self._other:
+            return results
+        return tuple(
+            result | {"fill": self._leveled(result["fill"], image, filling)} if kind == "height" else result
+            for result, image, kind in zip(results, self._photos, op.map_kinds, strict=True)
+        )
+
+    def _filled_part(self, photo: Part, source: Part, filling: Filling, changed: np.ndarray | None) -> Part:
+        """The photo with the shown pixels copied from the source, and moved into its light."""
+        op, held = self._op, self._op.holds_photo(self._resources)
+        spec = tile_spec(photo.spec, op.tile) if op.tile != "none" else derived_spec(photo.spec)
+        pixels: SomeRows = np.ascontiguousarray(source.pixels()) if held else rows_of(op.in_any_order(source, False))
+        lens = None if changed is None else lens_of(op.exemplar, self._resources, op.first_space)
+        place = filling.window.shifted(*photo.window[:2])
+
+        def fetch(window: Window) -> np.ndarray:
+            rows, shared = photo.read(window), place & window
+            here = shared.inside(place)
+            shown = filling.shown[here]
+            if shared.empty or not shown.any():
+                return rows
+            picked = filling.source[here][shown].gather(pixels)[None]
+            if lens is not None and changed is not None:
+                change = changed[here][shown][None]
+                values, opaque = lens.values(picked)
+                values[..., :3] = values[..., :3] * change[..., :1] + change[..., 1:]
+                picked = lens.replaced(picked, values, opaque)
+            rows = rows.copy()
+            rows[shared.inside(window)][shown] = picked[0]
+            return rows
+
+        return replace(photo, spec=spec, fetch=fetch, levels=(), thumbnail=None)
+
+    def _change(self, filling: Filling) -> np.ndarray | None:
+        """Gain and offsets from the source to the photo at each pixel of the window, (height, width, 4) float32."""
+        if self._light is None:
+            return None
+        mine, other = self._light
+        there = mine.at(filling.window)
+        change = np.zeros_like(there)
+        change[..., 0] = 1
+        here = other.at_pixels(*filling.source[filling.shown].yx)
+        gain = there[filling.shown][:, :1]
+        change[filling.shown] = np.concatenate(
+            [here[:, :1] / gain, (here[:, 1:] - there[filling.shown][:, 1:]) / gain], 1
+        )
+        return change
+
+    def _st(self, filling: Filling) -> Part:
+        """Source coordinates; with another photo, also 1 where they lie in it and 0 where they lie in the photo."""
+        spec, given = self._photos[0].first.spec, self._sources[0].first.spec
+        whole, names = Window.data(spec), ("R", "G", "B") if self._other else ("R", "G")
+        place = filling.window.shifted(*whole[:2])
+
+        def fetch(window: Window) -> np.ndarray:
+            rows, columns = window.inside(whole)
+            own = SourceMap.of(np.arange(rows.start, rows.stop)[:, None], np.arange(columns.start, columns.stop))
+            out = np.zeros((window.height, window.width, len(names)), np.float32)
+            out[..., :2] = own.coordinates(spec)
+            shared = place & window
+            here, there = shared.inside(place), shared.inside(window)
+            shown = filling.shown[here]
+            out[there][shown, :2] = filling.source[here][shown].coordinates(given)
+            out[there][shown, 2:] = 1
+            return out
+
+        return Part("st", spec_beside(spec, names), fetch, ready=True)
+
+    def _drift(self, filling: Filling, changed: np.ndarray | None) -> Part:
+        """The correction of each pixel, as `drift.flattening.correction_part`."""
+        spec = self._photos[0].first.spec
+        place = filling.window.shifted(*Window.data(spec)[:2])
+        names = tuple(f"{kind}.{channel}" for kind in ("gain", "offset") for channel in "Lab")
+
+        def fetch(window: Window) -> np.ndarray:
+            out = np.zeros((window.height, window.width, 6), np.float32)
+            out[..., :3] = 1
+            shared = place & window
+            if changed is not None and not shared.empty:
+                out[shared.inside(window)] = changed[shared.inside(place)][..., [0, 0, 0, 1, 2, 3]]
+            return out
+
+        return Part("drift", spec_beside(spec, names), fetch, ready=True)
+
+    def _leveled(self, part: Part, image: Image, filling: Filling) -> Part:
+        """A filled height map, with its steps logged, and leveled with relevel."""
+        op, shape = self._op, self._marked.shape
+        source = SourceMap.of(np.arange(shape[0])[:, None], np.arange(shape[1]))
+        packed = np.array(source.packed)
+        shown = np.zeros(shape, bool)
+        at = filling.window.inside(Window(0, 0, *shape[::-1]))
+        packed[at] = np.where(filling.shown, filling.source.packed, packed[at])
+        shown[at] = filling.shown
+        given = part, image, SourceMap(packed), self._wraps, op.relevel, ~shown, self._resources
+        return height_tile(op.flag(), *given)
+
+
+def _longer_side(zone: np.ndarray) -> int:
+    window = surroundings(zone, 0)
+    return max(window.size)

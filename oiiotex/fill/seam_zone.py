@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A zone around the region in which a minimum-error cut decides between kept and filled pixels (KSE03 section 3)."""
+
+from __future__ import annotations
+
+from ..color.lab_grid import FINE_STEPS, to_grid
+from ..core.demand import SomeRows
+from ..core.source_map import SourceMap
+from ..deferred import np
+
+
+def grown(marked: np.ndarray, distance: int) -> np.ndarray:
+    """The pixels within a distance of marked ones, (height, width) bool."""
+    from scipy.ndimage import distance_transform_edt  # slow to import
+
+    return marked if distance == 0 else distance_transform_edt(~marked) <= distance
+
+
+def replaced_pixels(
+    marked: np.ndarray, zone: np.ndarray, kept: np.ndarray, exemplar: SomeRows, source: SourceMap
+) -> np.ndarray:
+    """The pixels that show the fill: all marked ones, and those of the zone on that side of the cheapest cut.
+
+    Parameters
+    ----------
+    marked, zone : (height, width) bool
+        Pixels to replace, and these with the zone around them.
+    kept : (height, width, channels) float32
+        The photo.
+    exemplar : (rows, columns, channels) float32
+        The photo that the fill is copied from, in the light of `kept`.
+    source : SourceMap
+        (height, width): its pixel at each place of the zone.
+
+    Returns
+    -------
+    (height, width) bool
+    """
+    from ..graphcut.seams import SeamPhoto, cut
+
+    height, width = marked.shape
+    rows, columns = height + exemplar.shape[0], max(width, exemplar.shape[1])
+    both = np.zeros((rows, columns, 3), np.int16)  # one photo for seams: the kept one above the source
+    both[:height, :width] = to_grid(kept[..., :3], FINE_STEPS)
+    both[height:, : exemplar.shape[1]] = to_grid(exemplar[0 : exemplar.shape[0]][..., :3], FINE_STEPS)
+    old = np.array(np.indices(marked.shape))
+    new = np.stack(source.yx)
+    new[0] += height
+    return cut(SeamPhoto(both), old, ~marked, new, zone)

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texfill: a region replaced by texture of the same photo or of another one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ..core.access import InBands
+from ..core.image import Image
+from ..core.op import Kind, Output, Space
+from ..core.parameters import Numbers, Parameter, image, param
+from ..core.source_map import ST
+from ..drift.flattening import DRIFT
+from ..errors import ParameterError, whole_budget
+from ..exemplar.exemplar_op import MaterialOp
+from ..exemplar.heights import RELEVEL
+from ..exemplar.patch_synthesis import PATCH, PATCH_HELP, PATCHES
+from ..exemplar.photo_lattice import STRUCTURE
+from ..session import Session
+from ..session.resources import Resources
+
+_LAB_BYTES = 12  # for each pixel of a map
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fill(MaterialOp, InBands):
+    """Replace a region of a photo by texture from the rest of it, or from another photo.
+
+    Patches that fit the surroundings are found from coarse to fine levels by PatchMatch (BSFG09: Barnes, Shechtman,
+    Finkelstein, Goldman, PatchMatch, SIGGRAPH 2009; levels as in MJH17), and each pixel is a copy of one source pixel
+    with all channels. With `source`, gradients of light and the color level are taken from the surroundings. All
+    other pixels stay bit-identical, except in the zone of `cut`.
+
+    To keep pixels of the region that exist already, such as those carried from the previous frame, paste them into
+    the photo and mark only the rest: the fill continues them like all other pixels. `mask` excludes them as a source.
+    """
+
+    example: ClassVar[str] = """\
+>>> clean = filters.fill("plate.exr", "mask.exr", seed=7)
+>>> other = filters.fill("plate.exr", "mask.exr", source="grass.exr")
+"""
+    name: ClassVar[str] = "fill"
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("fill", Kind.PIXELS, "The photo with the region replaced. One image for each of the n maps, in order."),
+        replace(ST, help="Source coordinates of every pixel; with source, B is 1 where they lie in it."),
+        replace(DRIFT, help="Correction of the copied pixels: Lab x gain + offset. Channels as of `flatten`."),
+    )
+
+    exemplar: Image = image(help="Photo; of the n maps of a material, the first.")
+    region: Image = image(
+        help="Image that marks the pixels to replace (first channel above half its range, or a nonzero label id). It"
+        " is not taken with label or matte."
+    )
+    source: Image | None = image(
+        None,
+        help="Another photo to fill from, of any size and color space. With n, its first n parts are the maps.",
+    )
+    mattes: Image | None = image(None, help="Cryptomatte, if it is not in the photo's file.", advanced=True)
+    mask: Image | None = image(  # type: ignore[misc]  # as in `ExemplarOp`
+        None,
+        help="Image that marks the valid source pixels, of the photo or of source (first channel above half its range,"
+        " or a nonzero label id).",
+    )
+    label: int | None = param(  # type: ignore[misc]  # as in `ExemplarOp`
+        None, example="3", ge=1, help="Id of a label to replace, from the photo's label maps."
+    )
+    matte: str | None = param(
+        None,
+        example="chair",
+        help="Object to replace, from the photo's Cryptomatte: its name, or its id in hexadecimal. All pixels that it"
+        " covers are replaced, even partly covered ones.",
+    )
+    sourcelabel: int | None = param(
+        None, example="2", ge=1, help="Id of a label. Only pixels of that label are used as a source."
+    )
+    adapt: float | None = param(
+        None,
+        example="0.5",
+        ge=0,
+        le=1,
+        unset="1 with source, else 0",
+        help="Fraction of the difference in light gradient and color level that is corrected. 0: every pixel is a"
+        " verbatim copy.",
+    )
+    drift: bool | Path = param(
+        False,
+        example="drift.exr",
+        advanced=True,
+        help="Correction of the copied pixels. 1: append it as part 'drift'; a file name: write it to that file.",
+    )
+    cut: int = param(
+        0,
+        ge=0,
+        le=256,
+        unit="px",
+        help="Width of a zone around the region in which the border follows the least visible seam (KSE03). Pixels of"
+        " the zone may be replaced. 0: only the region is replaced.",
+    )
+    tile: str = param(
+        "none", choices=("none", "x", "y", "xy"), advanced=True, help="Axes along which the region continues."
+    )
+    patch: int | None = param(
+        None, example="21", choices=(*PATCHES, None), unit="px", unset=str(PATCH), help=PATCH_HELP
+    )
+    structure: float = param(0.5, ge=0, le=1, help=STRUCTURE, advanced=True)
+    iterations: int = param(30, ge=1, le=1000, advanced=True, help="Number of iterations on the coarsest level.")
+    uniformity: float = param(
+        0.01,
+        ge=0,
+        le=1,
+        advanced=True,
+        help="Strength with which all parts of the source are used equally often (MJH17 eq. 6).",
+    )
+    relevel: bool = param(False, help=RELEVEL, advanced=True)
+
+    @classmethod
+    def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
+        """No region image if a label or a matte names the region."""
+        named = values.get("label") is not None or values.get("matte") is not None
+        return tuple(one for one in cls.images() if not (named and one.name == "region"))
+
+    def compute(self, session: Session) -> tuple[dict[str, Any], ...]:
+        """The filled photo with its source coordinates, as one mapping for each map."""
+        from ..fill.region_fill import RegionFill  # not needed for help
+
+        self._check()
+        with whole_budget(session.resources.budget):  # they are told what is left of it
+            return RegionFill(self, session.resources, session.progress).results()
+
+    def _check(self) -> None:
+        """Refuse conflicting modifiers."""
+        if self.label is not None and self.matte is not None:
+            raise ParameterError(f"conflicts with label={self.label}", parameter="matte", value=self.matte)
+        if self.mattes is not None and self.matte is None:
+            raise ParameterError("mattes requires matte")
+        if self.label is None and self.sourcelabel is None and (self.level is not None or self.labels is not None):
+            raise ParameterError("level and labels require label or sourcelabel")
+        if self.relevel and "height" not in self.map_kinds:
+            raise ParameterError("relevel=1 requires kinds with a height")
+        if self.relevel and self.source is not None:
+            raise ParameterError("conflicts with source", parameter="relevel", value=1)
+        self.source_maps()
+        self.weights()
+
+    def source_maps(self) -> tuple[Image, ...]:
+        """The maps that are filled from."""
+        maps = self.all_maps()
+        if self.source is None:
+            return maps
+        if len(self.source.parts) < len(maps):
+            count = len(self.source.parts)
+            raise ParameterError(
+                f"{self.source.source} has {count} parts", parameter="n", value=self.n, expected=f"at most {count}"
+            )
+        return tuple(Image((part,), self.source.source) for part in self.source.parts[: len(maps)])
+
+    def weights(self) -> Numbers | None:
+        """Weights of the maps in the comparison of patches.
+
+        The ranges of data of two photos are not comparable, so with `source` these maps have no weight.
+        """
+        data = [kind in ("data", "height") for kind in self.map_kinds]
+        if self.source is None or not any(data):
+            return self.mapweights
+        if all(data):
+            raise ParameterError("source requires a map of kind color or normal, by which patches are compared")
+        if self.mapweights is not None and any(w for w, one in zip(self.mapweights, data, strict=False) if one):
+            expected = "0 for data and heights, whose ranges differ between photos, with source"
+            raise ParameterError(parameter="mapweights", value=self.mapweights, expected=expected)
+        return self.mapweights or Numbers(0.0 if one else 1.0 for one in data)
+
+    @property
+    def strength(self) -> float:
+        """Fraction of the difference in light that is corrected: only in color."""
+        if self.map_kinds[0] != "color":
+            return 0.0
+        return self.adapt if self.adapt is not None else float(self.source is not None)
+
+    @property
+    def first_space(self) -> Space:
+        """The working space of the first map."""
+        return Space.LAB if self.map_kinds[0] == "color" else Space.DATA
+
+    @property
+    def side(self) -> int:
+        """Side of a patch, px."""
+        return self.patch or PATCH
+
+    def holds_photo(self, resources: Resources) -> bool:
+        """Whether photo and source are held in memory; otherwise they are read by rows."""
+        return self.holds(resources, _LAB_BYTES * self.n)
+
+    def holds(self, resources: Resources, size: int) -> bool:
+        """Whether `size` bytes per pixel of the photo and of the source fit into a quarter of the budget."""
+        specs = [one.first.spec for one in (self.exemplar, self.source) if one is not None]
+        return size * sum(spec.width * spec.height for spec in specs) <= resources.budget // 4
+
+    def budget_left(self, resources: Resources) -> int:
+        """Bytes of the budget that remain next to the maps' pixels."""
+        parts = [one.first for one in (*self.all_maps(), *self.source_maps())] if self.holds_photo(resources) else []
+        return resources.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)

@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texfill: a region replaced from the same photo or another one."""
+
+from __future__ import annotations
+
+import json
+import logging
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import errors, filters
+from oiiotex.core.image import from_buffer
+from oiiotex.fill.source_layout import in_layout_of
+from oiiotex.io.cryptomatte import hashed
+from oiiotex.quality.seam_measures import seam_ratio
+from oiiotex.session import Session
+from tests import pictures
+from tests.any_filter import buffer, ids, pixels
+from tests.conftest import load, oiiotex, save
+
+PHOTO = pictures.stained(pictures.pebbles(96, 112, 3))
+STAIN = (((np.indices((96, 112))[1] - 73) / 27) ** 2 + ((np.indices((96, 112))[0] - 38) / 20) ** 2 < 1)[..., None]
+HOLE = STAIN[..., 0]
+OTHER = pictures.moss(80, 64, 1)
+QUICK = {"iterations": 4, "patch": 7}
+
+
+def mask(where: np.ndarray) -> oiio.ImageBuf:
+    return buffer(where * 1.0, space="data", names=("Y",))
+
+
+def made(region: np.ndarray = STAIN, photo: oiio.ImageBuf | None = None, **more: object):
+    return filters.fill(photo or buffer(PHOTO), mask(region), **{**QUICK, **more})
+
+
+def test_outside_nothing_changes_and_inside_nothing_stays_of_the_stain():
+    found = made(stmap=True)
+    filled, st = pixels(found["fill"]), pixels(found["st"])
+    photo = PHOTO.astype(np.float32)
+    np.testing.assert_array_equal(filled[~HOLE], photo[~HOLE])
+    x, y = (np.floor(st[..., i] * n).astype(int) for i, n in ((0, 112), (1, 96)))
+    np.testing.assert_array_equal(filled, photo[y, x])
+    assert not HOLE[y, x].any()  # patches come from outside
+    stain, clean, around = (a[HOLE].mean() for a in (photo, filled, photo[:, ::-1]))
+    assert abs(clean - around) < 0.35 * abs(stain - around)
+
+
+def test_new_pixels_fit_the_old_ones():
+    """Jumps across the region's border are half of those that pasted texture has there."""
+    across = HOLE[:, 1:] != HOLE[:, :-1]
+    pasted = np.where(STAIN, np.roll(PHOTO, (31, 47), (0, 1)), PHOTO)
+    found, other = (np.abs(np.diff(tile[..., 1], axis=1))[across].mean() for tile in (pixels(made()), pasted))
+    assert found < 0.6 * other
+
+
+def test_a_resynthesized_border_makes_a_photo_tile():
+    y, x = np.indices((96, 112))
+    border = (np.minimum(np.minimum(x, 111 - x), np.minimum(y, 95 - y)) < 14)[..., None]
+    tile = pixels(made(border, tile="xy"))
+    np.testing.assert_array_equal(tile[~border[..., 0]], PHOTO.astype(np.float32)[~border[..., 0]])
+    for axis in (0, 1):
+        assert seam_ratio(tile[..., 1], axis) < 0.6 * seam_ratio(PHOTO[..., 1], axis)
+
+
+def test_windows_stay_and_transparent_pixels_are_no_source():
+    spec = oiio.ImageSpec(112, 96, 4, oiio.FLOAT)
+    spec.x, spec.y, spec.full_x, spec.full_y, spec.full_width, spec.full_height = -7, 11, -20, 0, 160, 140
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    photo = oiio.ImageBuf(spec)
+    alpha = (np.indices((96, 112))[1] < 100)[..., None] * 1.0
+    photo.set_pixels(photo.roi, np.concatenate([PHOTO * alpha, alpha], -1).astype(np.float32))
+    for more in ({}, {"adapt": 1.0}):
+        found = made(photo=photo, **more)
+        assert found.roi == photo.roi and found.roi_full == photo.roi_full
+        np.testing.assert_array_equal(pixels(found)[~HOLE], pixels(photo)[~HOLE])
+        assert (pixels(found)[HOLE, 3] == 1).all()
+
+
+# --- another photo ---
+
+
+def gradient(scale: float = 0.6) -> np.ndarray:
+    """The pebbles in a light that falls off to the right, in linear values."""
+    return pictures.pebbles(96, 112, 3) * np.linspace(1.0, scale, 112)[None, :, None]
+
+
+def test_another_photo_takes_the_light_of_its_surroundings():
+    """The mean of the fill follows the light; adapt=0 gives verbatim copies instead."""
+    photo, region = buffer(gradient(0.3), space="lin_rec709_scene"), np.indices((96, 112))[0] // 32 == 1
+    source = buffer(OTHER * 0.2, space="lin_rec709_scene")
+    lit, plain = (made(region[..., None], photo, source=source, adapt=a) for a in (None, 0.0))
+    known = {p.tobytes() for p in pixels(source).reshape(-1, 3)}
+    assert all(p.tobytes() in known for p in pixels(plain)[region])
+    of_thirds = [pixels(lit)[32:64, a:b].mean() / gradient(0.3)[:32, a:b].mean() for a, b in ((0, 37), (75, 112))]
+    assert np.allclose(of_thirds, 1, atol=0.15), of_thirds
+    np.testing.assert_array_equal(pixels(lit)[~region], gradient(0.3).astype(np.float32)[~region])
+
+
+def test_coordinates_and_drift_give_the_pixels_of_another_photo():
+    found = made(source=buffer(OTHER), stmap=True, drift=True, adapt=0.0)
+    st, drift = pixels(found["st"]), pixels(found["drift"])
+    np.testing.assert_array_equal(st[..., 2], HOLE)
+    x, y = (np.floor(st[..., i] * n).astype(int) for i, n in ((0, 64), (1, 80)))
+    np.testing.assert_array_equal(pixels(found["fill"])[HOLE], OTHER.astype(np.float32)[y[HOLE], x[HOLE]])
+    np.testing.assert_array_equal(drift, np.broadcast_to(np.repeat([1, 0], 3), drift.shape))
+    lit = pixels(made(source=buffer(OTHER), drift=True)["drift"])
+    assert (lit[~HOLE] == drift[~HOLE]).all() and (lit[HOLE] != drift[HOLE]).any()
+
+
+def test_all_of_a_photo_and_a_region_larger_than_the_source():
+    everything = np.ones_like(STAIN)
+    filled = pixels(made(everything, source=buffer(OTHER[:20, :20])))
+    known = {p.tobytes() for p in OTHER[:20, :20].astype(np.float32).reshape(-1, 3)}
+    assert all(p.tobytes() in known for p in filled.reshape(-1, 3))
+
+
+def test_a_source_is_converted_to_the_photos_space_channels_and_type():
+    photo = from_buffer(buffer(np.ones((4, 4, 5)), oiio.HALF, "lin_rec709_scene", ("R", "G", "B", "A", "Z")))
+    other = buffer(np.full((3, 3, 5), 0.5), oiio.UINT8, names=("Z", "R", "G", "B", "N"))
+    other.specmod().alpha_channel = -1
+    source = from_buffer(other)
+    pixel = in_layout_of(photo, source, True, Session().resources).pixels()[1, 1]
+    assert pixel.dtype == np.float16
+    np.testing.assert_allclose(pixel, [0.2159, 0.2159, 0.2159, 1, 0.502], atol=2e-3)
+    dark = from_buffer(buffer(np.full((3, 3, 1), 0.2), space="lin_rec709_scene", names=("Y",)))
+    np.testing.assert_allclose(
+        in_layout_of(photo, dark, True, Session().resources).pixels()[1, 1], [0.2, 0.2, 0.2, 1, 0], atol=1e-3
+    )
+
+
+def test_all_maps_come_from_the_same_pixels():
+    normal = np.concatenate([OTHER[..., :2], np.ones((80, 64, 1))], -1)
+    source = {"color": buffer(OTHER), "normal": buffer(normal, space="data")}
+    own = buffer(np.full((96, 112, 3), 0.5), space="data")
+    found = filters.fill(
+        buffer(PHOTO), mask(STAIN), maps=[own], kinds=("color", "data"), source=source, adapt=0.0, **QUICK
+    )
+    both = np.concatenate([pixels(one)[HOLE] for one in found], -1)
+    known = {p.tobytes() for p in np.concatenate([OTHER, normal], -1).astype(np.float32).reshape(-1, 6)}
+    assert all(p.tobytes() in known for p in both)
+    assert (pixels(found[1])[~HOLE] == 0.5).all()
+
+
+# --- which pixels ---
+
+
+def test_a_label_of_the_photo_is_replaced_from_a_label_of_the_source():
+    x = np.indices((96, 112))[1]
+    labels = ids(1 + (x > 40) + (x > 80).astype(int))
+    found = pixels(filters.fill(buffer(PHOTO), labels=labels, label=2, sourcelabel=3, stmap=True, **QUICK)["st"])
+    columns = np.floor(found[..., 0] * 112).astype(int)
+    assert (columns[:, 41:81] > 80).all()
+    np.testing.assert_array_equal(columns[:, :41], x[:, :41])
+
+
+def cryptomatte(name: str, where: np.ndarray) -> oiio.ImageBuf:
+    bits = np.array([hashed(name)], np.uint32).view(np.float32)[0]
+    covered = np.where(where, np.float32(0.3), np.float32(0))
+    made = buffer(np.stack([covered * 0, covered * 0, covered * 0 + bits * where, covered], -1), space="data")
+    spec = made.specmod()
+    spec.channelnames = ("things00.R", "things00.G", "things00.B", "things00.A")
+    spec.attribute("cryptomatte/1234567/name", "things")
+    spec.attribute("cryptomatte/1234567/manifest", json.dumps({name: f"{hashed(name):08x}"}))
+    return made
+
+
+def test_an_object_of_a_cryptomatte_is_replaced():
+    mattes = cryptomatte("chair", HOLE)
+    whole = pixels(made())
+    for name in ("chair", f"{hashed('chair'):08x}"):
+        np.testing.assert_array_equal(pixels(filters.fill(buffer(PHOTO), mattes=mattes, matte=name, **QUICK)), whole)
+    with pytest.raises(errors.ParameterError, match="matte='chiar': expected a name such as chair"):
+        filters.fill(buffer(PHOTO), mattes=mattes, matte="chiar")
+    with pytest.raises(errors.ImageError, match="has no Cryptomatte channels; name its file with mattes="):
+        filters.fill(buffer(PHOTO), matte="chair")
+
+
+def test_a_cut_stays_in_its_zone_and_lowers_the_seam():
+    region = (np.hypot(*(np.indices((96, 112)) - 50)) < 22)[..., None]
+    plain, cut = (pixels(made(region, source=buffer(PHOTO[::-1]), cut=n, adapt=0.0)) for n in (0, 9))
+    photo, away = PHOTO.astype(np.float32), np.hypot(*(np.indices((96, 112)) - 50)) > 33
+    np.testing.assert_array_equal(cut[away], photo[away])
+    assert (cut[region[..., 0]] != photo[region[..., 0]]).any(-1).mean() > 0.9
+
+    def seam(filled: np.ndarray) -> float:
+        new = (filled != photo).any(-1)
+        step = np.abs(np.diff(filled, axis=1)).sum(-1)
+        return float(step[new[:, 1:] != new[:, :-1]].mean())
+
+    assert seam(cut) < seam(plain)
+
+
+def test_small_scattered_and_empty_regions(caplog):
+    dots = np.zeros_like(STAIN)
+    dots[0, 0] = dots[50, 60] = dots[90:, 100:] = True
+    filled = pixels(made(dots))
+    np.testing.assert_array_equal(filled[~dots[..., 0]], PHOTO.astype(np.float32)[~dots[..., 0]])
+    assert (filled != PHOTO.astype(np.float32))[dots[..., 0]].any(-1).all()
+    with caplog.at_level(logging.WARNING):
+        np.testing.assert_array_equal(pixels(made(STAIN & False)), PHOTO.astype(np.float32))
+    assert "the region has no pixel; the photo is unchanged" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("region", "more", "said"),
+    [
+        (STAIN | True, {}, r"the region covers every pixel of .*: no source pixels remain"),
+        (STAIN[:30, :40], {}, "region is 40x30, but the exemplar is 112x96"),
+        (np.indices((96, 112)).sum(0)[..., None] % 5 > 0, {}, "no 7x7 patch of the exemplar of 112x96 px is free of"),
+        (STAIN, {"mask": mask(STAIN)}, "no pixel remains to fill from"),
+        (STAIN, {"source": buffer(OTHER[:5])}, "the exemplar of 64x5 px is smaller than a patch of 7x7"),
+        (STAIN, {"level": 1}, "level and labels require label or sourcelabel"),
+        (STAIN, {"relevel": True}, "relevel=1 requires kinds with a height"),
+        (
+            STAIN,
+            {"n": 2, "maps": [buffer(PHOTO)], "source": buffer(OTHER)},
+            "n=2: ImageBuf has 1 parts: expected at most 1",
+        ),
+        (STAIN, {"data": True, "source": buffer(OTHER)}, "source requires a map of kind color or normal"),
+    ],
+)
+def test_what_cannot_be_filled_is_said_in_one_line(region, more, said):
+    with pytest.raises(errors.Error, match=said):
+        made(region, **more)
+
+
+def test_memory_is_known_before_the_work():
+    big = buffer(np.zeros((1200, 1600, 3)))
+    region = np.zeros((1200, 1600, 1))
+    region[100:1100, 100:1500] = 1
+    with pytest.raises(errors.ImageError, match=r"needs [0-9]+ MB"):
+        filters.fill(big, mask(region), session=Session(budget=32 << 20))
+
+
+def test_regions_on_the_command_line(tmp_path):
+    save(PHOTO, tmp_path / "photo.png")
+    save(STAIN * 1.0, tmp_path / "stain.png")
+    save(OTHER, tmp_path / "other.png")
+    line = "photo.png", "stain.png", "--texfill:iterations=2:patch=7:source=other.png", "-o", "out.png"
+    done = oiiotex(*line, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    before, after = load(tmp_path / "photo.png"), load(tmp_path / "out.png")
+    np.testing.assert_array_equal((before != after).any(-1) & ~HOLE, False)
