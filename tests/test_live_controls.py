@@ -36,7 +36,7 @@ def folder() -> Iterator[Path]:
 @pytest.fixture(scope="module")
 def page(folder) -> Iterator[object]:
     server = Served(folder, "photo.exr", runtime=folder)
-    with contextlib.closing(server_end(server)), chromium() as browser:
+    with server_end(server), chromium() as browser:
         opened = browser.new_page(viewport={"width": 800, "height": 600})
         opened.set_default_timeout(90000)
         opened.goto(server.url)
@@ -44,6 +44,7 @@ def page(folder) -> Iterator[object]:
         yield opened
 
 
+@contextlib.contextmanager
 def server_end(server: Served) -> Iterator[None]:
     try:
         yield
