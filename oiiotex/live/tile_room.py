@@ -115,8 +115,7 @@ class TileRoom:
         elif do == "presets":
             await self._inspection.find_presets(self._values())
         elif do == "sample":
-            if asked["what"] == "photo" or self._images:
-                await self._inspection.sample(page, asked, self._tile_image if asked["what"] == "tile" else None)
+            await self._inspection.sample(page, asked, self._tile_image)
         elif do == "measure":
             await self._inspection.show_measure(
                 asked["name"], self._tile_image, self._hub.document.state["tile"]["measure"]
