@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ..session.resources import Resources
 
 _SHARES = 1, 1, 8, 1  # of the time: reading, light, synthesis, cut
+_FINE = 4  # iterations of each finer level: at the border, patches have to fit pixels that do not give way
 _AROUND = 0.5  # longer sides of the region around it, in which the light is measured
 
 
@@ -133,7 +134,7 @@ class RegionFill:
         op = self._op
         return Recipe.tiling(
             *window.size, op.tile, sigma=None, patch=op.side, iterations=op.iterations, seed=op.seed,
-            uniformity=op.uniformity, contrast=0.0, flat=False,
+            uniformity=op.uniformity, contrast=0.0, flat=False, fine=_FINE,
         )  # fmt: skip
 
     def _in_step(self, recipe: Recipe, seen: ExemplarPixels, window: Window) -> Recipe:

@@ -1765,7 +1765,7 @@ def fill(
         to 256 px.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
-        or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
+        or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 11.
     n : int, default 1
         Number of maps of one material, resynthesized together: the last n images. Expected: an integer
         from 1 to 16.

@@ -16,11 +16,12 @@ from ..drift.flattening import DRIFT
 from ..errors import ParameterError, whole_budget
 from ..exemplar.exemplar_op import MaterialOp
 from ..exemplar.heights import RELEVEL
-from ..exemplar.patch_synthesis import PATCH, PATCH_HELP, PATCHES
+from ..exemplar.patch_synthesis import PATCH_HELP, PATCHES
 from ..exemplar.photo_lattice import STRUCTURE
 from ..session import Session
 from ..session.resources import Resources
 
+PATCH = 11
 _LAB_BYTES = 12  # for each pixel of a map
 
 
