@@ -13,6 +13,7 @@ import pytest
 from oiiotex import errors, filters
 from oiiotex.core.image import from_buffer
 from oiiotex.core.source_map import SourceMap
+from oiiotex.fill.light import rim_offsets
 from oiiotex.fill.seam_zone import replaced_pixels
 from oiiotex.fill.source_layout import in_layout_of
 from oiiotex.io.cryptomatte import hashed
@@ -98,6 +99,14 @@ def test_another_photo_takes_the_light_of_its_surroundings():
     of_thirds = [pixels(lit)[32:64, a:b].mean() / gradient(0.3)[:32, a:b].mean() for a, b in ((0, 37), (75, 112))]
     assert np.allclose(of_thirds, 1, atol=0.15), of_thirds
     np.testing.assert_array_equal(pixels(lit)[~region], gradient(0.3).astype(np.float32)[~region])
+
+
+def test_a_step_at_the_border_fades_out_into_the_region():
+    """A source 5 Lab brighter than the photo everywhere: all of the step at the border, less inside, none elsewhere."""
+    kept, inside = np.zeros((80, 80, 3), np.float32), np.hypot(*(np.indices((80, 80)) - 40)) < 30
+    offsets = rim_offsets(kept, kept + 5, SourceMap.of(*np.indices((80, 80))), inside, ~inside, 5.0)
+    assert np.allclose(offsets[40, 11:13], -5, atol=0.3) and -2.5 < offsets[40, 25].max() < -0.5
+    assert not offsets[~inside].any() and not offsets[40, 32:48].any()
 
 
 def test_coordinates_and_drift_give_the_pixels_of_another_photo():

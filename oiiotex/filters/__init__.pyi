@@ -1757,8 +1757,9 @@ def fill(
     sourcelabel : int | None, default None
         Id of a label. Only pixels of that label are used as a source. Expected: an integer >= 1.
     adapt : float | None, default None
-        Fraction of the difference in light gradient and color level that is corrected. 0: every pixel
-        is a verbatim copy. Expected: a number from 0 to 1. Default: 1 with source, else 0.
+        Fraction of the difference in light gradient and color level that is corrected, and of the step
+        that remains at the border. Set it to 1 for sky or plain walls. 0: every pixel is a verbatim
+        copy. Expected: a number from 0 to 1. Default: 1 with source, else 0.
     cut : int, default 0
         Width of a zone around the region in which the border follows the least visible seam (KSE03).
         Pixels of the zone may be replaced. 0: only the region is replaced. Expected: an integer from 0

@@ -82,8 +82,8 @@ class Fill(MaterialOp, InBands):
         ge=0,
         le=1,
         unset="1 with source, else 0",
-        help="Fraction of the difference in light gradient and color level that is corrected. 0: every pixel is a"
-        " verbatim copy.",
+        help="Fraction of the difference in light gradient and color level that is corrected, and of the step that"
+        " remains at the border. Set it to 1 for sky or plain walls. 0: every pixel is a verbatim copy.",
     )
     drift: bool | Path = param(
         False,
