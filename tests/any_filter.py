@@ -74,6 +74,8 @@ def operands(op: type[Op], photo: oiio.ImageBuf) -> list[oiio.ImageBuf]:
         return [photo, quarters()]
     if op.name in REGIONS:
         return [photo, ids(np.indices((64, 72))[1] >= 20)]
+    if op.name in PLATES:
+        return [photo, photo]
     return [photo, *(scramble(40, 48, photo) for _ in op.images()[1:])]
 
 
@@ -103,6 +105,7 @@ def is_view(op: type[Op]) -> bool:
 # What is true of few and does not follow from the kinds of their outputs; a new filter is held to everything else.
 RESAMPLED = ("zoom",)  # their results are pixels of another size
 LABELED = ("composite", "palette", "paint")  # take a picture with its label maps
+PLATES = ("project",)  # and a plate with the same channels
 PAINTINGS = ("paint",)  # and a painting of labels
 REGIONS = ("fill",)  # and a mask of what is replaced: most of the photo
 SUMS = ("preview",)  # what a pixel is worth is a difference of sums over all before it

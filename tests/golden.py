@@ -74,6 +74,17 @@ CASES = {
         "lin_rec709_scene",
         second=lambda: (np.hypot(*(np.indices((112, 96)) - np.array([46, 60])[:, None, None])) < 24)[..., None] * 1.0,
     ),
+    "plate_bricks": Case(
+        lambda: pictures.bricks(64, 80, 1),
+        ("second.exr", "--texplate:region=1"),
+        second=lambda: (np.abs(np.indices((64, 80))[0] - 30) < 8)[..., None] * 1.0,
+    ),
+    "project_moss_hdr": Case(
+        lambda: 8 * pictures.stained(pictures.moss(64, 80, 3)),
+        ("second.exr", "--texproject"),
+        "lin_rec709_scene",
+        second=lambda: pictures.bricks(64, 80, 1),
+    ),
     "stationarize_sigmamap_bricks": Case(
         lambda: pictures.stained(pictures.bricks(96, 128, 1)),
         ("second.exr", "--texstationarize:sigmamap=1:seed=1"),

@@ -26,6 +26,7 @@ from tests.any_filter import (
     PAINTINGS,
     PHOTO,
     PICTURES,
+    PLATES,
     RESAMPLED,
     SUMS,
     apply,
@@ -81,7 +82,8 @@ def test_threads_and_budget_do_not_show(op, tmp_path):
     quarters().write(str(tmp_path / "labels.tif"))
     given = settings(op, seed=5) | ({"labels": "labels.tif"} if op.name in LABELED else {})
     modifiers = "".join(f":{k}={v}" for k, v in given.items())
-    inputs = ["photo.png", "labels.tif" if op.name in PAINTINGS else "st.exr"][: len(op.images())]
+    second = "labels.tif" if op.name in PAINTINGS else "photo.png" if op.name in PLATES else "st.exr"
+    inputs = ["photo.png", second][: len(op.images())]
     found = set()
     for n, more in enumerate((["--threads", "1"], ["--threads", "2"], ["--cache", "600"])):
         done = oiiotex(*inputs, f"{op.flag()}{modifiers}", *more, "-o", f"{n}.exr", cwd=tmp_path)

@@ -37,7 +37,7 @@ wang
 quality
 exemplar graphcut
 quilting multiscale capture atlas fill
-charts
+charts motion
 materials
 python_types plugin installed_filters notebook
 python_api

@@ -18,6 +18,7 @@ MARK = "<!-- by make licenses -->\n"
 # where metadata has a whole text, or nothing: read in the package's license file
 READ = {
     "opencolorio": "BSD-3-Clause",
+    "opencv-python-headless": "Apache-2.0 (OpenCV), LGPL-2.1-or-later (FFmpeg)",
     "pocl-binary-distribution": "MIT (PoCL), Apache-2.0 WITH LLVM-exception (LLVM), BSD-3-Clause (hwloc)",
     "xatlas": "MIT",
 }

@@ -26,6 +26,7 @@ _GROUPS = {  # the name of each filter and the class that declares it, in the or
         "flatten": "Flatten", "rectify": "Rectify", "warp": "Warp", "estimateheight": "EstimateHeight",
         "estimateao": "EstimateAO", "estimateroughness": "EstimateRoughness", "checkmaterial": "CheckMaterial",
     },
+    "Fills that move with a shot": {"plate": "Plate", "project": "Project"},
     "Texture analysis and labels": {
         "label": "Label", "superpixel": "Superpixel", "decompose": "Decompose", "dominant": "Dominant",
         "palette": "Palette", "content": "Content", "stationarity": "Stationarity", "sigmas": "Sigmas", "lab": "Lab",

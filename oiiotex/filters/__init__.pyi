@@ -3371,6 +3371,102 @@ def patchmatch(
 ) -> Array | Any: ...
 
 @overload
+def plate(
+    source: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    frames: str = '',
+    motion: FileName | None = None,
+    vectors: Literal['st', 'backward', 'forward'] = 'st',
+    flip: bool = False,
+    save: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> ImageBuf:
+    """Assemble a clean plate of a shot: the surface that an object hides, from all frames that show it.
+
+    The motion of the surface is tracked around the region (a homography for each frame), or given by `motion`. The
+    plate has the pixels of the given frame and grows by everything that other frames show. It has as many pixels as
+    the frame that shows the region the largest, and little grain, because it is a mean of frames.
+
+    Pixels that no frame shows are transparent, and white in part 'region': fill them once with `fill`, then render
+    the plate into every frame with `project`. All frames show the same fill, so it does not flicker, and each is
+    resampled once.
+
+    Parameters
+    ----------
+    source : ImageLike
+        A frame of the shot, whose pixels the plate continues.
+    region : ImageLike | None, default None
+        Mask of that frame: white is replaced, in all frames. A string is the name of a part of the
+        first image, or a file name.
+    frames : str, default ''
+        Frames of the shot, FIRST-LAST. Their files, and those of `region` and `motion`, are named like
+        those of the given frame, with other numbers. A mask without a number is used for all frames.
+        Default: the given frame alone.
+    motion : FileName | None, default None
+        Motion of the surface: an image of the given frame's, in the convention of `vectors`, or a file
+        that `save` wrote. Default: tracked.
+    vectors : Literal['st', 'backward', 'forward'], default 'st'
+        Meaning of `motion`. st: place in the given frame, from 0 to 1; backward, forward: vectors in
+        pixels to the previous or the next frame. Channels are s and t, or backward.u and backward.v, or
+        forward.u and forward.v, otherwise the first two.
+    flip : bool, default False
+        Read `motion` with t or v pointing up, as in Nuke and Blender.
+    save : FileName | None, default None
+        File for the motion of all frames, for `project`.
+    colorspace : str | None, default None
+        Color space of the required images. Default: the one in their metadata.
+    roi : ROI | None, default None
+        Region of the result to compute. Default: all of it.
+    nthreads : int, default 0
+        Number of CPU threads if no session is given. 0: all that the process may use.
+    session : Session | None, default None
+        Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
+
+    Returns
+    -------
+    ImageBuf
+        - plate: The surface, in the frames' color space and type. Alpha is 0 where it is unknown.
+          [pixels]
+        - region: Pixels that frames need and none shows. [0 or 1, 32-bit floats]
+        - motion: Frames and their matrices, from frame to plate, for `project`. [.npz; with save]
+
+    Raises
+    ------
+    oiiotex.Error
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> plate = filters.plate("photo.png")
+    """
+@overload
+def plate(
+    source: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    frames: str = '',
+    motion: FileName | None = None,
+    vectors: Literal['st', 'backward', 'forward'] = 'st',
+    flip: bool = False,
+    save: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
+
+@overload
 def preview(
     tile: ImageLike,
     /,
@@ -3439,6 +3535,87 @@ def preview(
     exemplar: ImageLike | None = None,
     panels: Sequence[str] | None = None,
     height: int = 512,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
+
+@overload
+def project(
+    source: ImageLike,
+    plate: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    motion: FileName | None = None,
+    frame: int | None = None,
+    grain: float = 1.0,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> ImageBuf:
+    """Render a plate into a region of a frame, with the motion, the light and the grain of the shot.
+
+    Each frame is sampled once from the plate (`plate`), so the fill moves with the surface and stays sharp. Its level
+    is matched to the frame's, as measured around the region, and it gets new grain like the frame's. Pixels outside
+    the region, and channels that the plate lacks, are unchanged. Frames do not depend on each other, so they can be
+    distributed, skipped and repeated.
+
+    Parameters
+    ----------
+    source : ImageLike
+        Frame of the shot.
+    plate : ImageLike
+        Filled plate.
+    region : ImageLike | None, default None
+        Mask: white is replaced, gray is mixed. Without it, the whole frame is replaced. A string is the
+        name of a part of the first image, or a file name.
+    motion : FileName | None, default None
+        File that `plate` saved. Default: none: plate and frame have the same pixels.
+    frame : int | None, default None
+        Number of the frame. Default: that of --frames, otherwise the only one.
+    grain : float, default 1.0
+        Amount of grain, as a multiple of the frame's. 0: none. Expected: a number from 0 to 4.
+    colorspace : str | None, default None
+        Color space of the required images. Default: the one in their metadata.
+    roi : ROI | None, default None
+        Region of the result to compute. Default: all of it.
+    nthreads : int, default 0
+        Number of CPU threads if no session is given. 0: all that the process may use.
+    session : Session | None, default None
+        Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
+
+    Returns
+    -------
+    ImageBuf
+        - frame: The frame with the plate in its region, in its own color space and type. [pixels]
+
+    Raises
+    ------
+    oiiotex.Error
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> frame = filters.project("photo.png", "photo.png")
+    """
+@overload
+def project(
+    source: ImageLike,
+    plate: ImageLike,
+    /,
+    *,
+    region: ImageLike | None = None,
+    motion: FileName | None = None,
+    frame: int | None = None,
+    grain: float = 1.0,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texproject: a plate rendered into a region of a frame, with the motion of the shot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from ..color.config import as_float
+from ..color.lab import in_type
+from ..core.access import Whole
+from ..core.image import Image, Part, channels_of, derived_spec, dtype_of
+from ..core.op import Kind, Output, Space
+from ..core.parameters import image, param
+from ..core.window import Window
+from ..deferred import np
+from ..errors import ImageError, ParameterError
+from ..session import Session
+
+if TYPE_CHECKING:
+    from ..motion.frame_motion import FrameMotion
+
+_COPIES = 6  # of frame and plate in memory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Project(Whole):
+    """Render a plate into a region of a frame, with the motion, the light and the grain of the shot.
+
+    Each frame is sampled once from the plate (`plate`), so the fill moves with the surface and stays sharp. Its level
+    is matched to the frame's, as measured around the region, and it gets new grain like the frame's. Pixels outside
+    the region, and channels that the plate lacks, are unchanged. Frames do not depend on each other, so they can be
+    distributed, skipped and repeated.
+    """
+
+    example: ClassVar[str] = '>>> frame = filters.project("photo.png", "photo.png")'
+    name: ClassVar[str] = "project"
+    space: ClassVar[Space] = Space.ANY
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("frame", Kind.PIXELS, "The frame with the plate in its region, in its own color space and type."),
+    )
+
+    source: Image = image(help="Frame of the shot.")
+    plate: Image = image(help="Filled plate.")
+    region: Image | None = image(
+        None, help="Mask: white is replaced, gray is mixed. Without it, the whole frame is replaced."
+    )
+    motion: Path | None = param(
+        None, unset="none: plate and frame have the same pixels", example="shot.npz", help="File that `plate` saved."
+    )
+    frame: int | None = param(
+        None, example="1001", frame=True, unset="that of --frames, otherwise the only one", help="Number of the frame."
+    )
+    grain: float = param(1.0, ge=0, le=4, help="Amount of grain, as a multiple of the frame's. 0: none.")
+
+    def compute(self, session: Session) -> dict[str, Part]:
+        """The frame with the plate in its region."""
+        from ..motion.frame_files import region_of, values_of
+        from ..motion.rendering import rendered
+
+        part, plate = self.source.first, self.plate.first
+        motion = self._motion(session)
+        names, colors = part.spec.channelnames, channels_of(part.spec)
+        lacking = [names[c] for c in colors.color if names[c] not in plate.spec.channelnames]
+        if lacking:
+            raise ImageError(f"plate {self.plate.source} has no channel {lacking[0]}: expected the frame's colors")
+        pixels = part.spec.width * part.spec.height + plate.spec.width * plate.spec.height
+        session.resources.require(_COPIES * 4 * len(names) * pixels, self.flag())
+        display = Window.display(part.spec)
+        if self.region is None:
+            region = np.ones(display.size[::-1], np.float32)
+        else:
+            region = region_of(self.region.first, display, f"region {self.region.source}")
+        if not region.any():
+            return {"frame": part}
+        values = values_of(part, display, "frame")
+        surface = as_float(plate.pixels())
+        alpha = channels_of(plate.spec).alpha
+        known = np.ones(surface.shape[:2], bool) if alpha is None else surface[..., alpha] > 0
+        shared = [c for c, name in enumerate(names) if name in plate.spec.channelnames]
+        surface = surface[..., [plate.spec.channelnames.index(names[c]) for c in shared]]
+        corner = plate.window.left, plate.window.top
+        if self.motion is None:
+            corner = corner[0] - plate.spec.full_x, corner[1] - plate.spec.full_y
+        with session.resources.stats.time("project"):
+            window, made, missing = rendered(
+                values[..., shared], region, surface, known, corner, motion,
+                tuple(shared.index(c) for c in colors.color), self.grain, self.frame or 0,
+            )  # fmt: skip
+        if missing:
+            self.warn("frame %s: %d pixels of the region are not on the plate: unchanged", self.frame, missing)
+        place, dtype = window.shifted(display.left, display.top), np.dtype(dtype_of(part.spec))
+        at = window.inside(Window(0, 0, *display.size))
+        changed, stored = region[at] > 0, values[at].copy()
+        stored[..., shared] = made
+        stored = in_type(stored, dtype)
+
+        def fetch(wanted: Window) -> np.ndarray:
+            rows = part.read(wanted).copy()
+            near = wanted & place
+            if not near.empty:
+                here, there = near.inside(place), near.inside(wanted)
+                rows[there] = np.where(changed[here][..., None], stored[here], rows[there])
+            return rows
+
+        return {"frame": replace(part, spec=derived_spec(part.spec), fetch=fetch, levels=(), thumbnail=None)}
+
+    def _motion(self, session: Session) -> FrameMotion:
+        from ..motion.frame_motion import FrameMotion, read_shot
+
+        if self.motion is None:
+            return FrameMotion(np.eye(3))
+        shot = read_shot(self.motion, session.resources.budget)
+        number = self.frame if self.frame is not None else next(iter(shot)) if len(shot) == 1 else None
+        if number is None or number not in shot:
+            expected = f"a frame of {self.motion}, {min(shot)} to {max(shot)}"
+            raise ParameterError(parameter="frame", value=self.frame, expected=expected)
+        return shot[number]

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The motion of a flat surface, tracked through a shot (OpenCV)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ..capture.homography import through
+from ..deferred import np
+from ..errors import Error, ImageError
+from .frame_motion import FrameMotion
+from .sampling import grown
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_FEATURES = 1500
+_APART = 6.0  # px between features
+_WINDOW = 21  # px; side of the patches that are compared
+_LEVELS = 4  # of the pyramid: motion up to about 100 px a frame beyond what is predicted
+_NEAR = 1.0  # px; farther from the common homography, a feature does not belong to the surface
+_BACK = 0.5  # px; a feature tracked there and back must return this near
+_FEWEST = 24  # features
+_LEFT = 0.5  # of the key frame's features: with fewer, the frame becomes the next key frame
+_SHARE = 0.3  # of the features found again that must lie on one plane
+_ALONE = 3  # px around the region that its soft border may cover
+
+
+class SeenFrame(NamedTuple):
+    """A frame as the tracker sees it."""
+
+    number: int
+    gray: np.ndarray  # (height, width) uint8
+    around: np.ndarray  # (height, width) bool: where the surface may be seen
+
+
+class _KeyFrame(NamedTuple):
+    """A frame whose features are followed until too few are left: errors do not add up from frame to frame."""
+
+    view: SeenFrame
+    points: np.ndarray  # (n, 1, 2) float32
+    matrix: np.ndarray  # frame to plate
+
+
+def tracked(views: Iterable[SeenFrame]) -> Iterator[tuple[int, FrameMotion]]:
+    """The motion of each frame relative to the first, from views in order of time, either way.
+
+    Features around the region are followed (Lucas and Kanade 1981, in pyramids), and the homography of most of them is
+    found with MAGSAC++ (Barath et al. 2020).
+
+    Raises
+    ------
+    Error
+        OpenCV is not installed.
+    ImageError
+        A frame has too few features, or does not show the surface of the frame before it.
+    """
+    cv2 = _opencv()
+    key: _KeyFrame | None = None
+    last, step = np.eye(3), np.eye(3)  # key frame to the last frame; the motion between frames, a guess for the next
+    previous: SeenFrame | None = None
+    for view in views:
+        if key is None or previous is None:
+            key = _KeyFrame(view, _features(cv2, view), np.eye(3))
+            yield view.number, FrameMotion(np.eye(3))
+            previous = view
+            continue
+        found, share = _matrix(cv2, key, view, last @ step)
+        if found is None and previous is not key.view:
+            key, last = _KeyFrame(previous, _features(cv2, previous), np.linalg.inv(last) @ key.matrix), np.eye(3)
+            found, share = _matrix(cv2, key, view, step)
+        if found is None:
+            found, share = _matrix(cv2, key, view, np.eye(3))
+        if found is None:
+            raise ImageError(
+                f"frame {view.number} does not show the surface of frame {previous.number}: expected one shot without"
+                " a cut",
+                hint="give a shorter range of frames, or the motion",
+            )
+        yield view.number, FrameMotion(np.linalg.inv(found) @ key.matrix)
+        step = np.linalg.inv(last) @ found
+        last, previous = found, view
+        if share < _LEFT:
+            key, last = _KeyFrame(view, _features(cv2, view), np.linalg.inv(found) @ key.matrix), np.eye(3)
+
+
+def _opencv() -> Any:
+    try:
+        import cv2  # optional: only tracking needs it
+    except ImportError as error:
+        hint = "pip install oiiotex[track], or give the motion"
+        raise Error("tracking requires OpenCV, which is not installed", hint=hint) from error
+    cv2.setRNGSeed(0)
+    return cv2
+
+
+def _features(cv2: Any, view: SeenFrame) -> np.ndarray:
+    """Corners of the surface in a frame, (n, 1, 2) float32."""
+    mask = (255 * view.around).astype(np.uint8)
+    points = cv2.goodFeaturesToTrack(view.gray, _FEATURES, 0.01, _APART, mask=mask)
+    count = 0 if points is None else len(points)
+    if count < _FEWEST:
+        raise ImageError(
+            f"frame {view.number} has {count} features to track around the region: expected {_FEWEST} or more",
+            hint="give the motion",
+        )
+    return points
+
+
+def _matrix(cv2: Any, key: _KeyFrame, view: SeenFrame, guess: np.ndarray) -> tuple[np.ndarray | None, float]:
+    """Key frame to this frame, from a guess, and the share of features found; None if they do not agree."""
+    how = {
+        "winSize": (_WINDOW, _WINDOW),
+        "maxLevel": _LEVELS,
+        "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 1e-3),
+        "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
+    }
+    first, count = key.points, len(key.points)
+    start = (through(guess, first[:, 0] + 0.5) - 0.5).astype(np.float32)[:, None]  # OpenCV: pixel centers at 0
+    second, good, _ = cv2.calcOpticalFlowPyrLK(key.view.gray, view.gray, first, start.copy(), **how)
+    again, back, _ = cv2.calcOpticalFlowPyrLK(view.gray, key.view.gray, second, first.copy(), **how)
+    good = (good & back)[:, 0].astype(bool) & (np.abs(again - first).max((1, 2)) < _BACK)
+    at = np.floor(second[:, 0]).astype(int)
+    height, width = view.gray.shape
+    good &= ((at >= 0) & (at < (width, height))).all(1)
+    good[good] = view.around[at[good, 1], at[good, 0]]
+    if good.sum() < _FEWEST:
+        return None, 0.0
+    pairs = first[good, 0].astype(float) + 0.5, second[good, 0].astype(float) + 0.5
+    matrix, agreed = cv2.findHomography(*pairs, cv2.USAC_MAGSAC, _NEAR, maxIters=5000, confidence=0.9999)
+    if matrix is None or agreed.sum() < max(_FEWEST, _SHARE * good.sum()):
+        return None, 0.0
+    return matrix.T, float(agreed.sum()) / count
+
+
+def gray_view(values: np.ndarray) -> np.ndarray:
+    """Color, (height, width, channels) float32, as 8-bit gray; the brightest hundredth is clipped.
+
+    The square root evens out the contrast of linear values: HDR frames otherwise have few gray levels.
+    """
+    gray = np.sqrt(np.maximum(values.mean(2), 0))
+    low, high = np.percentile(gray, (0.5, 99.0))
+    return np.clip((gray - low) * (255.0 / max(float(high - low), 1e-6)), 0, 255).astype(np.uint8)
+
+
+def surroundings(region: np.ndarray) -> np.ndarray:
+    """Where to track: outside the region, up to the longer side of its bounding box away.
+
+    The nearer, the likelier it is the same surface. Without a region, everywhere.
+    """
+    rows, columns = (np.flatnonzero(region.any(axis)) for axis in (1, 0))
+    if not len(rows):
+        return np.ones(region.shape, bool)
+    reach = max(int(rows[-1] - rows[0]), int(columns[-1] - columns[0]), 64) + 1
+    around = np.zeros(region.shape, bool)
+    top, left = max(0, rows[0] - reach), max(0, columns[0] - reach)
+    around[top : rows[-1] + reach, left : columns[-1] + reach] = True
+    return around & ~grown(region, _ALONE + _WINDOW // 2)
