@@ -1745,15 +1745,16 @@ def fill(
     sourcelabel : int | None, default None
         Id of a label. Only pixels of that label are used as a source. Expected: an integer >= 1.
     adapt : float | None, default None
-        Fraction of the difference in light gradient and color level that is corrected. 0: every pixel
-        is a verbatim copy. Expected: a number from 0 to 1. Default: 1 with source, else 0.
+        Fraction of the difference in light gradient and color level that is corrected, and of the step
+        that remains at the border. Set it to 1 for sky or plain walls. 0: every pixel is a verbatim
+        copy. Expected: a number from 0 to 1. Default: 1 with source, else 0.
     cut : int, default 0
         Width of a zone around the region in which the border follows the least visible seam (KSE03).
         Pixels of the zone may be replaced. 0: only the region is replaced. Expected: an integer from 0
         to 256 px.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
-        or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
+        or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 11.
     kinds : Sequence[str] | None, default None
         Kind of each map of a material: color, data, normal or height. As many images are used, the last
         ones on the stack. Maps other than color are tagged as data in the result. Default: one map:

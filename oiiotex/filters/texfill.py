@@ -16,11 +16,12 @@ from ..drift.flattening import DRIFT
 from ..errors import ImageError, ParameterError, whole_budget
 from ..exemplar.exemplar_op import MaterialOp
 from ..exemplar.heights import RELEVEL
-from ..exemplar.patch_synthesis import PATCH, PATCH_HELP, PATCHES
+from ..exemplar.patch_synthesis import PATCH_HELP, PATCHES
 from ..exemplar.photo_lattice import STRUCTURE
 from ..session import Session
 from ..session.resources import Resources
 
+PATCH = 11
 _LAB_BYTES = 12  # for each pixel of a map
 
 
@@ -81,8 +82,8 @@ class Fill(MaterialOp, InBands):
         ge=0,
         le=1,
         unset="1 with source, else 0",
-        help="Fraction of the difference in light gradient and color level that is corrected. 0: every pixel is a"
-        " verbatim copy.",
+        help="Fraction of the difference in light gradient and color level that is corrected, and of the step that"
+        " remains at the border. Set it to 1 for sky or plain walls. 0: every pixel is a verbatim copy.",
     )
     drift: bool | Path = param(
         False,
