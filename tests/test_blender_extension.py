@@ -61,6 +61,12 @@ with bpy.context.temp_override(edit_image=image):
     print(bpy.ops.oiiotex.cryptomatte(filepath=folder + "/labels.exr"))
     print(bpy.ops.oiiotex.make_material(width=40, height=40, seed=2))
     print(color.image.name, bumps.image.name, bumps.image.colorspace_settings.name, bumps.image["oiiotex"], sep="|")
+    panel = bpy.context.scene.oiiotex
+    panel.width, panel.height, panel.seed, panel.preset, panel.sigma, panel.structure = 40, 32, 7, "EVEN", 9, 0.25
+    with bpy.context.temp_override(edit_image=tile):  # its photo is used
+        print(bpy.ops.oiiotex.next_seed())
+    print(bpy.ops.oiiotex.cancel(), panel.seed)
+    print(bpy.data.images["photo.png tile.002"]["oiiotex"])
     print(bpy.ops.oiiotex.texture_mesh(width=64, height=64, seed=1))
     print(cube.active_material.name)
     cube.data.uv_layers.remove(cube.data.uv_layers[0])
@@ -88,6 +94,15 @@ for space in ("sRGB", "Linear Rec.2020"):
             bpy.ops.oiiotex.make_tile()
         except RuntimeError as error:
             print(error)
+image.colorspace_settings.name, preferences.python = "sRGB", python
+bpy.ops.ed.undo_push(message="before")
+counts = [len(bpy.data.images)]
+with bpy.context.temp_override(edit_image=image):
+    bpy.ops.oiiotex.flatten("EXEC_DEFAULT", True)  # with an undo step, as in the panel
+counts.append(len(bpy.data.images))
+bpy.ops.ed.undo()
+counts.append(len(bpy.data.images))
+print("images by undo", counts[1] - counts[0], counts[2] - counts[0])
 sys.stdout.flush()
 os._exit(0)
 """
@@ -156,6 +171,9 @@ def test_a_tile_is_the_programs(folder):
         "photo.png tile": filters.stationarize(photo, size=(48, 32), seed=5, **space),
         "photo.png flat": filters.flatten(photo, **space),
         "photo.png tile.001": tiles[0],
+        "photo.png tile.002": filters.stationarize(
+            photo, size=(40, 32), seed=8, preset="even", sigma=9, structure=0.25, **space
+        ),
         "normal.png tile": tiles[1],
         "photo.png dominant": filters.dominant(photo, **space),
     }.items():
@@ -163,12 +181,14 @@ def test_a_tile_is_the_programs(folder):
         assert (found[..., :3] == same.get_pixels(oiio.UINT8)).all(), name  # of a mask the one channel thrice
         assert (found[..., 3] == 255).all()  # Blender's images have an alpha
     said = done.stdout.splitlines()
-    assert said.count("{'FINISHED'}") == 7
+    assert said.count("{'FINISHED'}") == 8 and "{'FINISHED'} 8" in said
     line = "oiiotex photo.png --iscolorspace srgb_rec709_scene"
     assert f"sRGB|{line} --texstationarize:size=48x32:seed=5" in said
+    assert f"{line} --texstationarize:size=40x32:seed=8:preset=even:sigma=9:structure=0.25" in said
     assert any(
         one.endswith(f"|{line} normal.png --texstationarize:size=40x40:seed=2:n=2:kinds=color,normal") for one in said
     )
+    assert "images by undo 1 0" in said
     masks = [np.load(path)[..., 0] for path in sorted(folder.glob("photo.png label*.npy"))]
     assert len(masks) >= 2 and (sum(masks) == 1).all()
     parts = [oiio.ImageBuf(str(folder / "labels.exr"), n, 0).spec() for n in range(9)]

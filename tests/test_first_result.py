@@ -176,6 +176,16 @@ def test_fidelity_sees_lost_colors_and_broken_lines():
     assert "lines are broken" in str(broken)
 
 
+@pytest.mark.parametrize("side", [96, 128, 360])
+def test_fidelity_does_not_depend_on_the_size_of_a_result(side):
+    """Another piece of the texture is good at any size, and a crushed one is not."""
+    for sigma in (2.0, 5.0):
+        photo = smooth_noise(256, 1, sigma)
+        assert fidelity(photo, None, smooth_noise(side, 2, sigma), TORUS).value >= GOOD
+        assert fidelity(photo, None, smooth_noise(400, 2, sigma)[:side, :side], (False, False)).value >= GOOD
+        assert fidelity(photo, None, smooth_noise(side, 3, sigma / 4), TORUS).value < 0.5
+
+
 def test_fidelity_of_what_is_too_small_is_not_said():
     small = smooth_noise(40, 0, 2.0)
     assert fidelity(small, None, small, TORUS) is None

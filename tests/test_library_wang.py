@@ -11,7 +11,6 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors
-from oiiotex.library import asset as making
 from oiiotex.library.catalog import Catalog
 from oiiotex.library.commands import run
 from oiiotex.library.report import write_report
@@ -121,7 +120,3 @@ def test_a_recipe_without_atlases_is_refused(told, says):
     with pytest.raises(errors.ParameterError, match=says.replace("=", ".")):
         require_lines(recipe(told))
     require_lines(recipe(ATLAS))
-
-
-def test_measures_of_tiles_are_their_medians(tmp_path):
-    assert making._median(iter([3.0, None, 1.0, 2.0])) == 2.0

@@ -72,7 +72,8 @@ def served(folder) -> Iterator[Served]:
     server = Served(folder, "photo.png", "--iscolorspace", SPACE, runtime=folder)
     yield server
     server.end()
-    shutil.rmtree(folder / "photo.paint", ignore_errors=True)
+    for made in ("photo.paint", "photo.masks"):
+        shutil.rmtree(folder / made, ignore_errors=True)
     for document in folder.glob("photo.*.*"):
         document.unlink()
 
@@ -185,7 +186,7 @@ def test_a_display_without_the_view_that_is_chosen_shows_one_of_its_own(page, fo
 
 
 def test_a_painted_mask_is_in_the_line(page, folder):
-    page.keyboard.press("b")
+    page.keyboard.press("p")
     view = page.locator("canvas[aria-label=Photo]").bounding_box()
     middle = [view["x"] + view["width"] / 2, view["y"] + view["height"] / 2]
     page.mouse.move(middle[0] - 150, middle[1] - 100)
@@ -197,8 +198,8 @@ def test_a_painted_mask_is_in_the_line(page, folder):
     page.wait_for_selector("[data-tile=whole]")
     wait(page, "document.body.dataset.busy === 'false'")
     words = copied_line(page)
-    assert any("mask=photo.mask.png" in word for word in words), words
-    mask = load(folder / "photo.mask.png")
+    assert any("mask=photo.masks/000001.png" in word for word in words), words
+    mask = load(folder / "photo.masks" / "000001.png")
     assert set(np.unique(mask)) == {0, 255} and 0.05 < (mask == 255).mean() < 0.9
     np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
 
@@ -290,18 +291,18 @@ def test_a_stroke_changes_its_neighborhood_alone_and_is_undone_to_the_bit(page, 
     assert done.returncode == 0, done.stderr
     labels = load(folder / "labels.exr", table["level"] - 1)[..., 0]  # after the picture comes label.1
     assert (labels[painted] == finer).mean() > 0.8
-    # a painting from elsewhere is a step of this one; what was undone stays in the history before it
+    # a painting from elsewhere is a step of this one; what was undone stays in the history
     ids = np.full((384, 512, 1), table["labels"][0]["id"])
     ids[100:250, 200:400] = table["labels"][-1]["id"]
     save(ids, folder / "elsewhere.exr", "uint32")
     page.get_by_role("button", name="Open", exact=True).click()
     page.get_by_role("button", name="elsewhere.exr").click()
-    page.wait_for_selector("[data-step='4']")
-    assert not (folder / "photo.paint" / "000004.fine.png").exists()
+    page.wait_for_selector("[data-step='3']")
+    assert not (folder / "photo.paint" / "000003.fine.png").exists()
     brought = pixels_of(page, "texture")
     assert (brought != after).any(-1)[100:250, 200:400].mean() > 0.9
     np.testing.assert_array_equal(brought, shown_of(copied_line(page), folder, SPACE))
-    for step, wanted in ((3, after), (2, refined), (1, after), (0, before)):
+    for step, wanted in ((1, after), (2, refined), (1, after), (0, before)):
         page.keyboard.press("Control+z")
         page.wait_for_selector(f"[data-step='{step}']")
         np.testing.assert_array_equal(pixels_of(page, "texture"), wanted)
@@ -315,7 +316,7 @@ def test_two_pages_see_the_same_and_a_killed_server_is_reopened(page, browser, s
     wait(other, "document.querySelector(\"select[title^='Statistics']\").value === '\"moments\"'")
     page.keyboard.press("v")
     page.wait_for_timeout(1200)  # the last second may be lost
-    page.keyboard.press("b")
+    page.keyboard.press("p")
     view = page.locator("canvas[aria-label=Photo]").bounding_box()
     page.mouse.move(view["x"] + 200, view["y"] + 200)
     page.mouse.down()

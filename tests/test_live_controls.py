@@ -99,21 +99,57 @@ def test_numbers_out_of_range_are_refused_and_automatic_values_are_those_in_effe
         assert patch.inner_text() == f"Automatic ({shown})"
 
 
-def test_undo_of_the_first_stroke_removes_the_mask(page):
-    page.keyboard.press("b")
+def dab(page) -> None:
+    """Paint one spot of the photo."""
     view = page.locator("canvas[aria-label=Photo]").bounding_box()
     page.mouse.move(view["x"] + view["width"] / 2, view["y"] + view["height"] / 2)
     page.mouse.down()
     page.mouse.up()
-    assert state(page, "tile.mask") == "brush"
-    page.keyboard.press("Control+z")
-    assert state(page, "tile.mask") == ""
+
+
+def marked(page) -> int:
+    """Pixels of the painted mask."""
+    counted = "rooms.tile.regions.planes.mask?.reduce((n, v) => n + (v > 0), 0) ?? 0"
+    return page.evaluate(f"import('./main.js').then(({{ rooms }}) => {counted})")
+
+
+def test_parameters_and_masks_have_one_history_that_survives_the_page(page, folder):
+    title = page.get_attribute("#undo", "title")
+    before = {name: state(page, f"tile.{name}") for name in ("flatten", "structure", "mask")}
+    slider = page.get_by_label("Structure", exact=True)
+    slider.scroll_into_view_if_needed()
+    slider = slider.bounding_box()
+    middle = slider["y"] + slider["height"] / 2
+    page.mouse.move(slider["x"] + 10, middle)
+    page.mouse.down()
+    for n in range(4):  # a drag that rests in between is one step
+        page.mouse.move(slider["x"] + 10 + 3 * n, middle)
+        page.wait_for_timeout(90)
+    page.mouse.up()
+    moved = state(page, "tile.structure")
+    wait(page, "document.getElementById('undo').title.startsWith('Undo: structure')")
+    page.keyboard.press("p")
+    dab(page)
+    wait(page, "document.getElementById('undo').title.startsWith('Undo: Source mask')")
+    assert state(page, "tile.mask") == "brush" and marked(page) > 0 and state(page, "masks.mask") == 1
+    assert (folder / "photo.masks" / "000001.png").exists()
+    page.reload()
+    page.wait_for_selector("[data-tile=whole]")
+    for _ in range(2):
+        page.keyboard.press("Control+z")
+    wait(page, f"document.getElementById('undo').title === {title!r}")
+    assert before == {name: state(page, f"tile.{name}") for name in before} and marked(page) == 0
     wait(page, "!document.querySelector('.line').value.includes('mask')")
+    page.click("#redo")
+    wait(page, f"import('./main.js').then(({{ shell }}) => shell.state.tile.structure === {moved})")
     page.keyboard.press("Control+Shift+Z")
-    assert state(page, "tile.mask") == "brush"
+    wait(page, "import('./main.js').then(({ shell }) => shell.state.tile.mask === 'brush')")
+    wait(page, "import('./main.js').then(({ rooms }) => rooms.tile.regions.planes.mask.includes(255))")
+    assert page.is_disabled("#redo") and page.inner_text("#status") == "Redone: Source mask"
     page.keyboard.press("Control+z")
+    wait(page, "import('./main.js').then(({ shell }) => shell.state.tile.mask === '')")
     page.wait_for_timeout(300)
-    assert "mask" not in page.inner_text("#status")
+    assert not page.locator("#status.wrong").count()
 
 
 def test_all_controls_can_be_reached_and_nothing_overflows(page):

@@ -353,3 +353,36 @@ def test_a_line_says_the_same_numbers():
         assert modifiers == {"name": text_of(value)}
         if isinstance(value, float):
             assert float(modifiers["name"]) == value
+
+
+def test_a_step_after_undo_keeps_what_was_undone_and_a_gesture_is_one_step(tmp_path):
+    path, state = tmp_path / "x.texlive.json", default_state("d", "v", 256)
+    document = Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS)
+
+    def seen(forward: bool) -> tuple[object, object]:
+        assert document.go(forward) is not None
+        return document.state["tile"]["seed"], document.state["tile"]["sigma"]
+
+    for gesture, values in enumerate(({"seed": 1}, {"sigma": 4.0}, {"seed": 2})):
+        for _ in range(2):  # the second is the same gesture, of the same values
+            document.change("tile", values, gesture=gesture)
+        document.change("tile", {"flatten": 0.5}, gesture=gesture)
+        document.change("tile", {"flatten": None}, gesture=gesture)  # and back: no change
+    assert len(document.history.steps) == 3 and document.go(True) is None
+    assert [seen(False) for _ in range(2)] == [(1, 4.0), (1, None)]
+    document.change("tile", {"seed": 9})
+    document.change("zoom", {"x": "5"})  # a place is no step
+    document.save()
+    document = Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS)
+    assert document.history.facts() == {"undo": "seed", "redo": ""}
+    assert [seen(False) for _ in range(5)] == [(1, None), (2, 4.0), (1, 4.0), (1, None), (0, None)]
+    assert document.go(False) is None and [seen(True) for _ in range(5)][-1] == (9, None)
+    content = json.loads(path.read_text())
+    for change, text in (
+        ({"room": "tile", "name": "seed", "before": 0, "after": -1}, "tile.seed"),
+        ({"room": "output", "name": "tile", "before": "", "after": "a.png"}, "output has no such parameter"),
+        ({"room": "tile", "name": "x"}, "before is missing"),
+    ):
+        path.write_text(json.dumps(content | {"history": {"at": 1, "steps": [{"text": "", "changes": [change]}]}}))
+        with pytest.raises(ParameterError, match=text):
+            Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS)

@@ -245,7 +245,7 @@ def test_a_disk_that_takes_nothing_is_said_and_all_is_saved_when_it_does(
         open_again(tiny)
         page.wait_for_selector("#unsaved", state="hidden")
         assert (tiny / "photo.paint" / "000001.npz").exists()
-        assert json.loads((tiny / "photo.texlive.json").read_text())["history"] == {"step": 1}
+        assert json.loads((tiny / "photo.texlive.json").read_text())["painting"] == {"step": 1}
         page.reload()
         page.wait_for_selector("[data-step='1']")
         np.testing.assert_array_equal(pixels_of(page, "texture"), after)

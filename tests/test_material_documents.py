@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from oiiotex.materials import documents
+from oiiotex.materials import documents, wang_documents
 from oiiotex.materials import preview as pictures
 from tests import pictures as drawn
 
@@ -115,3 +115,16 @@ def test_a_white_furnace_gives_no_more_than_it_gets(monkeypatch):
 def test_rough_metal_is_duller_than_smooth():
     smooth, rough = (looks((0, 0, 1), metal=1.0, roughness=r).sphere(96).max() for r in (0.2, 0.9))
     assert smooth > 2 * rough
+
+
+def test_a_photo_alone_is_as_rough_in_documents_as_in_previews(tmp_path):
+    pytest.importorskip("MaterialX", reason="NOT RUN: no MaterialX")
+    pytest.importorskip("pxr.UsdShade", reason="NOT RUN: no usd-core")
+    described = documents.Described("moss", {"color": "moss.exr"}, "lin_rec709_scene", "", lattice=True)
+    documents.write_materialx(described, tmp_path)
+    documents.write_usd(described, tmp_path)
+    wang = wang_documents.WangMaterial("moss", described.maps, "index.png", 4, "lin_rec709_scene", "", (1, 1), 0)
+    for path in (tmp_path / "moss.mtlx", *wang_documents.write_wang_materialx(wang, tmp_path / "wang.mtlx")):
+        if path.suffix == ".mtlx":
+            assert re.search(r'name="(specular_roughness|bg)" type="float" value="0\.7"', path.read_text()), path.name
+    assert "float inputs:roughness = 0.7" in (tmp_path / "moss.usda").read_text()

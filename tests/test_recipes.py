@@ -149,7 +149,7 @@ def test_the_printed_recipe_holds_also_with_all_its_offers_taken(tmp_path):
     offers = re.sub(r"(?m)^# (?=\[|[a-z_]+ = )", "", commented_recipe())
     path.write_text(offers)
     full = load_recipe(path)
-    assert [product.name for product in full.products] == ["tile", "wang", "labels", "palette", "dominant"]
+    assert [product.name for product in full.products] == ["tile", "labels", "palette", "dominant"]
     require_lines(full)
     assert (plain.deliver, plain.find.photos) == (full.deliver, full.find.photos)
 

@@ -115,7 +115,7 @@ def test_measures_are_what_v_says(tmp_path, caplog):
     found, text = measures(tmp_path / "r.json"), caplog.text
     assert f"texture cost {found['texture']:.2f} Lab^2" in text
     assert f"seam ratio x {found['seam_x_photo']:.2f} -> {found['seam_x']:.2f}" in text
-    assert f"{found['repeat']:.1f} times its fair share" in text
+    assert f"is shown {found['shown']:.1f} times" in text
     assert f"{100 * found['textured']:.0f} % of the tile" in text
 
 

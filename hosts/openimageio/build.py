@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build the plugin for the OpenImageIO of this Python's environment: `python hosts/openimageio/build.py`.
 
+For a host with its own library: `--library /of/the/host/libOpenImageIO.so.3.0 --headers 3.0.10.1 --into FOLDER`.
+
 The wheel of OpenImageIO has no headers, so they are taken from its source on PyPI. CMake, a C++ compiler and the
 headers of fmt, Imath and nlohmann-json must be installed; `SYSTEM` lists their Debian packages.
 """
@@ -41,7 +43,7 @@ def paths(work: Path, source: Path | None = None) -> tuple[Path, Path]:
     return source or source_of(installed.version, work), library
 
 
-def build(into: Path, work: Path, source: Path | None = None) -> Path:
+def build(into: Path, work: Path, source: Path | None = None, library: Path | None = None) -> Path:
     """Build and install the plugin; returns the folder for OPENIMAGEIO_PLUGIN_PATH.
 
     Parameters
@@ -52,13 +54,16 @@ def build(into: Path, work: Path, source: Path | None = None) -> Path:
         Build folder.
     source : path, optional
         Unpacked source of OpenImageIO. Default: downloaded.
+    library : path, optional
+        The host's libOpenImageIO; it requires `source`. Default: that of this environment.
 
     Raises
     ------
     subprocess.CalledProcessError
         A download or build failed; its output has been printed.
     """
-    source, library = paths(work, source)
+    if library is None:
+        source, library = paths(work, source)
     settings = {
         "OIIO_SOURCE": source, "OIIO_LIBRARY": library, "OIIOTEX_PYTHON": sys.executable,
         "OIIOTEX_VERSION": metadata.version("oiiotex"), "CMAKE_INSTALL_PREFIX": into,
@@ -75,18 +80,24 @@ def main() -> None:
     words = argparse.ArgumentParser(description=__doc__)
     words.add_argument("--into", type=Path, default=Path(sys.prefix), help="install prefix (default: this environment)")
     words.add_argument("--source", type=Path, help="unpacked source of OpenImageIO (default: downloaded)")
+    words.add_argument("--library", type=Path, help="the host's libOpenImageIO (default: that of this environment)")
+    words.add_argument("--headers", metavar="VERSION", help="download the headers of this version from PyPI")
     words.add_argument("--work", type=Path, default=HERE / "build", help="build folder (default: build in this folder)")
     words.add_argument(
         "--print-paths", action="store_true", help="print folder of the headers; library (CMakeLists.txt)"
     )
     asked = words.parse_args()
+    work, source, library = (path and path.resolve() for path in (asked.work, asked.source, asked.library))
     if asked.print_paths:
-        print(*paths(asked.work.resolve()), sep=";")
+        print(*paths(work), sep=";")
         return
+    if library and not (source or asked.headers):
+        sys.exit("--library requires --headers or --source of the same version")
     if not shutil.which("cmake"):
         sys.exit(f"cmake not found; on Debian: apt install {SYSTEM}")
     try:
-        print(build(asked.into.resolve(), asked.work.resolve(), asked.source and asked.source.resolve()))
+        source = source_of(asked.headers, work) if asked.headers else source
+        print(build(asked.into.resolve(), work, source, library))
     except subprocess.CalledProcessError as error:
         sys.exit(f"build failed: {error.cmd[0]} exited with {error.returncode}; required Debian packages: {SYSTEM}")
 

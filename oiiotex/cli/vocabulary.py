@@ -44,6 +44,7 @@ _OPTIONS: dict[str, dict[str, str]] = {  # by heading and module, in the order o
         " --experimental",
         "running.run_settings": "--device --devices --threads --cache --colorconfig --interchange -q --noprogress"
         " --runstats --debug --version --completion --manpage --plugin-path --cache-info --cache-clear --help -h",
+        "language.each": "--each",
         "language.sequences": "--frames --framepadding --views --wildcardoff --wildcardon --skip-bad-frames"
         " --parallel-frames",
         "running.shares": "--share --join --farm --openjd",

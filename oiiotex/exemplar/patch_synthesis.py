@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -160,8 +161,9 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         self.all_maps()  # checks n
         self._check()
         size = self.asked_size
-        tiling = self.tile if self.variants < TWO_COLORS_FROM else "none"  # Wang tiles continue in other tiles
-        quality = Quality.of_copies(self, resources, progress, size, tiling, patch=self.side, losses=self.finds_losses)
+        tiling = self.tile if self.pack or self.variants < TWO_COLORS_FROM else "none"  # continue in other tiles
+        whole = Size(*(n * (math.isqrt(self.variants) if self.pack else 1) for n in size))
+        quality = Quality.of_copies(self, resources, progress, whole, tiling, patch=self.side, losses=self.finds_losses)
         self._require_memory(size, resources)
         return size, quality
 

@@ -209,7 +209,8 @@ class SynthesisRun:
         edges = edges_of(op.variants)
         names = [f"wang{number:02d}_{one}" for number, one in enumerate(edges)]
         if op.pack:
-            material = self._tiles(packed(sources))
+            names, sources = ["atlas"], [packed(sources)]  # measured as the plane that it is
+            material = self._tiles(sources[0])
             tiles = [tile | {"tile": mark_as_atlas(tile["tile"], op.variants)} for tile in material]
         else:
             tiles = [

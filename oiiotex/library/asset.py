@@ -13,7 +13,7 @@ import json
 import shlex
 import shutil
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypedDict
@@ -299,11 +299,8 @@ class _Making:
         measures, lattice = dict[str, float](), list[list[float]]()
         report = self.folder / product / "report.json"
         if report.is_file():
-            results = json.loads(report.read_text())["results"]
-            lattice = results[0].get("lattice", [])
-            measures = {
-                name: _median(result["measures"].get(name) for result in results) for name in results[0]["measures"]
-            }
+            result = json.loads(report.read_text())["results"][0]
+            measures, lattice = result["measures"], result.get("lattice", [])
         if "normal" in maps:
             lengths = np.linalg.norm(materials.vectors(maps["normal"]), axis=-1)
             measures["normal_length"] = float(np.abs(lengths - 1).mean())
@@ -349,11 +346,6 @@ class _Making:
             name = path.relative_to(self.folder).as_posix()
             files.append({"path": name, "role": role_of(name), "bytes": path.stat().st_size, "sha256": digest_of(path)})
         return files
-
-
-def _median(values: Iterable[float | None]) -> float:
-    """The median of the tiles that have a measure."""
-    return float(np.median([value for value in values if value is not None]))
 
 
 def role_of(path: str) -> str:

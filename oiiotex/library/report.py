@@ -28,6 +28,12 @@ td.n{text-align:right;font-variant-numeric:tabular-nums}th{cursor:pointer;positi
 th[data-way="1"]::after{content:" \\25B2"}th[data-way="-1"]::after{content:" \\25BC"}
 img{max-height:120px;max-width:26vw;display:block;border-radius:3px}.ok{color:#16703a}.review,.asked{color:#a05a00}.failed{color:#b00020}
 td.why{max-width:18em;overflow-wrap:anywhere}input{font:inherit;padding:4px 8px;margin-bottom:12px;width:24em}
+@media(max-width:1100px){
+ body{margin:12px}input{width:100%;box-sizing:border-box}thead{font-size:12px}table,thead,tbody{display:block}tr{display:flex;flex-wrap:wrap}
+ th{position:static}td{border:0;padding:2px 8px}td:first-child{flex:0 0 100%}td{box-sizing:border-box}
+ tr+tr{border-top:1px solid #ddd}
+ td.n[data-l]:not([data-v=""])::before{content:attr(data-l) " ";color:#555}td.why{max-width:none}img{max-width:100%}
+}
 """
 _SCRIPT = """
 const body=document.querySelector('tbody'),heads=[...document.querySelectorAll('th')];
@@ -80,13 +86,13 @@ def _row(library: Path, asset: Asset, measures: dict[str, float], columns: list[
     if asset.folder and (library / viewer).is_file():
         link += f' <a href="{html.escape(viewer)}">plane</a>'
     pixels = f"{asset.width}×{asset.height}" if asset.width else ""
-    numbers = [(measures.get(column), ".3g") for column in columns] + [
-        (asset.seconds or None, ".1f"),
-        (size / 1e6 or None, ".1f"),
-    ]
+    numbers = [(column, measures.get(column), ".3g") for column in columns]
+    numbers += [("seconds", asset.seconds or None, ".1f"), ("MB", size / 1e6 or None, ".1f")]
     cells = "".join(
-        '<td class="n" data-v=""></td>' if value is None else f'<td class="n" data-v="{value:.6g}">{value:{form}}</td>'
-        for value, form in numbers
+        '<td class="n" data-v=""></td>'
+        if value is None
+        else f'<td class="n" data-l="{column}" data-v="{value:.6g}">{value:{form}}</td>'
+        for column, value, form in numbers
     )
     return (
         f'<tr><td data-v="{name}">{_picture(library, asset)}</td><td>{link}</td>'

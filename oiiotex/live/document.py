@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page's document, a small file that is saved automatically: parameters, variants, positions, painting step."""
+"""The page's document, a small file that is saved automatically: parameters, variants, positions, and their history."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, TypedDict
 from ..api.files import Allowed, Fraction, Seed, read_as, read_document, types_of, written
 from ..api.painting import MEASURES, PRESETS
 from ..errors import Error, ImageError, ParameterError
+from .history import History, Values
 
 VERSION = 1
 MOST_VARIANTS = 64
@@ -19,9 +20,6 @@ _MOST_THUMBNAIL = 60_000  # characters
 
 KEPT = "Until the next restart of the computer, --texlive with this document recovers it from"
 
-Values = dict[str, Any]
-
-
 # as text, because JSON's numbers have fewer digits
 _IntegerText = Annotated[str, Allowed(most=80, pattern=r"[+-]?\d+", words="of an integer")]
 _Side = Annotated[int, Allowed(16, 16384)]
@@ -29,6 +27,7 @@ _Painted = Annotated[int, Allowed(LEAST_PAINTED, MOST_PAINTED)]
 _LabelNumber = Annotated[int, Allowed(0, 255)]
 _Octaves = Annotated[float, Allowed(0, 60)]
 _ShortText = Annotated[str, Allowed(most=200)]
+_File = Annotated[int, Allowed(0, 999_999)]  # number of a mask's file; 0: none
 
 
 class _TileRoom(TypedDict):
@@ -102,14 +101,23 @@ class _PaintRoom(TypedDict):
     seed: Seed
 
 
-class _HistoryRoom(TypedDict):
+class _MasksRoom(TypedDict):
+    mask: _File
+    inpaint: _File
+
+
+class _PaintingRoom(TypedDict):
     step: Annotated[int, Allowed(-1, 999_999)]
 
 
 _ROOMS: dict[str, Any] = {
     "tile": _TileRoom, "view": _ViewRoom, "variants": _VariantsRoom, "zoom": _ZoomRoom, "paint": _PaintRoom,
-    "history": _HistoryRoom, "output": _OutputRoom,
+    "masks": _MasksRoom, "painting": _PaintingRoom, "output": _OutputRoom,
 }  # fmt: skip
+INNER = "masks", "painting"  # rooms that only the server sets
+# parameters with a history; places of a zoom, brushes and variants have none
+_UNDONE = {room: set(types_of(_ROOMS[room])) for room in ("tile", "zoom", "masks", "painting")}
+_UNDONE["zoom"] -= {"x", "y", "zoom"}
 
 
 def default_state(display: str, view: str, side: int) -> Values:
@@ -127,7 +135,8 @@ def default_state(display: str, view: str, side: int) -> Values:
         "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "jitter": None, "lock": 0, "keys": [], "frames": 96},
         "paint": {"width": 1024, "height": 1024, "layer": "coarse", "label": 1, "finer": 0, "brush": 64.0, "seed": 0},
         "output": {"tile": "", "painted": "", "type": ""},  # file names and pixel type; "": automatic
-        "history": {"step": -1},  # the step of the painting that is shown; -1: the last
+        "masks": {"mask": 0, "inpaint": 0},
+        "painting": {"step": -1},  # the step of the painting that is shown; -1: the last
     }
 
 
@@ -142,6 +151,7 @@ class Document:
     ):
         self.path, self.state, self._source, self._views, self._left = path, state, source, views, left
         self._changes = self._saved = 0
+        self.history = History()
         if path.exists():
             self._read(path)
         if left is not None and left.exists():
@@ -158,6 +168,8 @@ class Document:
             problem = f"{self.path} belongs to {content.get('source')}, not to {self._source}"
             raise Error(f"{problem}; choose another document with document=FILE")
         for room, values in content.items():
+            if room == "history":
+                self.history.read(values, self._undone)
             if room not in _ROOMS:
                 continue
             checked = self._checked(room, values)
@@ -165,8 +177,8 @@ class Document:
                 checked = {name: value for name, value in checked.items() if name not in ("display", "view")}
             self.state[room] |= checked
 
-    def change(self, room: str, values: Mapping[str, Any]) -> Values:
-        """Set values of a room, and return those that have changed."""
+    def change(self, room: str, values: Mapping[str, Any], text: str = "", gesture: object = None) -> Values:
+        """Set values of a room, and return those that have changed; `text` and `gesture` as in `History.record`."""
         checked = self._checked(room, values)
         if room == "view" and not checked.keys().isdisjoint(("display", "view")):
             wanted = self.state[room] | checked
@@ -176,9 +188,27 @@ class Document:
                 )
         changed = {name: value for name, value in checked.items() if self.state[room][name] != value}
         if changed:
+            before = self.state[room].copy()
             self.state[room] |= changed
             self._changes += 1
+            undone = {name: value for name, value in changed.items() if name in _UNDONE.get(room, ())}
+            if undone and before.get("step") != -1:  # the first painting has nothing before it
+                self.history.record(room, before, undone, text, gesture)
         return changed
+
+    def go(self, forward: bool) -> tuple[str, dict[str, Values]] | None:
+        """Undo or redo a step. Returns its text, and the values that have changed by room; None at the end."""
+        gone = self.history.go(forward)
+        for room, values in gone[1].items() if gone else ():
+            self.state[room] |= values
+        self._changes += gone is not None
+        return gone
+
+    def _undone(self, room: str, values: Values) -> Values:
+        """Values of the history, checked."""
+        if not set(values) <= set(_UNDONE.get(room, ())):
+            raise ParameterError(f"history: {room[:60]} has no such parameter: {', '.join(values)[:60]}")
+        return self._checked(room, values)
 
     def _checked(self, room: str, values: Mapping[str, Any]) -> Values:
         """Values of a room, checked for type and range."""
@@ -200,7 +230,7 @@ class Document:
         """
         if self._changes == self._saved:
             return None
-        content = {"oiiotex.live": VERSION, "source": self._source} | self.state
+        content = {"oiiotex.live": VERSION, "source": self._source} | self.state | {"history": self.history.content()}
         text, changes = json.dumps(content, indent=1) + "\n", self._changes
 
         def write(path: Path = self.path) -> None:

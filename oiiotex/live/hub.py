@@ -8,32 +8,25 @@ import contextlib
 import itertools
 import json
 import logging
-import struct
 import time
-from collections.abc import Callable, Coroutine, MutableMapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from starlette.websockets import WebSocket, WebSocketDisconnect
-
-from ..api.files import require_plain
 from ..api.images import Image, Part, Session, Shown, Window, channels_of, shown_by, views, write
 from ..api.painting import AUTOMATIC, PRESETS
 from ..api.service import BRUSH, EXPORT, Client, LinkError, ResidentSettings, connect, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ParameterError
-from .document import Document
+from .document import INNER, Document
 from .lines import output_name, type_in
+from .pages import Page, Pages, gesture_of
 
 SAVE_EVERY = 0.5  # s; at most this much work is lost
 RETRY_EVERY = 2.0  # s, after saving has failed
-MOST_PAGES = 16
-MOST_TASKS = 64  # unfinished requests of all pages
 _PATIENCE = 10.0  # s between two restarts of the resident process
-MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error)
 _LOOKING = {"label": "Finding labels", "dominant": "Finding the dominant texture"}
-_WAITING = 1024  # queued messages; a slower page is disconnected
 
 log = logging.getLogger("oiiotex")
 
@@ -51,30 +44,7 @@ class PageSource:
     pixel_type: str  # of files made from it, as -d names it
 
 
-class Page:
-    """One browser's connection."""
-
-    def __init__(self, wire: WebSocket):
-        self.wire = wire
-        self._waiting: asyncio.Queue[str | bytes | None] = asyncio.Queue(_WAITING)
-
-    def tell(self, message: str | bytes) -> None:
-        """Queue a message. A page that is too slow is disconnected, and will reconnect."""
-        try:
-            self._waiting.put_nowait(message)
-        except asyncio.QueueFull:
-            while not self._waiting.empty():
-                self._waiting.get_nowait()
-            self._waiting.put_nowait(None)
-
-    async def send_all(self) -> None:
-        """Send queued messages until the page is disconnected."""
-        while (message := await self._waiting.get()) is not None:
-            await (self.wire.send_text(message) if isinstance(message, str) else self.wire.send_bytes(message))
-        await self.wire.close(1013)
-
-
-class Hub:
+class Hub(Pages):
     """The document's pages, its rooms, and the resident process that works for them.
 
     `unsaved`: why something is not saved, '' if everything is. `keepers`: rooms with work to save: their `save_work` is
@@ -82,9 +52,9 @@ class Hub:
     """
 
     def __init__(self, source: PageSource, document: Document, session: Session, spare: Path):
+        super().__init__()
         self.source, self.document, self.session, self.spare = source, document, session, spare
         self.unsaved, self.keepers = "", list[Any]()
-        self.pages: set[Page] = set()
         self._client: Client | None = None
         self._connecting = asyncio.Lock()
         self._photo: int | None = None
@@ -94,8 +64,6 @@ class Hub:
         self._restarted = -_PATIENCE
         self.saved: dict[str, Path] = {}  # files that pages have saved, by name, which they can download
         self.rooms: dict[str, Any] = {}
-        self.loop: asyncio.AbstractEventLoop | None = None
-        self._tasks: set[asyncio.Task[Any]] = set()
 
     # --- the resident process ---
 
@@ -109,6 +77,11 @@ class Hub:
                 for room in self.rooms.values():
                     room.forget()
             return self._client
+
+    async def warm_up(self) -> None:
+        """Start the resident process, and make what a page shows on opening; a page is told of errors later."""
+        with contextlib.suppress(Error):
+            await (self.client() if self.source.image is None else self.rooms["tile"].prepare())
 
     def tries_again(self) -> bool:
         """Whether to restart a resident process that has ended: not twice in quick succession."""
@@ -194,103 +167,49 @@ class Hub:
 
     # --- pages ---
 
-    def begin(self, work: Coroutine[Any, Any, None], page: Page | None = None) -> None:
-        """Run a coroutine. An error is sent to the page that asked for it, or to all pages."""
-        assert self.loop is not None
-        task = self.loop.create_task(self._run(work, page))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+    async def greet(self, page: Page) -> None:
+        """Send the state to a new page."""
+        page.tell(json.dumps({"do": "hello", "state": self.document.state} | self._facts()))
+        for room in self.rooms.values():
+            self.begin(room.greet(page))
 
-    async def _run(self, work: Coroutine[Any, Any, None], page: Page | None) -> None:
-        try:
-            await work
-        except Exception as error:
-            self._tell_failure(error, page)
+    def left(self, page: Page) -> None:
+        """Tell the rooms that a page is gone."""
+        for room in self.rooms.values():
+            room.leave(page)
 
-    def _tell_failure(self, error: Exception, page: Page | None) -> None:
-        """Send an error's fields and its message to a page, or to all."""
-        if page is not None and isinstance(error, MALFORMED):
-            error = Error("the page's message is malformed")
-        elif not isinstance(error, Error):
-            error = Error(f"internal error: {type(error).__name__}: {error}")
-            log.error("oiiotex ERROR: %s", error)
-        message = error.facts() | {"do": "error", "text": f"oiiotex ERROR: {error}"}
-        if page is None:
-            self.tell(message)
-        else:
-            page.tell(json.dumps(message))
-
-    def tell(self, message: dict[str, Any], but: Page | None = None) -> None:
-        """Send a message to all pages."""
-        text = json.dumps(message)
-        for page in self.pages:
-            if page is not but:
-                page.tell(text)
-
-    def show(self, facts: dict[str, Any], pixels: np.ndarray, to: Page | None = None) -> None:
-        """Send an image, (height, width, 1, 3 or 4) uint8, to all pages or to one."""
-        facts = facts | {"width": pixels.shape[1], "height": pixels.shape[0], "channels": pixels.shape[2]}
-        head = json.dumps(facts).encode()
-        head += b" " * (-len(head) % 4)
-        frame = struct.pack("<I", len(head)) + head + np.ascontiguousarray(pixels).tobytes()
-        for page in self.pages if to is None else (to,):
-            page.tell(frame)
-
-    async def attend(self, wire: WebSocket) -> None:
-        """Serve a page from its first to its last message."""
-        await wire.accept()
-        if len(self.pages) >= MOST_PAGES:
-            await wire.close(1013)
-            return
-        self.loop = asyncio.get_running_loop()
-        page = Page(wire)
-        self.pages.add(page)
-        sending = asyncio.create_task(page.send_all())
-        try:
-            page.tell(json.dumps({"do": "hello", "state": self.document.state} | self._facts()))
-            for room in self.rooms.values():
-                self.begin(room.greet(page))
-            while True:
-                message = await wire.receive()
-                if message["type"] == "websocket.disconnect":
-                    break
-                self._take(page, message)
-        except (WebSocketDisconnect, RuntimeError):  # the page has disconnected
-            pass
-        finally:
-            self.pages.discard(page)
-            sending.cancel()
-            for room in self.rooms.values():
-                room.leave(page)
-
-    def _take(self, page: Page, message: MutableMapping[str, Any]) -> None:
-        try:
-            data = b""
-            text = message.get("text")
-            if text is None:
-                packed = message["bytes"]
-                (length,) = struct.unpack_from("<I", packed)
-                text, data = packed[4 : 4 + length].decode(), packed[4 + length :]
-            asked = json.loads(text)
-            require_plain(asked)
-            self._answer(page, asked, data)
-        except (Error, *MALFORMED) as error:
-            self._tell_failure(error, page)
-
-    def _answer(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
-        if len(self._tasks) > MOST_TASKS:
-            raise Error("too many requests at once: wait until some have finished")
-        if asked["do"] != "set":
+    def answer(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
+        """Handle a message of a page."""
+        if asked["do"] in ("undo", "redo"):
+            self._go(asked["do"] == "redo", page)
+        elif asked["do"] != "set":
             self.begin(self.rooms[asked["room"]].take(page, asked, data), page)
-            return
-        room = asked["room"]
-        if room == "history":
-            raise ParameterError("history is read-only: only the Paint room sets it")
-        changed = self.document.change(room, asked["values"])
-        if changed:
-            self.tell({"do": "set", "room": room, "values": changed}, but=page)
-            for one in self.rooms.values():
-                self.begin(one.changed(room, set(changed)))
+        elif asked["room"] in INNER:
+            raise ParameterError(f"{asked['room']} is read-only: the server sets it")
+        else:
+            self.change(asked["room"], asked["values"], gesture=gesture_of(page, asked), but=page)
+
+    def change(
+        self, room: str, values: dict[str, Any], text: str = "", gesture: object = None, but: Page | None = None
+    ) -> None:
+        """Set values of a room, and tell pages and rooms those that have changed."""
+        if changed := self.document.change(room, values, text, gesture):
+            self._changed(room, changed, but)
+            self.tell({"do": "history"} | self.document.history.facts())
+
+    def _changed(self, room: str, values: dict[str, Any], but: Page | None = None) -> None:
+        self.tell({"do": "set", "room": room, "values": values}, but)
+        for one in self.rooms.values():
+            self.begin(one.changed(room, set(values)))
+
+    def _go(self, forward: bool, page: Page) -> None:
+        """Undo or redo a step of the document's history, and tell the page that asked what it was."""
+        if gone := self.document.go(forward):
+            for room, values in gone[1].items():
+                self._changed(room, values)
+            facts = {"do": "history"} | self.document.history.facts()
+            self.tell(facts, page)
+            page.tell(json.dumps(facts | {"gone": gone[0], "forward": forward, "rooms": list(gone[1])}))
 
     def _facts(self) -> dict[str, Any]:
         spec = None if self.source.image is None else self.source.image.first.spec
@@ -302,6 +221,7 @@ class Hub:
             "type": self.source.pixel_type,
             "presets": {"": AUTOMATIC} | PRESETS,
             "unsaved": self.unsaved,
+            "history": self.document.history.facts(),
         }
 
     # --- colors ---

@@ -159,11 +159,12 @@ def _application(hub: Hub) -> Starlette:
 
     @contextlib.asynccontextmanager
     async def while_it_runs(_: Starlette) -> AsyncIterator[None]:
-        saving = asyncio.create_task(hub.autosave())
+        tasks = [asyncio.create_task(work) for work in (hub.autosave(), hub.warm_up())]
         try:
             yield
         finally:
-            saving.cancel()
+            for task in tasks:
+                task.cancel()
             await asyncio.to_thread(hub.close)
 
     routes = [

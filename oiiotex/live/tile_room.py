@@ -5,22 +5,24 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
-from ..api.images import Image, as_float, from_array, read, resized, write
+from ..api.images import Image, as_float, from_array, read, write
 from ..api.painting import codes_of, color_of
 from ..api.service import BRUSH, LOOKS, LinkError, Request, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ImageError
-from .hub import Hub, Page, labels_of
+from .hub import Hub, labels_of
+from .inspection import MOST_SHOWN, Inspection, histogram, reduced
 from .lines import line, word_of
+from .numbered import make_folder, next_number
+from .pages import Page, gesture_of
 
-MOST_SHOWN = 2048  # px; longest side of an image sent to a page
 THUMBNAIL = 128  # px
 MOST_THUMBNAILS = 12
 _OPS = {"": "stationarize", "brush": "fill"}  # by what is replaced
-_BRUSHES = {"mask": "mask.png", "inpaint": "inpaint.png"}
-_TITLES = {"mask": "Source", "inpaint": "Replace"}  # on the page
+_BRUSHES = {"mask": "Source", "inpaint": "Replace"}  # and their titles on the page
 
 
 class TileRoom:
@@ -35,8 +37,10 @@ class TileRoom:
         self._image: dict[str, Any] | None = None  # the finished tile: 'number' and 'parts'
         self._saves: list[tuple[str, str]] = []  # names and pixel types of files to write when the tile is finished
         self._thumbnails: list[Request] = []
-        self._numbers: dict[str, int] = {}  # of brush images in the resident process
+        self._numbers: dict[Path, int] = {}  # of masks in the resident process
         self._photo: np.ndarray | None = None
+        self._inspection = Inspection(hub)
+        self._prepared, self._preparing = False, asyncio.Lock()
 
     # --- pages ---
 
@@ -46,14 +50,26 @@ class TileRoom:
             return
         self._show_photo(page)
         for name in _BRUSHES:
-            self._show_brush(name, page)
+            if self._mask(name) is not None:
+                self._show_brush(name, page)
         if self._tile is not None:
             self._hub.show(*self._framed(*self._tile), to=page)
         if self._measures is not None:
             self._hub.tell(self._measures)
         self._tell_line()
+        self._inspection.show_presets(page)
         if self._turn == 0:
-            await self._begin()
+            self._turn = 1
+            await self.prepare()
+            if self._turn == 1:
+                await self._begin()
+
+    async def prepare(self) -> None:
+        """Make the coarse tiles of the presets, once."""
+        async with self._preparing:
+            if not self._prepared:
+                self._prepared = True
+                await self._inspection.find_presets(self._values())
 
     async def changed(self, room: str, names: set[str]) -> None:
         """Resynthesize the tile, or update its display transform."""
@@ -61,11 +77,15 @@ class TileRoom:
             return
         if room == "view":
             self._show_photo()
+            self._inspection.show_presets()
             if self._tile is not None:
                 self._hub.show(*self._framed(*self._tile))
-        if room in ("tile", "output"):
+        if room in ("tile", "output", "masks"):
             self._tell_line()
-        if room == "tile":
+        brushes = names if room == "masks" else set()
+        for name in brushes:
+            self._show_brush(name)
+        if room == "tile" or any(self._hub.document.state["tile"][name] == "brush" for name in brushes):
             await self._begin()
 
     def _tell_line(self, asked: bool = False) -> None:
@@ -78,7 +98,7 @@ class TileRoom:
         if do == "line":
             self._tell_line(asked=True)
         elif do == "brush":
-            self._take_brush(asked["name"], data, page)
+            self._take_brush(asked["name"], data, gesture_of(page, asked))
         elif do == "save":
             if self._image is not None:
                 await self._hub.save(self._image, *self._hub.output("tile"))
@@ -87,6 +107,13 @@ class TileRoom:
                 self._hub.tell({"do": "note", "text": "The tile will be saved when it is finished"})
         elif do == "seeds":
             await self._seeds(int(asked["first"]), int(asked["count"]))
+        elif do == "presets":
+            await self._inspection.find_presets(self._values())
+        elif do == "sample":
+            if asked["what"] == "photo" or self._image is not None:
+                await self._inspection.sample(page, asked, self._image if asked["what"] == "tile" else None)
+        elif do == "measure":
+            await self._inspection.show_measure(asked["name"], self._image, self._hub.document.state["tile"]["measure"])
         elif do == "overlay":
             await self._overlay(asked["name"])
         else:
@@ -123,7 +150,7 @@ class TileRoom:
             return
         loop = asyncio.get_running_loop()
         self._request = request = client.make(
-            self._op, images, self._values(), optional=optional, priority=BRUSH, measure=True,
+            self._op, images, self._values() | {"stmap": 1}, optional=optional, priority=BRUSH, measure=True,
             on_look=lambda pixels, whole: loop.call_soon_threadsafe(self._looked, turn, pixels, whole),
             on_progress=lambda done, total: loop.call_soon_threadsafe(self._advanced, turn, done, total),
         )  # fmt: skip
@@ -157,11 +184,12 @@ class TileRoom:
         if turn != self._turn:
             return
         facts = {"kind": "tile", "turn": turn, "whole": whole, "size": [pixels.shape[1], pixels.shape[0]]}
-        self._tile = _reduced(pixels), facts
+        self._tile = reduced(pixels), facts
         self._hub.show(*self._framed(*self._tile))
 
     def _framed(self, pixels: np.ndarray, facts: dict[str, Any]) -> tuple[dict[str, Any], np.ndarray]:
-        return facts | {"room": "tile"}, self._hub.picture(pixels, self._hub.shown())
+        picture = self._hub.picture(pixels, self._hub.shown())
+        return facts | {"room": "tile", "histogram": histogram(picture)}, picture
 
     def _advanced(self, turn: int, done: int, total: int) -> None:
         if turn == self._turn:
@@ -207,15 +235,20 @@ class TileRoom:
             number = (await self._hub.made("label"))["number"]
         return [number, *([await self._brush("inpaint")] if tile["inpaint"] else [])], optional
 
+    def _mask(self, name: str) -> Path | None:
+        """The file of a painted mask. Each stroke has another file, so that lines and undo find it."""
+        number = self._hub.document.state["masks"][name]
+        return self._hub.document.beside("masks") / f"{number:06d}.png" if number else None
+
     async def _brush(self, name: str) -> int:
-        if name not in self._numbers:
-            path = self._hub.document.beside(_BRUSHES[name])
-            if not path.exists():
-                raise Error(f"{_TITLES[name]}: nothing is painted yet; choose the brush and paint on the photo")
+        path = self._mask(name)
+        if path is None:
+            raise Error(f"{_BRUSHES[name]}: nothing is painted yet; choose the brush and paint on the photo")
+        if path not in self._numbers:
             client = await self._hub.client()
             image = read(path, self._hub.session.resources.cache)
-            self._numbers[name] = await asyncio.to_thread(client.put, image)
-        return self._numbers[name]
+            self._numbers[path] = await asyncio.to_thread(client.put, image)
+        return self._numbers[path]
 
     def line(self) -> str:
         """The command that renders this tile at full size."""
@@ -226,11 +259,11 @@ class TileRoom:
             words.append("--texdominant:keep=1")
             images["mask"] = "dominant"
         elif tile["mask"] == "brush":
-            images["mask"] = str(self._hub.document.beside(_BRUSHES["mask"]))
+            images["mask"] = str(self._mask("mask"))
         elif tile["mask"]:
             words.append("--texlabel:keep=1")
         if tile["inpaint"]:
-            words.append(str(self._hub.document.beside(_BRUSHES["inpaint"])))
+            words.append(str(self._mask("inpaint")))
         return line([*words, word_of(f"--tex{self._op}", images | self._values())], *self._hub.output("tile"))
 
     # --- seeds ---
@@ -256,7 +289,7 @@ class TileRoom:
                 _, (pixels, *_) = await asyncio.wrap_future(request)
             except asyncio.CancelledError:
                 return
-            small = self._hub.picture(_reduced(pixels, THUMBNAIL), self._hub.shown())
+            small = self._hub.picture(reduced(pixels, THUMBNAIL), self._hub.shown())
             self._hub.show({"room": "tile", "kind": "seed", "seed": seed}, small)
 
     def _stop_thumbnails(self) -> None:
@@ -270,35 +303,38 @@ class TileRoom:
         source = self._hub.source.image
         assert source is not None
         if self._photo is None:
-            self._photo = _reduced(as_float(source.first.pixels()))
+            self._photo = reduced(as_float(source.first.pixels()))
         picture = self._hub.picture(self._photo, self._hub.shown())
-        self._hub.show({"room": "tile", "kind": "photo"}, picture, page)
+        self._hub.show({"room": "tile", "kind": "photo", "histogram": histogram(picture)}, picture, page)
 
     def _show_brush(self, name: str, page: Page | None = None) -> None:
-        path = self._hub.document.beside(_BRUSHES[name])
-        if path.exists():
-            pixels = _reduced(as_float(read(path, self._hub.session.resources.cache).first.pixels()))
+        """Show a painted mask, or that there is none."""
+        path = self._mask(name)
+        assert self._photo is not None
+        marked = np.zeros((*self._photo.shape[:2], 1), np.uint8)
+        if path is not None:
+            pixels = reduced(as_float(read(path, self._hub.session.resources.cache).first.pixels()))
             marked = np.where(pixels[..., :1] > 0.5, 255, 0).astype(np.uint8)
-            self._hub.show({"room": "tile", "kind": "brush", "name": name}, marked, page)
+        self._hub.show({"room": "tile", "kind": "brush", "name": name}, marked, page)
 
-    def _take_brush(self, name: str, data: bytes, page: Page) -> None:
-        """Save a painted mask at the photo's size."""
-        source, path = self._hub.source.image, self._hub.document.beside(_BRUSHES[name])
+    def _take_brush(self, name: str, data: bytes, gesture: object) -> None:
+        """Save a painted mask at the photo's size, as the next file."""
+        source, folder = self._hub.source.image, self._hub.document.beside("masks")
         assert source is not None and self._photo is not None
         height, width = self._photo.shape[:2]
+        if name not in _BRUSHES:
+            raise ValueError(name)
         if len(data) != width * height:
             raise ImageError(f"{len(data)} bytes of mask: expected {width}x{height} px, as the photo; reload the page")
         small = np.frombuffer(data, np.uint8).reshape(height, width)
         spec = source.first.spec
         rows, columns = np.arange(spec.height) * height // spec.height, np.arange(spec.width) * width // spec.width
         part = from_array(np.where(small[rows][:, columns] > 127, np.uint8(255), np.uint8(0))[..., None]).first
+        number = next_number(folder)
+        path = folder / f"{number:06d}.png"
+        make_folder(folder, "masks of the photo")
         write(Image((part,), str(path)), path, oiio.TypeDesc("uint8"))
-        self._numbers.pop(name, None)
-        for other in self._hub.pages:
-            if other is not page:
-                self._show_brush(name, other)
-        if self._hub.document.state["tile"][name] == "brush":
-            self._hub.begin(self._begin())
+        self._hub.change("masks", {name: number}, f"{_BRUSHES[name]} mask", gesture)
 
     async def _overlay(self, name: str) -> None:
         """Show the dominant texture or the labels as an overlay of the photo."""
@@ -315,10 +351,3 @@ class TileRoom:
         step = -(-max(ids.shape) // MOST_SHOWN)
         facts = {"room": "tile", "kind": "overlay", "name": name, "ids": there, "colors": colors}
         self._hub.show(facts, ids[::step, ::step, None])
-
-
-def _reduced(pixels: np.ndarray, most: int = MOST_SHOWN) -> np.ndarray:
-    """(height, width, channels) float32, reduced so that no side exceeds `most`."""
-    scale = min(1.0, most / max(pixels.shape[:2]))
-    height, width = (max(1, round(n * scale)) for n in pixels.shape[:2])
-    return resized(pixels, width, height)

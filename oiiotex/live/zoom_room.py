@@ -15,8 +15,9 @@ from ..api.service import TILES, LinkError, Request
 from ..deferred import np
 from ..errors import Error, ParameterError
 from .document import PLACE_BITS
-from .hub import Hub, Page
+from .hub import Hub
 from .lines import line, text_of, word_of
+from .pages import Page
 
 SIDE = 256  # px of a tile
 _MOST_WANTED = 256  # tiles per page

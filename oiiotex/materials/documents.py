@@ -29,6 +29,7 @@ STANDARD_INPUTS = {  # inputs of standard_surface, with their types
     "normal": ("normal", "vector3"), "opacity": ("opacity", "color3"), "emission": ("emission_color", "color3"),
     "specular": ("specular_color", "color3"),
 }  # fmt: skip
+ROUGHNESS = 0.7  # of a photo without such a map: MaterialX's defaults, 0.2 and 0.3, are those of plastic
 _PREVIEW = {  # inputs of UsdPreviewSurface, with type and channels
     "color": ("diffuseColor", "Color3f", "rgb"), "roughness": ("roughness", "Float", "r"),
     "metal": ("metallic", "Float", "r"), "normal": ("normal", "Normal3f", "rgb"), "opacity": ("opacity", "Float", "r"),
@@ -168,6 +169,8 @@ def _material(document: MaterialX.Document, described: Described, name: str, hex
             target.setOutputString(role)
     if "emission" in maps:
         surface.setInputValue("emission", 1.0)
+    if "roughness" not in maps:
+        surface.setInputValue("specular_roughness", ROUGHNESS)
     document.addMaterialNode(name, surface)
 
 
@@ -294,6 +297,8 @@ def write_usd(described: Described, folder: Path) -> None:
             kinds = {"rgb": Sdf.ValueTypeNames.Float3, "r": Sdf.ValueTypeNames.Float}
             output = texture.CreateOutput(channels, kinds[channels])
             shader.CreateInput(name, getattr(Sdf.ValueTypeNames, kind)).ConnectToSource(output)
+        if not {"roughness", "gloss"} & set(described.maps):
+            shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(ROUGHNESS)
         surface = shader.CreateOutput("surface", Sdf.ValueTypeNames.Token)
         material.CreateSurfaceOutput().ConnectToSource(surface)
     stage.GetRootLayer().Save()

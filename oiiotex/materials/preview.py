@@ -18,6 +18,7 @@ from ..core.image import Image, Part, channels_of, from_array, resized, tagged
 from ..deferred import np, oiio
 from ..errors import Error, present
 from ..session.resources import Resources
+from .documents import ROUGHNESS
 
 CARD = 160  # px; height of a card in the report
 _MOST = 512  # px; longest side of a map in previews
@@ -72,7 +73,9 @@ class Looks:
                 return np.full((1, 1, 1), plain, np.float32)
             return np.clip(_fitted(values(maps[role])[..., :1], size), 0, 1)
 
-        rough = 1 - scalar("gloss", 0.3) if "gloss" in maps and "roughness" not in maps else scalar("roughness", 0.7)
+        rough = (
+            1 - scalar("gloss", 0.3) if "gloss" in maps and "roughness" not in maps else scalar("roughness", ROUGHNESS)
+        )
         normal = np.array([[[0, 0, 1]]], np.float32)
         if "normal" in maps:
             signs = np.array([1, -1 if hand == "directx" else 1, 1], np.float32)

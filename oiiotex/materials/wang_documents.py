@@ -17,7 +17,7 @@ from typing import Any
 from ..errors import Error
 from ..io.atomic import written
 from ..wang.plane import CELLS
-from .documents import SPACES, STANDARD_INPUTS, loaded_libraries, materialx, node_of, opengl_normals
+from .documents import ROUGHNESS, SPACES, STANDARD_INPUTS, loaded_libraries, materialx, node_of, opengl_normals
 
 IMAGE = "oiiotex_image"  # the node
 STANDARD = "_standard"  # suffix of the document for hosts without OpenPBR
@@ -152,6 +152,8 @@ def _document(material: WangMaterial, own_node: bool) -> Any:
         known = "roughness" if role == "gloss" and "roughness" not in material.maps else role
         if known in _SURFACE:
             _connect(surface, _SURFACE[known][0], kind, graph, role)
+    if not {"roughness", "gloss"} & set(material.maps):
+        surface.setInputValue("specular_roughness", ROUGHNESS)
     if "emission" in material.maps:
         surface.setInputValue("emission_luminance", 1.0)
     if "height" in material.maps and material.relief:

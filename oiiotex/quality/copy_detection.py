@@ -11,7 +11,7 @@ from typing import NamedTuple, cast
 
 from ..core.demand import MadeRows, SomeRows
 from ..core.source_map import NONE, SourceMap
-from ..deferred import np
+from ..deferred import np, oiio
 from ..patchmatch.field import box_sums
 from ..stationarity.row_bands import row_bands
 
@@ -27,7 +27,7 @@ class Copies(NamedTuple):
 
     exact: float  # share of pixels that lie in an 8 x 8 block that also exists in the exemplar, bit for bit
     shown: float | None
-    over_fair: float | None  # `shown` divided by the region's fair share of the result
+    over_fair: float | None  # `shown` divided by the number of uses if all regions were used equally, at least 1
 
 
 def copies_by_source(source: SourceMap, size: tuple[int, int]) -> Copies:
@@ -90,10 +90,32 @@ def most_shown(source: SourceMap, size: tuple[int, int]) -> tuple[float, float]:
     return _most_shown(_uses(source, size), math.prod(source.packed.shape))
 
 
+def region_uses(st: np.ndarray, spec: oiio.ImageSpec) -> tuple[np.ndarray, np.ndarray]:
+    """How often the region of `REGION` px around each pixel is used, as a mean of its pixels.
+
+    Parameters
+    ----------
+    st : (height, width, 2) float32
+        Part 'st' of a result.
+    spec : ImageSpec
+        Of the exemplar.
+
+    Returns
+    -------
+    (h, w) float32, (height, width) float32
+        At the pixels of the exemplar, and at those of the result, where they are taken from.
+    """
+    from scipy.ndimage import uniform_filter
+
+    source = SourceMap.of_coordinates(st, spec, "st")
+    uses = uniform_filter(_uses(source, (spec.height, spec.width)).astype(np.float32), REGION, mode="nearest")
+    return uses, uses.ravel()[source.flat(spec.width)]
+
+
 def _most_shown(used: np.ndarray, pixels: int) -> tuple[float, float]:
     squares = (box_sums(used[b.start : b.stop + REGION - 1], REGION) for b in row_bands(used[: 1 - REGION]))
     shown = max(int(sums.max()) for sums in squares) / REGION**2
-    return shown, shown * used.size / pixels
+    return shown, shown / max(1.0, pixels / used.size)
 
 
 def _is_label(painted: SomeRows, label: int, rows: slice) -> np.ndarray:
@@ -103,7 +125,7 @@ def _is_label(painted: SomeRows, label: int, rows: slice) -> np.ndarray:
 def label_copies(source: SourceMap, ids: np.ndarray, painted: SomeRows) -> tuple[float, float, float]:
     """Repetition in the painted label where it is largest: uses over the fair share, uses, and the label.
 
-    A label's fair share is the area where it was painted divided by its area in the exemplar.
+    A label's fair share is the area where it was painted divided by its area in the exemplar, at least 1.
 
     `ids` (h, w) int; `painted` (height, width) int.
     """
@@ -114,6 +136,6 @@ def label_copies(source: SourceMap, ids: np.ndarray, painted: SomeRows) -> tuple
     for label in sorted(asked.keys() - {0}):
         own_source = _kept(source, functools.partial(_is_label, painted, label))
         shown, _ = most_shown(own_source, ids.shape)
-        fair = asked[label] / max(1, own[label] if label < len(own) else 0)
+        fair = max(1.0, asked[label] / max(1, own[label] if label < len(own) else 0))
         most = max(most, (shown / fair, shown, float(label)))
     return most

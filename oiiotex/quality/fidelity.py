@@ -8,7 +8,7 @@ same texture, and the fidelity is the root of their product.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from ..core.demand import MadeRows, SomeRows
@@ -20,7 +20,9 @@ SIDE = 256  # px; longer side at which a photo is measured, and its result at th
 LEAST = 48  # px; smaller shorter sides cannot be measured
 SCALES = 96, 48, 24  # sigmas of the bands are the longer side divided by these
 ENOUGH = 0.8  # of a band's energy, or its inverse: typical for another piece of the same texture
-ALIKE = 0.7  # the same for two autocorrelations
+ALIKE = 0.7  # the same for two autocorrelations, of pieces as large as the photo
+_LEAST_ALIKE = 0.2  # pieces that are less alike are too small to compare shapes
+_LARGE = 0.8  # of the photo: larger results are compared with it, smaller ones also with pieces of their size
 GOOD = 0.8  # a result below is tried again, warned about, or sent to review
 _NEAR, _FAR = 1 / 6, 0.4  # of the longer side: limit of shapes, and of long lines
 _ORDER = 1.5  # ratio to the correlation that chance explains: above it, the photo has long lines or a lattice
@@ -44,6 +46,9 @@ class Fidelity:
         the photo has no more of it than chance explains.
     missing : float
         Share of the photo's colors missing from the result, 0 to 1.
+
+    Of a result smaller than the photo, `shapes`, `lines` and `missing` are relative to pieces of the photo of that
+    size, which also lack some of its shapes and colors.
     """
 
     bands: tuple[float, ...]
@@ -110,14 +115,43 @@ def fidelity(photo: SomeRows, usable: np.ndarray | None, result: SomeRows, wraps
     if min(*own.shape[:2], *lab.shape[:2]) < LEAST or np.count_nonzero(seen) < LEAST**2:
         return None
     longer = max(own.shape[:2])
-    before, after = high_passed(own, seen), high_passed(lab, everywhere, wraps)
+    before, after = high_passed(own, seen), high_passed(lab, everywhere, wraps, longer)
     bands = tuple(
         _energy(after, everywhere, longer / k, wraps) / max(_energy(before, seen, longer / k), 1e-6) for k in SCALES
     )
     of_photo = autocorrelation(before, seen)
-    of_result = wrapped_autocorrelation(lab) if all(wraps) else autocorrelation(after, everywhere)
+    of_result = wrapped_autocorrelation(lab, longer) if all(wraps) else autocorrelation(after, everywhere)
     shapes, lines = _compared(of_photo, of_result, longer)
-    return Fidelity(bands, shapes, lines, _missing(own[seen], lab[everywhere]))
+    colors = own[seen]
+    missing = _missing(colors, lab[everywhere])
+    if pieces := list(_pieces(seen, *lab.shape[:2])):
+        typical = [
+            (*_compared(of_photo, autocorrelation(before[at], seen[at]), longer), _missing(colors, own[at][seen[at]]))
+            for at in pieces
+        ]
+        usual_shapes, usual_lines, usual_missing = np.mean(typical, 0).tolist()
+        shapes, lines = _relative(shapes, usual_shapes), _relative(lines, usual_lines)
+        missing = max(0.0, missing - usual_missing) / (1.0 - usual_missing)
+    return Fidelity(bands, shapes, lines, missing)
+
+
+def _pieces(seen: np.ndarray, height: int, width: int) -> Iterator[tuple[slice, slice]]:
+    """Pieces of the size of a smaller result: in the corners and the middle of the photo, where most pixels count."""
+    high, wide = min(height, seen.shape[0]), min(width, seen.shape[1])
+    if high * wide > _LARGE * seen.size:
+        return
+    for down, right in ((0, 0), (0, 2), (2, 0), (2, 2), (1, 1)):
+        top, left = (seen.shape[0] - high) * down // 2, (seen.shape[1] - wide) * right // 2
+        at = slice(top, top + high), slice(left, left + wide)
+        if seen[at].mean() > _LARGE:
+            yield at
+
+
+def _relative(alike: float, usual: float) -> float:
+    """A similarity to the photo, as a piece of the photo's size would have it that is as typical of the texture."""
+    if usual < _LEAST_ALIKE:
+        return 1.0
+    return alike * max(1.0, ALIKE / usual)
 
 
 def _size_at(factor: float, values: SomeRows) -> tuple[int, int]:

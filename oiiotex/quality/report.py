@@ -358,9 +358,16 @@ class Quality:
             if "copied" in m:
                 copied = f"{100 * m['copied']:.0f} % of the pixels lie in verbatim copies of 8x8 px"
                 if "shown" in m:
-                    shown = f"is shown {m['shown']:.1f} times, {m['repeat']:.1f} times its fair share"
+                    shown = _shown(m["shown"], m["repeat"])
                     copied += f"; the most repeated region of 32x32 {shown}"
                 yield copied
             if "label" in m:
-                shown = f"is shown {m['label_shown']:.1f} times, {m['label_repeat']:.1f} times its fair share"
+                shown = _shown(m["label_shown"], m["label_repeat"])
                 yield f"the most repeated region of a painted label, {m['label']:.0f}, {shown}"
+
+
+def _shown(times: float, repeat: float) -> str:
+    """How often a region is shown; the average, if it is more than once."""
+    return f"is shown {times:.1f} times" + (
+        f"; the average region {times / repeat:.1f} times" if repeat < times else ""
+    )

@@ -39,10 +39,15 @@ def blurred(planes: np.ndarray, sigma: float, wraps: tuple[bool, bool] = (False,
     return planes
 
 
-def high_passed(values: np.ndarray, usable: np.ndarray, wraps: tuple[bool, bool] = (False, False)) -> np.ndarray:
-    """Values minus their Gaussian mean over usable pixels, 0 where nothing is usable: (height, width, n) float64."""
+def high_passed(
+    values: np.ndarray, usable: np.ndarray, wraps: tuple[bool, bool] = (False, False), longer: int = 0
+) -> np.ndarray:
+    """Values minus their Gaussian mean over usable pixels, 0 where nothing is usable: (height, width, n) float64.
+
+    `longer`: side that the Gaussian is a share of, 0 for the image's own longer side.
+    """
     weight = usable[..., None].astype(np.float64)
-    both = blurred(np.concatenate([values * weight, weight], -1), SLOW * max(usable.shape), wraps)
+    both = blurred(np.concatenate([values * weight, weight], -1), SLOW * (longer or max(usable.shape)), wraps)
     return (values - both[..., :-1] / np.maximum(both[..., -1:], 1e-6)) * weight
 
 
@@ -149,16 +154,18 @@ def autocorrelation(values: np.ndarray, usable: np.ndarray) -> Autocorrelation:
     return Autocorrelation(np.where(enough, ncc, 0.0), np.where(enough, overlap[at], 0.0))
 
 
-def wrapped_autocorrelation(values: np.ndarray) -> Autocorrelation:
+def wrapped_autocorrelation(values: np.ndarray, longer: int = 0) -> Autocorrelation:
     """Autocorrelation of an image on the torus, high-passed there: all offsets up to half its size.
 
     Parameters
     ----------
     values : (height, width, n) float
+    longer : int
+        Side that the high-pass filter's sigma is a share of, 0 for the image's own longer side.
     """
     height, width = values.shape[:2]
     cycles = np.fft.fftfreq(height)[:, None] ** 2 + np.fft.rfftfreq(width) ** 2
-    kept = 1.0 - np.exp(-2.0 * (np.pi * SLOW * max(height, width)) ** 2 * cycles)
+    kept = 1.0 - np.exp(-2.0 * (np.pi * SLOW * (longer or max(height, width))) ** 2 * cycles)
     power = sum(np.abs(kept * np.fft.rfft2(values[..., c])) ** 2 for c in range(values.shape[2]))
     ncc = np.fft.irfft2(power, (height, width))
     reach_y, reach_x = (height - 1) // 2, (width - 1) // 2

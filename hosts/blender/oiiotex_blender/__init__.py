@@ -3,10 +3,15 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import bpy
 
 from . import operators, wang
 from .images import LINE
+from .jobs import running, shown
+
+_MARGIN, _CHARACTER = 50, 7  # px, of the panel and of its text
 
 
 class Preferences(bpy.types.AddonPreferences):
@@ -23,12 +28,8 @@ class Preferences(bpy.types.AddonPreferences):
         self.layout.prop(self, "python")
 
 
-class Settings(bpy.types.PropertyGroup):
+class Settings(operators.Tiled, bpy.types.PropertyGroup):
     """Settings of the panel."""
-
-    width: bpy.props.IntProperty(name="Width", default=0, min=0, max=16384, description="In pixels; 0: as the image")
-    height: bpy.props.IntProperty(name="Height", default=0, min=0, max=16384, description="In pixels; 0: as the image")
-    seed: bpy.props.IntProperty(name="Seed", default=0, min=0, description="Same seed, same pixels")
 
 
 class Panel(bpy.types.Panel):
@@ -41,21 +42,38 @@ class Panel(bpy.types.Panel):
     bl_category = "Texture"
 
     def draw(self, context):
-        """Draw settings and buttons, and the command that made the image."""
+        """Draw settings and buttons, the progress, and the command that made the image."""
         layout, settings = self.layout, context.scene.oiiotex
+        layout.use_property_split, layout.use_property_decorate = True, False
+        for names in (("preset", "sigma", "structure"), ("width", "height")):
+            column = layout.column(align=True)
+            for name in names:
+                column.prop(settings, name)
+        row = layout.row(align=True)
+        row.prop(settings, "seed")
+        row.operator(operators.NextSeed.bl_idname, text="", icon="FILE_REFRESH")
         column = layout.column(align=True)
-        for name in ("width", "height", "seed"):
-            column.prop(settings, name)
+        column.enabled = not running
         for one in (operators.MakeTile, operators.MakeMaterial, operators.TextureMesh):
-            button = layout.operator(one.bl_idname)
-            button.width, button.height, button.seed = settings.width, settings.height, settings.seed
+            button = column.operator(one.bl_idname)
+            for name, value in operators.settings_of(context, one).items():
+                setattr(button, name, value)
         column = layout.column(align=True)
+        column.enabled = not running
         for one in (operators.Flatten, operators.DominantMask, operators.LabelMasks, operators.Cryptomatte):
             column.operator(one.bl_idname)
         layout.operator(wang.WangMaterial.bl_idname)
-        image = operators.shown(context)
+        if running:
+            job, row = running["job"], layout.row(align=True)
+            row.progress(factor=job.progress, text=f"{running['label']}: {100 * job.progress:.0f} %")
+            row.operator(operators.Cancel.bl_idname, text="", icon="X")
+        image = shown(context)
         if image is not None and LINE in image:
-            layout.label(text=image[LINE])
+            column = layout.column(align=True)
+            column.scale_y = 0.7
+            width = context.region.width / context.preferences.system.ui_scale - _MARGIN
+            for line in textwrap.wrap(image[LINE], max(16, int(width / _CHARACTER)), break_on_hyphens=False):
+                column.label(text=line)
 
 
 _CLASSES = (Preferences, Settings, *operators.CLASSES, wang.WangMaterial, Panel)

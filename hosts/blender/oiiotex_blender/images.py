@@ -8,6 +8,7 @@ import numpy as np
 
 SPACES = {"sRGB": "srgb_rec709_scene", "Linear Rec.709": "lin_rec709_scene", "Non-Color": None}
 LINE = "oiiotex"  # custom property of a result: its command
+SOURCE = "oiiotex_source"  # and the name of its first input
 
 
 def name_of_space(image) -> str:
@@ -47,4 +48,6 @@ def new_image(name: str, pixels: np.ndarray, line: str, like=None):
     image.update()
     image.pack()
     image[LINE] = line
+    if like is not None:
+        image[SOURCE] = like.name
     return image

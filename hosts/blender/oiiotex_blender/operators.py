@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import shlex
 import tempfile
 from pathlib import Path
 
@@ -11,113 +10,15 @@ import bpy
 import numpy as np
 from bpy_extras.io_utils import ExportHelper
 
-from .images import LINE, SPACES, name_of_space, new_image, pixels_of
-from .process import CHANNELS, Failed, Process
+from .images import LINE, SOURCE, new_image
+from .jobs import Cancel, Making, running, shown, space_of, words_of
+from .process import Failed
 
 _MOST_MASKS = 16  # masks of the largest labels
+_STRUCTURE = 0.5  # the default of --texstationarize
 
 
-class _Making:
-    """An operator that runs an op in the background; Esc cancels it.
-
-    Attributes
-    ----------
-    op : str
-        Name of the op, without `--tex`.
-    parts : str or None
-        Prefix of the names of the parts to read; None: the first part of each result.
-    """
-
-    bl_options = {"REGISTER", "UNDO"}
-    op: str
-    parts: str | None = None
-
-    @classmethod
-    def poll(cls, context):
-        """Available if the editor shows an image."""
-        return shown(context) is not None
-
-    def values(self, context, image) -> dict[str, object]:
-        """The op's modifiers."""
-        return {}
-
-    def maps(self, context, image) -> list:
-        """The input images."""
-        return [image]
-
-    def begin(self, process, images, spaces, values):
-        """Start the job."""
-        maps = [(pixels_of(image), space) for image, space in zip(images, spaces, strict=True)]
-        return process.begin(self.op, maps, values, self.parts)
-
-    def finish(self, context, images, results, line) -> list:
-        """Create Blender images from the results."""
-        raise NotImplementedError
-
-    def invoke(self, context, event):
-        """Start in the background."""
-        if not self._begun(context):
-            return {"CANCELLED"}
-        manager = context.window_manager
-        manager.progress_begin(0, 100)
-        self._timer = manager.event_timer_add(0.1, window=context.window)
-        manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context, event):
-        """Handle Esc, and check whether the job has ended."""
-        if event.type == "ESC":
-            self._job.cancel()
-        elif event.type == "TIMER":
-            context.window_manager.progress_update(100 * self._job.progress)
-            context.workspace.status_text_set(f"{self.bl_label}: {100 * self._job.progress:.0f} % (Esc to cancel)")
-            if self._job.done:
-                context.window_manager.event_timer_remove(self._timer)
-                context.window_manager.progress_end()
-                context.workspace.status_text_set(None)
-                return self._ended(context)
-        return {"PASS_THROUGH"}
-
-    def execute(self, context):
-        """Run and wait: called from scripts and by Adjust Last Operation."""
-        if not self._begun(context):
-            return {"CANCELLED"}
-        self._job.wait()
-        return self._ended(context)
-
-    def _begun(self, context) -> bool:
-        try:
-            images = self.maps(context, shown(context))
-            spaces = [_space(image) for image in images]
-            values = self.values(context, images[0])
-            self._line = " ".join(shlex.quote(word) for word in _words(self.op, images, spaces, values))
-            preferences = context.preferences.addons.get(__package__)
-            process = Process(preferences.preferences.python if preferences else "python3")
-            self._job = self.begin(process, images, spaces, values)
-        except Failed as error:
-            self.report({"ERROR"}, str(error))
-            return False
-        self._names = [image.name for image in images]  # images can be removed meanwhile
-        return True
-
-    def _ended(self, context):
-        try:
-            results = self._job.result()
-            missing = [name for name in self._names if name not in bpy.data.images]
-            if missing:
-                raise Failed(f"{missing[0]} has been removed")
-            made = self.finish(context, [bpy.data.images[name] for name in self._names], results, self._line)
-        except Failed as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        for text in self._job.warnings:
-            self.report({"WARNING"}, text)
-        if context.space_data is not None and context.space_data.type == "IMAGE_EDITOR":
-            context.space_data.image = made[0]
-        return {"FINISHED"}
-
-
-class _OneImage(_Making):
+class _OneImage(Making):
     """One image from one image; `what` is appended to its name."""
 
     what: str
@@ -129,8 +30,8 @@ class _OneImage(_Making):
         return [new_image(f"{images[0].name} {self.what}", pixels, line, None if self.data else images[0])]
 
 
-class _Sized:
-    """An operator with a size and a seed."""
+class Sized:
+    """Properties of an operator, or of the panel: size and seed."""
 
     width: bpy.props.IntProperty(name="Width", default=0, min=0, max=16384, description="In pixels; 0: as the image")
     height: bpy.props.IntProperty(name="Height", default=0, min=0, max=16384, description="In pixels; 0: as the image")
@@ -141,12 +42,81 @@ class _Sized:
         return {"size": f"{self.width or image.size[0]}x{self.height or image.size[1]}", "seed": self.seed}
 
 
-class MakeTile(_Sized, _OneImage, bpy.types.Operator):
+class Tiled(Sized):
+    """Those of an operator that makes tiles."""
+
+    preset: bpy.props.EnumProperty(
+        name="Preset",
+        items=(
+            ("AUTOMATIC", "Automatic", "Values that depend on the photo"),
+            ("EVEN", "Even", "Large structures are also evened out"),
+            ("CLEAN", "Clean", "As Even, and objects are removed"),
+            ("KEEP", "Keep", "Large structures are preserved"),
+        ),
+    )
+    sigma: bpy.props.FloatProperty(
+        name="Sigma",
+        default=0.0,
+        min=0.0,
+        soft_max=512.0,
+        description="Scale in pixels above which the result is statistically uniform; 0: by the preset",
+    )
+    structure: bpy.props.FloatProperty(
+        name="Structure",
+        default=_STRUCTURE,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        description="Strength with which regular repeats such as courses of bricks are preserved",
+    )
+
+    def values(self, context, image):
+        """Size, seed, and what differs from the defaults."""
+        values = super().values(context, image)
+        if self.preset != "AUTOMATIC":
+            values["preset"] = self.preset.lower()
+        if self.sigma:
+            values["sigma"] = f"{max(0.5, self.sigma):g}"
+        if abs(self.structure - _STRUCTURE) > 1e-6:
+            values["structure"] = f"{self.structure:g}"
+        return values
+
+
+class MakeTile(Tiled, _OneImage, bpy.types.Operator):
     """Make a seamless tile without visible repetition from the image (MJH17)"""
 
     bl_idname = "oiiotex.make_tile"
     bl_label = "Make Tile"
     op, what = "stationarize", "tile"
+
+
+class NextSeed(bpy.types.Operator):
+    """Increase the seed by one, and make another tile of the image"""
+
+    bl_idname = "oiiotex.next_seed"
+    bl_label = "Next Seed"
+
+    @classmethod
+    def poll(cls, context):
+        """Available if the editor shows an image, and nothing runs."""
+        return MakeTile.poll(context) and not running
+
+    def invoke(self, context, event):
+        """Make it in the background."""
+        return self._make(context, "INVOKE_DEFAULT")
+
+    def execute(self, context):
+        """Make it and wait."""
+        return self._make(context, "EXEC_DEFAULT")
+
+    def _make(self, context, way):
+        context.scene.oiiotex.seed += 1
+        image = shown(context)
+        if LINE in image and SOURCE in image:  # the photo, if a tile is shown
+            image = bpy.data.images.get(image[SOURCE], image)
+        with context.temp_override(edit_image=image):
+            made = bpy.ops.oiiotex.make_tile(way, **settings_of(context, MakeTile))
+        return {"FINISHED"} if made & {"FINISHED", "RUNNING_MODAL"} else {"CANCELLED"}
 
 
 class Flatten(_OneImage, bpy.types.Operator):
@@ -165,7 +135,7 @@ class DominantMask(_OneImage, bpy.types.Operator):
     op, what, data = "dominant", "dominant", True
 
 
-class LabelMasks(_Making, bpy.types.Operator):
+class LabelMasks(Making, bpy.types.Operator):
     """Make a mask for each texture in the image, the largest first (LSA16)"""
 
     bl_idname = "oiiotex.label_masks"
@@ -186,7 +156,7 @@ class LabelMasks(_Making, bpy.types.Operator):
         ]
 
 
-class Cryptomatte(ExportHelper, _Making, bpy.types.Operator):
+class Cryptomatte(ExportHelper, Making, bpy.types.Operator):
     """Write the textures in the image as a Cryptomatte EXR, for the compositor"""
 
     bl_idname = "oiiotex.cryptomatte"
@@ -197,7 +167,7 @@ class Cryptomatte(ExportHelper, _Making, bpy.types.Operator):
     def invoke(self, context, event):
         """Ask for the file, then start."""
         if self.filepath:
-            return _Making.invoke(self, context, event)
+            return Making.invoke(self, context, event)
         return ExportHelper.invoke(self, context, event)
 
     def values(self, context, image):
@@ -209,7 +179,7 @@ class Cryptomatte(ExportHelper, _Making, bpy.types.Operator):
         file = Path(bpy.path.abspath(images[0].filepath, library=images[0].library))
         if images[0].is_dirty or not file.is_file():
             raise Failed(f"{images[0].name} has unsaved changes or no file; save the image first")
-        words = _words(self.op, images, spaces, values)
+        words = words_of(self.op, images, spaces, values)
         return process.run([str(file), *words[2:], "-o", bpy.path.abspath(self.filepath)])
 
     def finish(self, context, images, results, line):
@@ -220,7 +190,7 @@ class Cryptomatte(ExportHelper, _Making, bpy.types.Operator):
         return [image]
 
 
-class MakeMaterial(_Sized, _Making, bpy.types.Operator):
+class MakeMaterial(Tiled, Making, bpy.types.Operator):
     """Make matching tiles of all image maps of the active material, and use them in its nodes"""
 
     bl_idname = "oiiotex.make_material"
@@ -235,7 +205,7 @@ class MakeMaterial(_Sized, _Making, bpy.types.Operator):
     def maps(self, context, image):
         """The images of the material's nodes, color maps first."""
         images = list(dict.fromkeys(node.image for node in _nodes(context)))
-        images.sort(key=lambda one: _space(one) is None)
+        images.sort(key=lambda one: space_of(one) is None)
         sizes = {tuple(one.size) for one in images}
         if len(sizes) > 1:
             raise Failed(f"the material's images must have the same size: {sorted(sizes)}")
@@ -247,7 +217,7 @@ class MakeMaterial(_Sized, _Making, bpy.types.Operator):
         """Size and seed, and the kind of each map by the links of its node."""
         images = self.maps(context, image)
         kinds = {node.image: _kind(node) for node in _nodes(context)}
-        named = [kinds[one] if _space(one) is None else "color" for one in images]
+        named = [kinds[one] if space_of(one) is None else "color" for one in images]
         return super().values(context, image) | ({"n": len(images), "kinds": ",".join(named)} if images[1:] else {})
 
     def finish(self, context, images, results, line):
@@ -265,7 +235,7 @@ class MakeMaterial(_Sized, _Making, bpy.types.Operator):
         return made
 
 
-class TextureMesh(_Sized, _Making, bpy.types.Operator):
+class TextureMesh(Sized, Making, bpy.types.Operator):
     """Texture the active object with the image, continuous across UV islands (LDR09 figure 7)"""
 
     bl_idname = "oiiotex.texture_mesh"
@@ -308,32 +278,13 @@ class TextureMesh(_Sized, _Making, bpy.types.Operator):
         return [image]
 
 
-CLASSES = (MakeTile, Flatten, DominantMask, LabelMasks, Cryptomatte, MakeMaterial, TextureMesh)
+CLASSES = (MakeTile, NextSeed, Cancel, Flatten, DominantMask, LabelMasks, Cryptomatte, MakeMaterial, TextureMesh)
 
 
-def shown(context):
-    """The image in the editor; scripts set it with `context.temp_override(edit_image=image)`."""
-    return getattr(context, "edit_image", None)
-
-
-def _space(image) -> str | None:
-    if not image.size[0] or image.channels not in CHANNELS:
-        raise Failed(f"{image.name} has no readable pixels; its file may be missing")
-    name = name_of_space(image)
-    if name not in SPACES:
-        raise Failed(f"{image.name}: color space {name}: expected {', '.join(SPACES)}")
-    return SPACES[name]
-
-
-def _words(op, images, spaces, values) -> list[str]:
-    """The command of a result. Adds `data` to `values` if the first image is data."""
-    if spaces[0] is None:
-        values["data"] = 1
-    words = ["oiiotex"]
-    for image, space in zip(images, spaces, strict=True):
-        words += [image.name, *(["--iscolorspace", space] if space else [])]
-    said = {key: value.name if isinstance(value, Path) else value for key, value in values.items()}
-    return [*words, f"--tex{op}" + "".join(f":{key}={value}" for key, value in said.items())]
+def settings_of(context, operator) -> dict[str, object]:
+    """The panel's values of an operator's properties."""
+    names = [name for base in operator.__mro__ for name in getattr(base, "__annotations__", ())]
+    return {name: getattr(context.scene.oiiotex, name) for name in names if hasattr(context.scene.oiiotex, name)}
 
 
 def _nodes(context) -> list:

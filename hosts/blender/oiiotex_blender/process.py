@@ -16,6 +16,7 @@ from .link.service.messages import Link
 _START = 60  # s; timeout for the start of the process
 _PROGRAM = "import sys; from oiiotex.cli.main import main; sys.exit(main())"
 _SET = "set Python in the extension's preferences to the one where oiiotex is installed"
+CANCELED = "canceled"
 CHANNELS = {1: ["Y"], 3: ["R", "G", "B"], 4: ["R", "G", "B", "A"]}
 
 
@@ -122,7 +123,7 @@ class Job:
             The job has failed or was canceled.
         """
         if self._stopped:
-            raise Failed("canceled")
+            raise Failed(CANCELED)
         if self._error is not None:
             raise Failed(self._error)
         return self._results
@@ -158,7 +159,7 @@ class Job:
             elif answer["state"] == "done":
                 return answer, pixels
             else:
-                raise Failed(answer.get("text") or "canceled")
+                raise Failed(answer.get("text") or CANCELED)
 
 
 class Line:
@@ -193,7 +194,7 @@ class Line:
         """Return None; raise Failed if the program has failed."""
         said = self._program.communicate()[1]
         if self._stopped:
-            raise Failed("canceled")
+            raise Failed(CANCELED)
         if self._program.returncode:
             raise Failed(_sentence(self._python, said, self._program.returncode))
 

@@ -26,6 +26,11 @@ class WangMaterial(ImportHelper, bpy.types.Operator):
     relief: bpy.props.FloatProperty(
         name="Relief", default=0.0, min=0.0, description="Distance between heights 0 and 1; 0: no displacement"
     )
+    eevee: bpy.props.BoolProperty(
+        name="For EEVEE",
+        default=False,
+        description="No MIP levels, which draw lines between tiles in EEVEE. Render with 16 samples or more",
+    )
 
     def execute(self, context):
         """Create the material, and assign it to the active object."""
@@ -38,7 +43,7 @@ class WangMaterial(ImportHelper, bpy.types.Operator):
             return {"CANCELLED"}
         material = bpy.data.materials.new(name.rstrip("_") or index.parent.parent.name)
         material.use_nodes = True
-        _build(material, _group(_loaded(index, "Non-Color"), self.side), maps, self.relief)
+        _build(material, _group(_loaded(index, "Non-Color"), self.side), maps, self.relief, self.eevee)
         if context.active_object is not None and hasattr(context.active_object.data, "materials"):
             context.active_object.data.materials.append(material)
         return {"FINISHED"}
@@ -88,10 +93,11 @@ def _group(index, side: int):
     return group
 
 
-def _build(material, group, maps: dict[str, Path], relief: float) -> None:
+def _build(material, group, maps: dict[str, Path], relief: float, eevee: bool) -> None:
     """Connect the maps to the material's surface."""
     nodes, links = material.node_tree.nodes, material.node_tree.links
     surface = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
+    surface.inputs["Roughness"].default_value = 0.7  # of photos, as in their MaterialX documents
     coordinate, place = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeGroup")
     place.node_tree, place.location = group, (-900, 0)
     coordinate.location = (-1100, 0)
@@ -101,6 +107,7 @@ def _build(material, group, maps: dict[str, Path], relief: float) -> None:
         node.name = node.label = role
         node.location = (-650, 300 - 300 * number)
         node.image = _loaded(path, "" if role in ("color", "emission") else "Non-Color")
+        node.interpolation = "Closest" if eevee else "Linear"
         links.new(place.outputs["Vector"], node.inputs["Vector"])
         color = node.outputs["Color"]
         if role == "color":

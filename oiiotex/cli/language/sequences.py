@@ -23,6 +23,7 @@ from itertools import islice
 from typing import NamedTuple
 
 from ...errors import ParameterError
+from .each import has_each, lines_of
 from .parse import settings_of
 
 MOST_FRAMES = 100_000  # over an hour at 24 fps; each stores a command line
@@ -75,6 +76,7 @@ class Frame:
     words: tuple[str, ...]
     padding: int = 0  # digits of FRAME_NUMBER_PAD by --framepadding; 0: none
     warning: str = ""  # for the user, in one line
+    file: str = ""  # of --each
 
 
 def frames(words: Sequence[str], takes: Callable[[str], int]) -> list[Frame]:
@@ -85,6 +87,11 @@ def frames(words: Sequence[str], takes: Callable[[str], int]) -> list[Frame]:
     """
     survey = _survey(words)
     lines: list[Frame] = []
+    if has_each(words):
+        if survey.ranges or survey.places:
+            raise ParameterError("--each cannot be combined with --frames, views or wildcards such as #")
+        _check_count(len(lines := [Frame(None, line, file=file) for file, line in lines_of(words)]), "--each")
+        return lines
     for frame in _sequence(tuple(words), survey):
         lines += _over_tiles(frame, survey, takes)
         _check_count(len(lines), "the command line")
@@ -145,7 +152,7 @@ def _survey(words: Sequence[str]) -> _Survey:
             index, word = next(left)
         survey.off |= set() if on and not cut else {index - output, index}
         setting = _option(word)
-        if setting in ("--frames", "--framepadding", "--views", "--threads") and index + 1 < len(words):
+        if setting in ("--frames", "--framepadding", "--views", "--threads", "--each") and index + 1 < len(words):
             _set(survey, setting, next(left)[1])
         elif setting in ("--wildcardoff", "--wildcardon"):
             on = setting == "--wildcardon"

@@ -30,6 +30,8 @@ def spread(command: CommandLine, words: Sequence[str], tasks: list[Task], sessio
         raise ParameterError(
             f"--farm {command.settings['--farm'][0]}: expected dask=tcp://HOST:PORT, dask=local:WORKERS or openjd=FILE"
         )
+    if "--each" in command.settings and engine == "openjd":
+        raise ParameterError("--farm openjd cannot be combined with --each", hint="use --farm dask")
     if len(tasks) == 1:
         _require_shares(command)
     if engine == "dask":

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
+import shlex
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,7 +15,7 @@ from ...errors import Error
 from ...session import Session
 from ..language.parse import CommandLine, parse
 from ..language.sequences import Frame, frames
-from ..stack.rehearsal import Rehearsals
+from ..stack.rehearsal import CollisionError, Rehearsals
 from ..vocabulary import LANGUAGE
 from .progress import Display
 from .tasks import Task, run_task, session_for, skip
@@ -47,7 +49,7 @@ def run_frames(command: CommandLine, words: list[str]) -> int:
             try:
                 status = max(status, run_task(task, session))
             except Error as error:
-                skip(error, command)
+                skip(error, task.frame, command)
                 status = max(status, 1)
     if "--runstats" in command.settings:
         from ..printing.report import time_table
@@ -84,16 +86,20 @@ def _checked(todo: list[Frame], session: Session, command: CommandLine) -> tuple
         from ...opencl import device
 
         device.require_named(session.settings.device_name, session.settings.threads)
-    rehearsals = Rehearsals(session)
+    rehearsals = Rehearsals(session, owners={os.path.realpath(frame.file): frame.file for frame in todo if frame.file})
     tasks, notes, status = [], dict[tuple[int, str], None](), 0
     for frame in todo:
         try:
             steps = parse(list(frame.words), LANGUAGE).steps
             seen = rehearsals.foresight(steps, frame)
+        except CollisionError:
+            raise
         except Error as error:
-            skip(error, command)
+            skip(error, frame, command)
             status = 1
             continue
+        if frame.file and any(step.name == "-n" for step in steps):
+            print(shlex.join(["oiiotex", *(word for word in frame.words if word != "-n")]))
         notes |= dict.fromkeys(seen.notes)
         if seen.steps:
             tasks.append(Task(frame, seen.steps, seen.files))

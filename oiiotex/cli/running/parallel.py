@@ -44,14 +44,18 @@ def run_in_parallel(tasks: list[Task], workers: int, session: Session, display: 
     jobs = [Job(task, budget=session.resources.budget, threads=1) for task in tasks]
     status = 0
     with worker_processes(workers, "--debug" in command.settings) as pool, session.resources.stats.time("frames"):
-        for count, future in enumerate([pool.submit(work, job) for job in jobs], 1):
-            printed, error, own = future.result()
+        futures = [pool.submit(work, job) for job in jobs]
+        for count, (future, task) in enumerate(zip(futures, tasks, strict=True), 1):
+            try:
+                printed, error, own = future.result()
+            except WorkerDied as died:
+                printed, error, own = "", died, 1
             display.advance(count, len(jobs))
             display.clear()
             sys.stdout.write(printed)
             status = max(status, own)
             if error is not None:
-                skip(error, command)
+                skip(error, task.frame, command)
     return status
 
 

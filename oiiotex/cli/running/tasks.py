@@ -118,8 +118,9 @@ def limit_threads(count: int) -> None:
     oiio.attribute("exr_threads", count)
 
 
-def skip(error: Error, command: CommandLine) -> None:
-    """Log the error of a frame if --skip-bad-frames is set, else raise it."""
-    if "--skip-bad-frames" not in command.settings:
+def skip(error: Error, frame: Frame, command: CommandLine) -> None:
+    """Log the error of a frame if --skip-bad-frames or --each is set, else raise it."""
+    if "--skip-bad-frames" not in command.settings and not frame.file:
         raise error
-    log.error("oiiotex ERROR: %s", error)
+    named = f"{frame.file}: " if frame.file and frame.file not in str(error) else ""
+    log.error("oiiotex ERROR: %s%s", named, error)

@@ -22,7 +22,7 @@ from ...core.demand import PieceCache
 from ...core.image import Image, Part
 from ...core.op import Op
 from ...deferred import oiio
-from ...errors import DeviceError, Error, Unseen
+from ...errors import DeviceError, Error, ParameterError, Unseen
 from ...io.formats import Format
 from ...io.writing import require_writable
 from ...run import as_foreseen, foreseen, is_foreseen
@@ -54,16 +54,21 @@ class Foresight:
     files: tuple[str, ...] = ()  # for each use of an op the file that is written next, if known
 
 
+class CollisionError(ParameterError):
+    """The lines of two files of --each write the same file."""
+
+
 @dataclass
 class Rehearsals:
     """Rehearses the lines of one run in order: a later one may read files that an earlier one writes."""
 
     session: Session
     files: dict[str, Image] = field(default_factory=dict)  # that the run will write, by their real paths
+    owners: dict[str, str] = field(default_factory=dict)  # the file of --each to which a path belongs
 
     def foresight(self, steps: Sequence[Step], frame: Frame | None) -> Foresight:
         """Rehearse the steps; raises the errors that the run would raise."""
-        chain = _Rehearsal(_untouched(self.session), frame, self.files, self.session.progress.measure)
+        chain = _Rehearsal(_untouched(self.session), frame, self.files, self.session.progress.measure, self.owners)
         try:
             with _quiet(), chain.globals:
                 chain.run(steps)
@@ -152,9 +157,16 @@ class _Rehearsal(Chain):
 
     dry = True
 
-    def __init__(self, session: Session, frame: Frame | None, files: dict[str, Image], measures: bool):
+    def __init__(
+        self,
+        session: Session,
+        frame: Frame | None,
+        files: dict[str, Image],
+        measures: bool,
+        owners: dict[str, str],
+    ):
         super().__init__(session, read_input, frame)
-        self._files = files
+        self._files, self._owners = files, owners
         self._measures = measures  # the run prints them
         self._count = 0
         self._needed = 0  # steps up to the last that prints or writes
@@ -202,6 +214,8 @@ class _Rehearsal(Chain):
         self._last = op.flag()
         self._uses += 1
         measured = self._measures and op.prefix == Op.prefix
+        for path in op.files().values():
+            self._own(str(path))
         if op.files() or measured or any(map(op.judges, op.outputs)):
             self._needed = self.position
         with self._certainly():
@@ -249,8 +263,20 @@ class _Rehearsal(Chain):
         self._idle.clear()
         self.files += [path] * (self._uses - len(self.files))
         with self._certainly():
+            self._own(path)
             require_writable(image, self._place_of(path), how)
         self._files[os.path.realpath(path)] = as_foreseen(image)
+
+    def _own(self, path: str) -> None:
+        """Refuse a file that belongs to another file of --each."""
+        if self.frame is None or not self.frame.file:
+            return
+        owner = self._owners.setdefault(os.path.realpath(path), self.frame.file)
+        if owner != self.frame.file:
+            raise CollisionError(
+                f"{path} of {self.frame.file} is also an output of {owner}, or that file itself",
+                hint="use {name} or {dir} of --each in the names of outputs",
+            )
 
     def _place_of(self, path: str) -> str:
         """A file name, in an existing folder if --create-dir will create its own."""

@@ -16,10 +16,10 @@ export const shell = {
   /** Change values of a room: first here, then on the server and the other pages. */
   set(room, values) {
     Object.assign(shell.state[room], values);
-    send({ do: "set", room, values });
+    send({ do: "set", room, values, gesture });
   },
   ask(room, message, bytes) {
-    return send({ room, ...message }, bytes);
+    return send({ room, gesture, ...message }, bytes);
   },
   status(text, wrong = false) {
     $("status").textContent = text;
@@ -38,6 +38,7 @@ export const shell = {
 
 export const rooms = {};
 let current = null;
+let gesture = 0; // of a pointer or a key: what it changes is one step of the history
 const wantedRoom = () => location.hash.slice(1).split("/")[0];
 
 function open(name) {
@@ -70,6 +71,33 @@ function build() {
 }
 
 const looking = {};
+
+/** Begin a gesture. What the last one has changed is sent first. */
+function beginGesture() {
+  rooms[current]?.tell?.();
+  gesture++;
+}
+addEventListener("pointerdown", beginGesture, true);
+addEventListener("keydown", (event) => { if (!event.repeat) beginGesture(); }, true);
+for (const early of [true, false]) // a field that loses the focus begins another gesture; a slider does not
+  addEventListener("change", (event) => { if (event.target.type !== "range") beginGesture(); }, early);
+
+function go(forward) {
+  beginGesture();
+  send({ do: forward ? "redo" : "undo" });
+}
+
+/** Show what undo and redo would do and, after them, the room that they have changed. */
+function showHistory({ undo, redo, gone, forward, rooms: changed }) {
+  for (const [id, text, name, keys] of [["undo", undo, "Undo", "Ctrl Z"], ["redo", redo, "Redo", "Ctrl Shift Z"]]) {
+    $(id).disabled = !text;
+    $(id).title = `${name}${text ? `: ${text}` : ""} (${keys})`;
+  }
+  if (gone === undefined) return;
+  const room = { tile: "tile", masks: "tile", painting: "paint", zoom: "zoom" }[changed[0]];
+  open(room);
+  shell.status(`${forward ? "Redone" : "Undone"}: ${gone}`);
+}
 
 function buildLooking() {
   const views = (display) => (shell.facts.views[display] ?? []).map((view) => [view, view]);
@@ -110,11 +138,13 @@ function showUnsaved(text) {
 }
 
 const KEYS = [
-  ["1 2 3", "Switch tabs"], ["F", "Fit the image"], ["Wheel", "Zoom"], ["Middle drag, Space drag", "Pan"],
+  ["1 2 3", "Switch tabs"], ["F  0", "Fit the image, 1:1"], ["Wheel", "Zoom"], ["Middle drag, Space drag", "Pan"],
+  ["Arrows  Page Up, Page Down", "Pan and zoom the view in focus"],
   ["C", "Copy command"], ["+ -", "Viewing exposure, 1/4 stop"], ["?", "This list"],
   ["S", "Tile: next seed"], ["V", "Tile: keep variant"], ["T", "Tile: 1 × 1, 2 × 2, plane"],
-  ["M", "Tile: dominant texture"], ["B  E", "Brush, eraser"], ["[  ]", "Brush size"], ["Ctrl Z  Ctrl Shift Z", "Undo, redo"],
-  ["G  I", "Paint: fill, pick label"], ["Arrows  Page Up, Page Down", "Zoom: move, zoom"], ["K", "Zoom: add keyframe"], ["P", "Zoom: copy path command"],
+  ["M", "Tile: dominant texture"], ["D  R", "Tile: false color of drift, of repetition"],
+  ["W  L", "Tile: wipe, link the views"], ["A  B", "Tile: show A, B, or the tile again"], ["Shift A  Shift B", "Tile: store the tile as A, as B"], ["P  E", "Brush, eraser"], ["[  ]", "Brush size"], ["Ctrl Z  Ctrl Shift Z", "Undo, redo"],
+  ["G  I", "Paint: fill, pick label"], ["K", "Zoom: add keyframe"], ["P", "Zoom: copy path command"],
 ];
 
 function help() {
@@ -141,6 +171,11 @@ async function showLine(text) {
 addEventListener("keydown", (event) => {
   if (document.querySelector("dialog[open]")) return;
   const typing = event.target.matches("input[type=number], input[type=text], textarea, select");
+  if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z" && !event.target.matches("input[type=text], textarea")) {
+    event.preventDefault();
+    event.target.blur?.(); // what is typed there is a step
+    return go(event.shiftKey);
+  }
   if (event.key === "?") return help();
   if (typing && !event.ctrlKey) return;
   if (["1", "2", "3"].includes(event.key)) return open(Object.keys(rooms)[Number(event.key) - 1]);
@@ -169,6 +204,7 @@ on("message", (message) => {
     if (first) open(rooms[wantedRoom()] ? wantedRoom() : Object.keys(rooms)[0]);
     showLooking();
     showUnsaved(message.unsaved);
+    showHistory(message.history);
     shell.status("");
   } else if (message.do === "set") {
     Object.assign(shell.state[message.room], message.values);
@@ -182,6 +218,8 @@ on("message", (message) => {
       shell.status(text);
       rooms.paint?.waitFor(text);
     }
+  } else if (message.do === "history") {
+    showHistory(message);
   } else if (message.do === "unsaved") {
     showUnsaved(message.text);
   } else if (message.do === "note") {
@@ -206,6 +244,8 @@ on("link", (there) => {
 
 addEventListener("refused", (event) => shell.status(event.detail, true));
 addEventListener("pagehide", () => rooms[current]?.hide?.());
+$("undo").addEventListener("click", () => go(false));
+$("redo").addEventListener("click", () => go(true));
 $("copy").addEventListener("click", copyLine);
 $("help").addEventListener("click", help);
 connect();

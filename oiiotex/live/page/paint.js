@@ -44,10 +44,8 @@ export class PaintRoom {
       view.empty.hidden = false;
       view.empty.textContent = "Finding the labels of the photo ...";
     }
-    this.tools = segments("Tool", [["brush", "Brush", "Paint with the chosen label (B)"], ["fill", "Fill", "Fill the connected area (G)"], ["pick", "Pick", "Pick the label under the pointer (I)"]], (tool) => this.setTool(tool));
+    this.tools = segments("Tool", [["brush", "Brush", "Paint with the chosen label (P)"], ["fill", "Fill", "Fill the connected area (G)"], ["pick", "Pick", "Pick the label under the pointer (I)"]], (tool) => this.setTool(tool));
     this.tools.set("brush");
-    this.undo = button("Undo", "Undo one step (Ctrl Z)", () => this.ask({ do: "undo" }));
-    this.redo = button("Redo", "Redo one step (Ctrl Shift Z)", () => this.ask({ do: "redo" }));
     this.palette = make("div", { role: "group", ariaLabel: "Labels" });
     this.brush = slider("Size", { title: "Brush diameter, in pixels ([ and ]). Less pen pressure makes the brush smaller", low: 2, high: 1024, log: true, reset: 64, digits: 0, change: (brush) => this.set({ brush }) });
     this.controls = {
@@ -61,7 +59,7 @@ export class PaintRoom {
     this.output = new Output(this.shell, "painted", [button("Save", "Write the texture to the document's folder, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times]);
     const panel = make("aside", {},
       section("Labels", this.palette),
-      section("Tool", make("div", { className: "buttons", style: "margin:0 0 6px" }, this.tools), this.brush, make("div", { className: "buttons" }, this.undo, this.redo), this.fact),
+      section("Tool", make("div", { className: "buttons", style: "margin:0 0 6px" }, this.tools), this.brush, this.fact),
       section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Open", "Open an image as a painting: palette colors or label ids, in the folder of the photo or the document", () => this.shell.ask("paint", { do: "paintings" })), button("New", "Fill the whole canvas with the chosen label. Can be undone", () => this.ask({ do: "new", label: this.shell.state.paint.label })))),
       this.output.element);
     this.opening = make("dialog", { ariaLabel: "Open a painting" });
@@ -144,8 +142,6 @@ export class PaintRoom {
     this.working = false;
     if (message.going) return;
     this.shell.status("");
-    this.undo.disabled = message.step <= 0;
-    this.redo.disabled = message.step >= message.last;
     const took = this.asked ? `${Math.round(performance.now() - this.asked)} ms` : "";
     const change = message.change ? `: ${message.change}` : "";
     this.fact.textContent = `Step ${message.step} of ${message.last}${change}${took ? ` (${took})` : ""}`;
@@ -362,10 +358,9 @@ export class PaintRoom {
   key(key, event) {
     const views = [this.planView, this.textureView];
     if (key === " ") for (const view of views) view.space = true;
-    else if (key === "z" && (event.ctrlKey || event.metaKey)) this.ask({ do: event.shiftKey ? "redo" : "undo" });
     else if (event.ctrlKey || event.metaKey) return false;
     else if (key === "f") for (const view of views) view.fit();
-    else if (key === "b") this.setTool("brush");
+    else if (key === "p") this.setTool("brush");
     else if (key === "g") this.setTool("fill");
     else if (key === "i") this.setTool("pick");
     else if (key === "[" || key === "]") {

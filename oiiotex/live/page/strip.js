@@ -1,15 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// The strip below the photo and its tile: variants that were kept, and previews of other seeds.
+// The strip below the photo and its tile: coarse tiles of the presets, variants that were kept, other seeds.
 
 import { button, make } from "./controls.js";
 
 const SEEDS = 8;
+const PRESETS = [["", "Automatic"], ["even", "Even"], ["clean", "Clean"], ["keep", "Keep"]];
+// parameters that override a preset
+const DECIDED = { sigma: null, amount: null, patch: null, contrast: null };
 
 export class Strip {
   constructor(room) {
     this.room = room;
     this.shell = room.shell;
     this.seeds = new Map(); // canvases
+    this.presets = new Map(); // canvases by preset, "": none
     this.element = make("div", { className: "strip" });
   }
 
@@ -46,18 +50,42 @@ export class Strip {
   }
 
   showVariants() {
-    const kept = JSON.stringify(this.shell.state.variants.list.map((one) => one.tile));
-    if (kept !== this.kept) this.show();
+    if (this.state() !== this.kept) this.show();
+  }
+
+  /** The state that the strip shows, as text. */
+  state() {
+    const { variants } = this.shell.state ?? {};
+    return JSON.stringify([variants?.list.map((one) => one.tile), this.chosenPreset()]);
+  }
+
+  /** The preset that is in effect alone; undefined if other parameters override it. */
+  chosenPreset() {
+    const tile = this.shell.state?.tile;
+    if (!tile) return undefined;
+    return Object.keys(DECIDED).every((name) => tile[name] === null) ? tile.preset ?? "" : undefined;
+  }
+
+  /** A button with a picture, which the view shows while the pointer or the focus is on it. */
+  thumb(title, canvas, text, click) {
+    const { compare } = this.room;
+    const one = button("", title, () => { compare.peek(null); click(); }, { className: "thumb" });
+    one.append(canvas, make("span", { textContent: text }));
+    for (const begin of ["pointerenter", "focus"]) one.addEventListener(begin, () => compare.peek(canvas));
+    for (const end of ["pointerleave", "blur"]) one.addEventListener(end, () => compare.peek(null));
+    return one;
   }
 
   show() {
+    const focused = [...this.element.querySelectorAll("button")].indexOf(document.activeElement);
     const list = this.shell.state?.variants.list ?? [];
-    this.kept = JSON.stringify(list.map((one) => one.tile));
-    const seeds = [...this.seeds].map(([seed, canvas]) => {
-      const one = button("", `Use seed ${seed}`, () => this.room.set({ seed }), { className: "thumb" });
-      one.append(canvas, make("span", { textContent: `seed ${seed}` }));
+    this.kept = this.state();
+    const presets = PRESETS.filter(([preset]) => this.presets.has(preset)).map(([preset, title]) => {
+      const one = this.thumb(`Use the preset ${title}`, this.presets.get(preset), title, () => this.room.set({ ...DECIDED, preset: preset || null }));
+      one.setAttribute("aria-pressed", String(this.chosenPreset() === preset));
       return one;
     });
+    const seeds = [...this.seeds].map(([seed, canvas]) => this.thumb(`Use seed ${seed}`, canvas, `seed ${seed}`, () => this.room.set({ seed })));
     const variants = list.map((variant, n) => {
       const one = button("", "Click to use these parameters, right-click to remove the variant", () => this.room.set(variant.tile), { className: "thumb" });
       one.append(make("img", { src: variant.thumbnail, alt: `Variant ${n + 1}` }), make("span", { textContent: this.caption(variant.tile) }));
@@ -69,7 +97,9 @@ export class Strip {
       return one;
     });
     const group = (caption, what, none) => make("div", { className: "group" }, make("span", { className: "caption", textContent: caption }), ...(what.length ? what : [make("span", { className: "hint", textContent: none })]));
-    this.element.replaceChildren(group("Variants", variants, "Press V to keep a variant"), group("Seeds", seeds, "Show seeds previews eight more seeds"));
+    this.element.replaceChildren(group("Presets", presets, "Coarse tiles of the presets ..."), group("Variants", variants, "Press V to keep a variant"), group("Seeds", seeds, "Show seeds previews eight more seeds"));
+    this.element.querySelectorAll("button")[focused]?.focus();
+    this.room.compare.peek(null);
   }
 
   caption(tile) {

@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Room Tile: the photo next to its tile.
 
+import { Compare } from "./compare.js";
 import { button, choice, make, section, segments, slider, whole } from "./controls.js";
+import { Inspect } from "./inspect.js";
 import { measuresOf } from "./measures.js";
 import { Output } from "./output.js";
+import { Regions } from "./regions.js";
 import { drawPlane, mipmaps } from "./plane.js";
 import { Strip } from "./strip.js";
-import { Viewer, drawBrush, stroke } from "./viewer.js";
+import { Viewer, drawBrush } from "./viewer.js";
 import { canvasOf } from "./wire.js";
 
 const LET_GO = 60; // ms from the last change of a slider to the message to the server
@@ -18,10 +21,6 @@ export class TileRoom {
     this.photo = this.tile = null;
     this.size = [0, 0]; // of the full-size tile, px; previews are smaller
     this.mode = "2x2";
-    this.brush = { name: "", tool: "brush", diameter: 48 };
-    this.planes = { mask: null, inpaint: null }; // Uint8, at the photo's preview size
-    this.shownOver = "";
-    this.overlay = null;
     this.waiting = {};
     this.build();
   }
@@ -31,34 +30,37 @@ export class TileRoom {
   build() {
     this.photoView = new Viewer("Photo", {
       size: () => (this.photo ? [this.photo.width, this.photo.height] : [0, 0]),
-      draw: (context) => this.drawPhoto(context),
-      overlay: (context, viewer) => drawBrush(context, viewer, this.brush.diameter),
+      unit: () => this.shell.facts.photo[0] / this.photo.width,
+      sampled: (x, y) => this.inspect.sample("photo", x, y),
+      draw: (context) => this.regions.draw(context),
+      overlay: (context, viewer) => drawBrush(context, viewer, this.regions.brush.diameter),
       paint: {
-        active: () => this.brush.name !== "" && this.photo !== null,
-        down: (x, y, event) => this.strokeFrom(x, y, event),
-        move: (x, y, event) => this.strokeTo(x, y, event),
-        up: () => this.strokeEnds(),
+        active: () => this.regions.brush.name !== "" && this.photo !== null,
+        down: (x, y, event) => this.regions.strokeFrom(x, y, event),
+        move: (x, y, event) => this.regions.strokeTo(x, y, event),
+        up: () => this.regions.strokeEnds(),
       },
     });
     this.tileView = new Viewer("Tile", {
-      size: () => (!this.tile ? [0, 0] : this.mode === "1x1" ? this.size : [2 * this.size[0], 2 * this.size[1]]),
-      draw: (context) => this.drawTile(context),
+      size: () => (this.compare.shown().canvas ? this.compare.shown().size.map((n) => n * this.times()) : [0, 0]),
+      sampled: (x, y) => this.inspect.sample("tile", x, y),
+      draw: (context, viewer) => this.compare.draw(context, viewer, this.times()),
     });
-    this.photoView.canvas.addEventListener("click", (event) => this.pickLabel(event));
+    this.compare = new Compare(this);
+    this.inspect = new Inspect(this);
+    this.regions = new Regions(this);
+    this.photoView.canvas.addEventListener("click", (event) => this.regions.pickLabel(event));
     this.planeCanvas = make("canvas", { role: "img", ariaLabel: "Tile on a plane", hidden: true });
     this.tileView.element.append(this.planeCanvas);
     new ResizeObserver(() => this.drawPlane()).observe(this.tileView.element);
     this.modes = segments("Layout", [["1x1", "1 × 1", "One tile (T)"], ["2x2", "2 × 2", "Two by two tiles (T)"], ["plane", "Plane", "Perspective plane, to judge repetition (T)"]], (mode) => this.setMode(mode));
     this.fact = make("span", { className: "fact" });
     this.tileView.bar.append(this.modes, make("span", { className: "grow" }), this.fact);
-    this.overlays = segments("Overlay", [["", "Photo", "Photo without overlay"], ["dominant", "Dominant", "Overlay of the dominant texture (LDR09) (M)"], ["label", "Labels", "Overlay of the coarsest label map (LSA16)"]], (name) => this.showOver(name));
-    this.overlays.set("");
-    this.photoView.bar.append(this.overlays);
     this.tileView.empty.textContent = "Synthesizing the tile ...";
     this.tileView.empty.hidden = false;
     this.strip = new Strip(this);
     this.element = make("div", { className: "room" },
-      make("div", { className: "work" }, make("div", { className: "views" }, this.photoView.element, this.tileView.element), this.strip.element),
+      make("div", { className: "work" }, make("div", { className: "views" }, this.photoView.element, this.tileView.element), make("div", { className: "shelf" }, this.strip.element, this.inspect.element)),
       this.panel());
     this.modes.set(this.mode);
     this.strip.show();
@@ -82,21 +84,15 @@ export class TileRoom {
       mask: choice("Source", { title: "Valid source pixels: the part of the photo that patches are copied from", options: [["", "Whole photo"], ["dominant", "Dominant texture"], ["brush", "Painted mask"]], change: (mask) => this.setMask(mask) }),
       inpaint: choice("Replace", { title: "Painted area: only this part is replaced (--texfill), by patches from Source; patch, structure and seed apply", options: [["", "Everything"], ["brush", "Painted area"]], change: (inpaint) => set({ inpaint }) }),
     };
-    this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Source", "Paint the valid source pixels (B)"], ["inpaint", "Replace", "Paint the area to replace"]], (name) => this.setBrush(name));
-    this.erase = button("Erase", "The brush erases (E)", () => this.setTool(this.brush.tool === "erase" ? "brush" : "erase"));
-    this.diameter = slider("Size", { title: "Brush diameter, in pixels of the photo ([ and ])", low: 2, high: 400, log: true, reset: 48, digits: 0, change: (diameter) => { this.brush.diameter = diameter; } });
-    this.diameter.set(48);
-    this.tools.set("");
     this.measures = make("div", { className: "measures", ariaLive: "polite" }, make("p", { className: "stale", textContent: "Measured when the tile is finished." }));
     this.output = new Output(this.shell, "tile", [button("Save", "Write the tile to the document's folder, in the background", () => { this.tell(); this.shell.ask("tile", { do: "save" }); })]);
     return make("aside", {},
       section("Texture", this.controls.preset, this.controls.flatten, this.controls.sigma, this.controls.amount, this.controls.contrast, this.controls.structure, this.controls.measure, this.controls.patch),
       section("Result", this.controls.seed, this.controls.width, this.controls.height,
-        make("div", { className: "buttons" }, button("Keep variant", "Add these parameters to the variants below (V)", () => this.strip.keep()), button("Show seeds", "Preview eight more seeds at low resolution", () => this.strip.askSeeds()))),
+        make("div", { className: "buttons" }, button("Keep variant", "Add these parameters to the variants below (V)", () => this.strip.keep()), button("Show seeds", "Preview eight more seeds at low resolution", () => this.strip.askSeeds()), button("Show presets", "Preview all presets with the other parameters, at low resolution", () => this.shell.ask("tile", { do: "presets" })))),
       section("Measures", this.measures),
       this.output.element,
-      section("Regions", this.controls.mask, this.controls.inpaint, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
-        make("div", { className: "buttons" }, this.erase, button("Clear", "Erase everything painted", () => this.fill(0)), button("Invert", "Invert the painted mask", () => this.fill(null)))));
+      section("Regions", this.controls.mask, this.controls.inpaint, ...this.regions.elements));
   }
 
   /** Values in effect where the photo decides, before its result is known. */
@@ -110,6 +106,7 @@ export class TileRoom {
 
   set(values) {
     this.chosen = null;
+    if (this.compare.showing) this.compare.show("");
     Object.assign(this.shell.state.tile, values);
     this.refresh(false);
     Object.assign(this.waiting, values);
@@ -126,7 +123,7 @@ export class TileRoom {
   }
 
   setMask(mask) {
-    if (mask === "dominant") this.showOver("dominant");
+    if (mask === "dominant") this.regions.showOver("dominant");
     this.set({ mask });
   }
 
@@ -136,8 +133,22 @@ export class TileRoom {
     const plane = mode === "plane";
     this.planeCanvas.hidden = !plane;
     this.tileView.canvas.hidden = plane;
+    this.compare.setWipe(this.compare.wipe);
     if (plane) this.drawPlane();
     else this.tileView.fit();
+  }
+
+  times() {
+    return this.mode === "1x1" ? 1 : 2;
+  }
+
+  /** Draw another tile than before. */
+  picked() {
+    this.levels = null;
+    if (this.tileView.fitted) this.tileView.fit();
+    this.tileView.redraw();
+    this.drawPlane();
+    this.inspect.draw();
   }
 
   nextSeed() {
@@ -169,24 +180,23 @@ export class TileRoom {
 
   frame(facts, bytes) {
     if (facts.kind === "photo") {
-      this.photo = canvasOf(facts, bytes);
+      this.photo = Object.assign(canvasOf(facts, bytes), { histogram: facts.histogram });
+      this.inspect.draw();
       for (const name of ["mask", "inpaint"]) {
-        if (this.planes[name]?.length !== facts.width * facts.height) this.planes[name] = null;
+        if (this.regions.planes[name]?.length !== facts.width * facts.height) this.regions.planes[name] = null;
       }
       if (this.photoView.fitted) this.photoView.fit();
       this.photoView.redraw();
     } else if (facts.kind === "tile") {
-      this.tile = canvasOf(facts, bytes);
-      this.levels = null;
+      this.tile = Object.assign(canvasOf(facts, bytes), { histogram: facts.histogram });
       const scale = facts.whole ? 1 : 0;
       this.whole = facts.whole;
       if (scale || !this.size[0]) this.size = facts.size;
       else this.size = this.sizeWhileCoarse(facts.size);
       this.fact.textContent = facts.whole ? `${facts.size[0]} × ${facts.size[1]}` : "coarse";
       this.tileView.empty.hidden = true;
-      if (this.tileView.fitted) this.tileView.fit();
-      this.tileView.redraw();
-      this.drawPlane();
+      this.compare.taken();
+      this.picked();
       this.element.dataset.turn = String(facts.turn);
       this.element.dataset.tile = facts.whole ? "whole" : "coarse";
       if (this.strip.keeping) this.strip.keep();
@@ -194,12 +204,21 @@ export class TileRoom {
     } else if (facts.kind === "seed") {
       this.strip.seeds.set(facts.seed, canvasOf(facts, bytes));
       this.strip.show();
+    } else if (facts.kind === "preset") {
+      this.strip.presets.set(facts.preset, canvasOf(facts, bytes));
+      this.strip.show();
+      this.tileView.empty.hidden = true;
+      if (!this.tile) this.picked();
+    } else if (facts.kind === "measure") {
+      this.inspect.take(facts, new Uint8Array(bytes));
+      this.photoView.redraw();
+      this.tileView.redraw();
     } else if (facts.kind === "brush") {
-      this.planes[facts.name] = new Uint8Array(bytes);
+      this.regions.planes[facts.name] = new Uint8Array(bytes);
       this.photoView.redraw();
     } else if (facts.kind === "overlay") {
-      this.overlay = { ...facts, plane: new Uint8Array(bytes), canvas: null };
-      this.overlay.canvas = this.tinted(this.overlay);
+      this.regions.overlay = { ...facts, plane: new Uint8Array(bytes), canvas: null };
+      this.regions.overlay.canvas = this.regions.tinted(this.regions.overlay);
       this.photoView.redraw();
       this.shell.status(facts.name === "label" ? "Click a label to use it as the only source" : "");
     }
@@ -215,7 +234,9 @@ export class TileRoom {
   }
 
   hear(message) {
+    if (message.do === "sample") return this.inspect.hear(message);
     if (message.do !== "measures") return;
+    this.inspect.ask(); // the tile is finished
     this.measures.replaceChildren(...measuresOf(message.lines));
     this.chosen = Object.fromEntries(message.chosen.split(":").filter(Boolean).map((word) => [word.split("=")[0], Number(word.split("=")[1])]));
     this.refresh(false);
@@ -235,178 +256,43 @@ export class TileRoom {
 
   // --- drawing ---
 
-  drawPhoto(context) {
-    context.drawImage(this.photo, 0, 0);
-    const { width, height } = this.photo;
-    if (this.overlay && this.shownOver) context.drawImage(this.overlay.canvas, 0, 0, width, height);
-    const name = this.brush.name || (this.shell.state.tile.mask === "brush" ? "mask" : this.shell.state.tile.inpaint ? "inpaint" : "");
-    const plane = this.planes[name];
-    if (plane && !this.shownOver) {
-      if (this.tintOf !== plane || this.tintStale) {
-        this.tint = this.tinted({ plane, width, height, ids: [255], colors: [name === "mask" ? "90,170,110" : "214,130,60"] });
-        this.tintOf = plane;
-        this.tintStale = false;
-      }
-      context.drawImage(this.tint, 0, 0);
-    }
-  }
-
-  /** A plane of ids as a canvas of semi-transparent colors. */
-  tinted({ plane, width, height, ids, colors }) {
-    const table = new Uint32Array(256);
-    ids.forEach((id, n) => {
-      const [red, green, blue] = colors[n].split(",").map(Number);
-      table[id] = 0x8c000000 | red | (green << 8) | (blue << 16);
-    });
-    const canvas = make("canvas", { width, height });
-    const image = new ImageData(width, height);
-    const out = new Uint32Array(image.data.buffer);
-    for (let n = 0; n < out.length; n++) out[n] = table[plane[n]];
-    canvas.getContext("2d").putImageData(image, 0, 0);
-    return canvas;
-  }
-
-  drawTile(context) {
-    const [width, height] = this.size;
-    const times = this.mode === "1x1" ? 1 : 2;
-    for (let y = 0; y < times; y++) for (let x = 0; x < times; x++) context.drawImage(this.tile, x * width, y * height, width, height);
-  }
-
   drawPlane() {
-    if (this.mode !== "plane" || !this.tile) return;
+    if (this.mode !== "plane" || !this.compare.shown().canvas) return;
     const { clientWidth, clientHeight } = this.tileView.element;
     if (!clientWidth) return;
     this.planeCanvas.width = clientWidth;
     this.planeCanvas.height = clientHeight;
-    this.levels ??= mipmaps(this.tile);
-    drawPlane(this.planeCanvas, this.levels, (clientWidth / this.size[0]) * 0.8);
-  }
-
-  showOver(name) {
-    this.shownOver = name;
-    this.overlays.set(name);
-    if (name && this.overlay?.name !== name) {
-      this.shell.status(name === "dominant" ? "Finding the dominant texture ..." : "Finding labels ...");
-      this.shell.ask("tile", { do: "overlay", name });
-    }
-    this.setBrush(this.brush.name);
-    this.photoView.redraw();
-  }
-
-  /** Use the label under the pointer as the only source. */
-  pickLabel(event) {
-    if (this.shownOver !== "label" || this.overlay?.name !== "label") return;
-    const { plane, width, height } = this.overlay;
-    const [x, y] = this.photoView.at(event);
-    const [column, row] = [Math.floor((x * width) / this.photo.width), Math.floor((y * height) / this.photo.height)];
-    if (column < 0 || row < 0 || column >= width || row >= height) return;
-    const label = plane[row * width + column];
-    if (label) this.set({ mask: label });
-  }
-
-  // --- the brush ---
-
-  setBrush(name) {
-    this.brush.name = this.shownOver === "label" ? "" : name;
-    this.tools.set(this.brush.name);
-    if (this.brush.name && this.shownOver) this.showOver("");
-    this.photoView.canvas.style.cursor = this.brush.name ? "none" : "";
-    this.photoView.redraw();
-  }
-
-  setTool(tool) {
-    this.brush.tool = tool;
-    this.erase.setAttribute("aria-pressed", String(tool === "erase"));
-  }
-
-  plane() {
-    const { name } = this.brush;
-    this.planes[name] ??= new Uint8Array(this.photo.width * this.photo.height);
-    return this.planes[name];
-  }
-
-  strokeFrom(x, y, event) {
-    this.remember();
-    this.last = [x, y];
-    this.strokeTo(x, y, event);
-  }
-
-  strokeTo(x, y, event) {
-    const pressure = event.pointerType === "pen" ? Math.max(0.05, event.pressure) : 1;
-    stroke(this.plane(), this.photo.width, this.photo.height, this.last, [x, y], this.brush.diameter * pressure, this.brush.tool === "erase" ? 0 : 255);
-    this.last = [x, y];
-    this.tintStale = true;
-    this.photoView.redraw();
-  }
-
-  strokeEnds() {
-    this.sendBrush(this.brush.name);
-  }
-
-  /** Send a painted plane, and what the parameter of that name becomes: "brush", or its value before the first stroke. */
-  sendBrush(name, value = "brush") {
-    const other = this.shell.state.tile[name] !== value;
-    if (other && value !== "brush") { // first, because nothing can be made of an empty mask
-      this.set({ [name]: value });
-      this.tell();
-    }
-    this.shell.ask("tile", { do: "brush", name }, this.planes[name]);
-    this.tintStale = true;
-    this.photoView.redraw();
-    if (other && value === "brush") this.set({ [name]: value });
-  }
-
-  fill(value) {
-    if (!this.brush.name) return this.shell.status("First choose what to paint: Source or Replace");
-    this.remember();
-    const plane = this.plane();
-    if (value === null) for (let n = 0; n < plane.length; n++) plane[n] = 255 - plane[n];
-    else plane.fill(value);
-    this.sendBrush(this.brush.name);
-  }
-
-  /** Keep the painted plane, and whether it was used, for undo. */
-  remember() {
-    this.history ??= { mask: { past: [], future: [] }, inpaint: { past: [], future: [] } };
-    const history = this.history[this.brush.name];
-    history.past.push(this.painted());
-    if (history.past.length > 50) history.past.shift();
-    history.future = [];
-  }
-
-  painted() {
-    return { plane: this.plane().slice(), value: this.shell.state.tile[this.brush.name] };
-  }
-
-  undo(forward) {
-    const { name } = this.brush;
-    const [from, to] = forward ? ["future", "past"] : ["past", "future"];
-    const steps = this.history?.[name];
-    if (!name || !steps?.[from].length) return;
-    steps[to].push(this.painted());
-    const { plane, value } = steps[from].pop();
-    this.planes[name] = plane;
-    this.sendBrush(name, value);
+    const { canvas, size } = this.compare.shown();
+    this.levels ??= mipmaps(canvas);
+    drawPlane(this.planeCanvas, this.levels, (clientWidth / size[0]) * 0.8);
   }
 
   // --- keys ---
 
   key(key, event) {
     if (key === " ") this.photoView.space = this.tileView.space = true;
-    else if (key === "z" && (event.ctrlKey || event.metaKey)) this.undo(event.shiftKey);
     else if (event.ctrlKey || event.metaKey) return false;
-    else if (key === "f") { this.photoView.fit(); this.tileView.fit(); }
+    else if (key === "f") this.compare.fit();
+    else if (key === "0") this.compare.oneToOne();
+    else if (key === "l") this.compare.setLinked(!this.photoView.linked);
+    else if (key === "w") this.compare.setWipe(this.compare.wipe === null ? 0.5 : null);
+    else if (key === "a" || key === "b") {
+      const name = key.toUpperCase();
+      if (event.shiftKey) this.compare.store(name);
+      else this.compare.show(this.compare.showing === name ? "" : name);
+    }
+    else if (key === "d" || key === "r") {
+      const name = { d: "drift", r: "repetition" }[key];
+      this.regions.showOver(this.regions.shownOver === name ? "" : name);
+    }
     else if (key === "s") this.nextSeed();
     else if (key === "v") this.strip.keep();
     else if (key === "t") this.setMode({ "1x1": "2x2", "2x2": "plane", plane: "1x1" }[this.mode]);
-    else if (key === "m") this.showOver(this.shownOver === "dominant" ? "" : "dominant");
-    else if (key === "b") { this.setTool("brush"); this.setBrush(this.brush.name || "mask"); }
-    else if (key === "e") { this.setTool("erase"); this.setBrush(this.brush.name || "mask"); }
-    else if (key === "[" || key === "]") {
-      this.brush.diameter = Math.min(400, Math.max(2, this.brush.diameter * (key === "[" ? 0.8 : 1.25)));
-      this.diameter.set(this.brush.diameter);
-      this.photoView.redraw();
-    } else return false;
+    else if (key === "m") this.regions.showOver(this.regions.shownOver === "dominant" ? "" : "dominant");
+    else if (key === "p") this.regions.take("brush");
+    else if (key === "e") this.regions.take("erase");
+    else if (key === "[" || key === "]") this.regions.scaleBrush(key === "[" ? 0.8 : 1.25);
+    else return false;
     return true;
   }
 

@@ -1,11 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// An image that pans and zooms: wheel, middle button, Space and drag, two fingers. The caller handles painting.
+// An image that pans and zooms: wheel, middle button, Space and drag, two fingers, arrows. The caller handles painting.
 
 import { make } from "./controls.js";
 
+const STEP = 48; // CSS px, of an arrow key
+
 export class Viewer {
-  /** `draw(context, viewer)` draws in image coordinates; `size()` is [width, height] of the image. */
-  constructor(name, { draw, size, overlay, paint }) {
+  /**
+   * `draw(context, viewer)` draws in image coordinates; `size()` is [width, height] of the image. `unit()` is the
+   * number of the file's pixels to one of these, for previews. `sampled(x, y)` is called with the pixel of the file
+   * under the pointer, or in the middle of the view when a key moves it; with null when the pointer leaves.
+   */
+  constructor(name, { draw, size, overlay, paint, unit = () => 1, sampled = () => {} }) {
     this.canvas = make("canvas", { role: "img", ariaLabel: name, tabIndex: 0 });
     this.element = make("div", { className: "view" }, this.canvas);
     this.bar = make("div", { className: "bar" }, make("span", { className: "title", textContent: name }));
@@ -15,6 +21,9 @@ export class Viewer {
     this.size = size;
     this.overlay = overlay;
     this.paint = paint;
+    this.unit = unit;
+    this.sampled = sampled;
+    this.linked = null; // the viewer that pans and zooms with this one
     this.scale = 0;
     this.x = this.y = 0; // upper left corner of the image, CSS px
     this.fitted = true;
@@ -43,7 +52,34 @@ export class Viewer {
     this.x = (w - width * this.scale) / 2;
     this.y = (h - height * this.scale) / 2;
     this.fitted = true;
+    this.moved();
+  }
+
+  /** Show a pixel of the file as one of the screen, around the middle of the view. */
+  oneToOne() {
+    const { clientWidth, clientHeight } = this.element;
+    this.zoomAt(clientWidth / 2, clientHeight / 2, this.unit() / (devicePixelRatio || 1) / this.scale);
+  }
+
+  /** Draw at another place or scale, and let the linked viewer follow. */
+  moved() {
     this.redraw();
+    if (!this.linked || !this.linked.size()[0] || !this.scale) return;
+    const { element, linked: other } = this;
+    const ratio = other.unit() / this.unit();
+    const middle = [(element.clientWidth / 2 - this.x) / this.scale / ratio, (element.clientHeight / 2 - this.y) / this.scale / ratio];
+    other.scale = this.scale * ratio;
+    other.x = other.element.clientWidth / 2 - middle[0] * other.scale;
+    other.y = other.element.clientHeight / 2 - middle[1] * other.scale;
+    other.fitted = false;
+    other.redraw();
+  }
+
+  /** Link two viewers, or release them. */
+  static link(one, other, linked) {
+    one.linked = linked ? other : null;
+    other.linked = linked ? one : null;
+    if (linked) one.moved();
   }
 
   redraw() {
@@ -84,7 +120,26 @@ export class Viewer {
     this.y = y - ((y - this.y) * scale) / this.scale;
     this.scale = scale;
     this.fitted = false;
-    this.redraw();
+    this.moved();
+  }
+
+  /** Tell the pixel of the file at a place in CSS px. */
+  sampleAt(x, y) {
+    const unit = this.unit();
+    this.sampled(Math.floor(((x - this.x) / this.scale) * unit), Math.floor(((y - this.y) / this.scale) * unit));
+  }
+
+  /** Move by a key; false if it is another one. */
+  moveBy(key) {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    const [dx, dy] = { ArrowLeft: [STEP, 0], ArrowRight: [-STEP, 0], ArrowUp: [0, STEP], ArrowDown: [0, -STEP] }[key] ?? [0, 0];
+    const factor = { PageDown: 1.25, PageUp: 0.8 }[key] ?? 1;
+    if (!dx && !dy && factor === 1) return false;
+    this.x += dx;
+    this.y += dy;
+    this.zoomAt(width / 2, height / 2, factor);
+    this.sampleAt(width / 2, height / 2);
+    return true;
   }
 
   listen() {
@@ -94,6 +149,9 @@ export class Viewer {
       const box = canvas.getBoundingClientRect();
       this.zoomAt(event.clientX - box.left, event.clientY - box.top, Math.exp(-event.deltaY * 0.0015));
     }, { passive: false });
+    canvas.addEventListener("keydown", (event) => {
+      if (!event.ctrlKey && !event.metaKey && this.size()[0] && this.moveBy(event.key)) event.preventDefault();
+    });
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
@@ -116,8 +174,9 @@ export class Viewer {
         this.fitted = false;
         if (this.pointers.size === 2) this.pinch(event);
         this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
-        this.redraw();
+        this.moved();
       }
+      if (this.scale && !before) this.sampleAt(this.pointer[0] * this.scale + this.x, this.pointer[1] * this.scale + this.y);
       if (this.paint?.active()) this.redraw();
     });
     const end = (event) => {
@@ -126,7 +185,7 @@ export class Viewer {
     };
     canvas.addEventListener("pointerup", end);
     canvas.addEventListener("pointercancel", end);
-    canvas.addEventListener("pointerleave", () => { this.pointer = null; this.redraw(); });
+    canvas.addEventListener("pointerleave", () => { this.pointer = null; this.sampled(null); this.redraw(); });
     canvas.addEventListener("dblclick", () => { if (!this.paint?.active()) this.fit(); });
   }
 

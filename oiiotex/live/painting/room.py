@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import Coroutine, Iterable
+from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,9 @@ from ...api.service import BRUSH, LinkError
 from ...deferred import np
 from ...errors import Error, ImageError, ParameterError
 from ..document import KEPT
-from ..hub import Hub, Page
+from ..hub import Hub
 from ..lines import line, word_of
+from ..pages import Page
 from .palette import COARSE, FINE, LAYERS, LabelPalette, Layers, extended, palette_of, step_facts
 from .sewing import LiveSewing
 from .steps import Steps, fine_of, paintings_in
@@ -57,6 +58,9 @@ class PaintRoom:
             self._show_palette()
         if room == "output" and self._step >= 0:
             self._tell_line()
+        if room == "painting" and self._layers is not None:
+            async with self._turn:
+                await self._follow()
         if room == "paint" and names & _OWN:
             self._wanted |= names & _OWN
             if self._layers is not None:
@@ -77,10 +81,6 @@ class PaintRoom:
                 refused = await self._open(page)
             elif do == "stroke":
                 await self._stroke(asked, data, page)
-            elif do == "undo":
-                refused = await self._go(n for n in reversed(self._steps.numbers) if n < self._step)
-            elif do == "redo":
-                refused = await self._go(n for n in self._steps.numbers if n > self._step)
             elif do == "save":
                 work = await self._saving(int(asked["times"]))
             elif do == "new":
@@ -100,6 +100,7 @@ class PaintRoom:
         """End the unfinished stroke of a page; its previews stay as steps."""
         if self._going is not None and self._going[0] is page:
             self._going = None
+            self._record()
 
     async def save_work(self) -> None:
         """Move unsaved steps to the disk."""
@@ -142,12 +143,17 @@ class PaintRoom:
             self._show_texture(page=page)
             self._tell_step()
             return ""
-        there, at = self._steps.numbers, self._hub.document.state["history"]["step"]
-        refused = await self._go(n for n in reversed(there) if n <= at or at not in there)
-        if self._layers is None:
+        there, at = self._steps.numbers, self._hub.document.state["painting"]["step"]
+        refusals = list[str]()
+        for step in (n for n in reversed(there) if n <= at or at not in there):
+            refusals.append(await self._try(step))
+            if not refusals[-1]:
+                await self._settle()
+                break
+        else:
             await self._new()
         await self._reshape()
-        return refused
+        return next(filter(None, refusals), "")
 
     def _tell_step(self, going: bool = False) -> None:
         facts = {"step": self._step, "last": self._steps.last, "going": going, "change": self._change}
@@ -250,14 +256,10 @@ class PaintRoom:
         await self._settle(going)
 
     async def _add(self, layers: Layers, change: str, before: Path | None = None, seed: int | None = None) -> int:
-        """Add a step at the end of the history. After undo, the step that is shown is first repeated there."""
+        """Add a step."""
         self._going = None
         if seed is None:
             seed = self._hub.document.state["paint"]["seed"] if self._layers is None else self._seed
-        if 0 <= self._step < self._steps.last and self._layers is not None:
-            again = self._steps.start()
-            self._write(again, self._layers, f"Back to step {self._step}", self._seed)
-            self._steps.copy_plan(self._step, again)
         step = self._steps.start()
         try:
             self._write(step, layers, change, seed)
@@ -270,27 +272,36 @@ class PaintRoom:
 
     async def _settle(self, going: bool = False) -> None:
         """Save, and tell pages which step is shown."""
-        self._hub.document.change("history", {"step": self._step})
+        if not going:
+            self._record()
         self._tell_own()
         if not going:
             with contextlib.suppress(Error):  # the next autosave retries and reports the error
                 await asyncio.to_thread(self._steps.save)
         self._tell_step(going)
 
-    async def _go(self, steps: Iterable[int]) -> str:
-        """Undo or redo to the first of these steps that can be shown. Returns why others cannot, or ''."""
-        refused = ""
-        for step in steps:
-            try:
-                await self._show(step)
-                break
-            except LinkError:
-                raise
-            except Error as error:
-                refused = refused or f"cannot show step {step} (it is kept): {error}"
-        if self._layers is not None:
-            await self._settle()
-        return refused
+    def _record(self) -> None:
+        """Add the step that is shown to the document's history."""
+        self._hub.change("painting", {"step": self._step}, self._change)
+
+    async def _follow(self) -> None:
+        """Show the step that undo or redo has chosen."""
+        step = self._hub.document.state["painting"]["step"]
+        if step not in (self._step, -1):
+            if refused := await self._try(step):
+                raise ImageError(refused)
+            self._tell_own()
+            self._tell_step()
+
+    async def _try(self, step: int) -> str:
+        """Show a step. Returns why it cannot be shown, or ''."""
+        try:
+            await self._show(step)
+        except LinkError:
+            raise
+        except Error as error:
+            return f"cannot show step {step} (it is kept): {error}"
+        return ""
 
     async def _show(self, step: int) -> None:
         """Show a step, with its painting, seed and patches."""

@@ -3,19 +3,15 @@
 
 from __future__ import annotations
 
-import os
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from ...api.files import written
 from ...api.painting import regridded
 from ...deferred import np
-from ...errors import ImageError
+from ..numbered import make_folder, next_number, taken
 from .palette import COARSE, FINE
 
-_TAKEN = re.compile(r"(\d{6})\..*")
-_MOST_STEPS = 1_000_000
 _PAINTED = frozenset((".png", ".exr", ".tif", ".tiff"))
 _MOST_OFFERED = 500
 
@@ -31,7 +27,7 @@ class Steps:
         self.folder, self._spare = folder, spare
         self._unsaved: set[int] = set()
         left = sorted(_whole(spare))
-        saved = self._taken(folder)
+        saved = set(taken(folder).values())
         self._unsaved.update(left)
         if left and saved and left[0] <= max(saved):  # the folder has used these numbers meanwhile
             for step in left:
@@ -74,25 +70,13 @@ class Steps:
         """The last step; -1 if there is none."""
         return max(self.numbers, default=-1)
 
-    def _taken(self, folder: Path) -> set[int]:
-        """Numbers that are in use by any file of the folder."""
-        names = os.listdir(folder) if _is_folder(folder) else []
-        return {int(match[1]) for match in map(_TAKEN.fullmatch, names) if match}
-
     # --- new steps ---
 
     def start(self) -> int:
         """Reserve the number of a new step."""
-        step = 1 + max(self._taken(self.folder) | self._unsaved, default=-1)
-        if step >= _MOST_STEPS:
-            raise ImageError(f"{self.folder} has {_MOST_STEPS} steps; start another painting with document=FILE")
+        step = max(next_number(self.folder, 0), 1 + max(self._unsaved, default=-1))
         self._unsaved.add(step)
         return step
-
-    def copy_plan(self, step: int, to: int) -> None:
-        """Copy the plan of a step to a new step."""
-        with written(self.plan(to)) as file:
-            file.write(self.plan(step).read_bytes())
 
     def forget(self, step: int) -> None:
         """Discard a new step and its files."""
@@ -127,21 +111,13 @@ class Steps:
             return
         for step in sorted(self._unsaved & _whole(self._spare)):
             made = [path for path in self._files(step) if path.exists()]
-            self._make_folder()
+            make_folder(self.folder, "the steps of the painting")
             for path in made:
                 with written(self.folder / path.name) as file:
                     file.write(path.read_bytes())
             self._unsaved.discard(step)
             for path in made:
                 path.unlink()
-
-    def _make_folder(self) -> None:
-        if os.path.lexists(self.folder) and not _is_folder(self.folder):
-            raise ImageError(f"{self.folder} must be a folder, for the steps of the painting; rename the existing file")
-        try:
-            self.folder.mkdir(exist_ok=True)
-        except OSError as error:
-            raise ImageError(f"{self.folder.absolute()}: {error.strerror}") from error
 
     # --- plans ---
 
@@ -159,16 +135,10 @@ class Steps:
         return path
 
 
-def _is_folder(path: Path) -> bool:
-    """Whether a path is a folder and not a symbolic link, which could lead anywhere."""
-    return path.is_dir() and not path.is_symlink()
-
-
 def _whole(folder: Path) -> set[int]:
     """Steps with both a painting and a plan in a folder."""
-    names = set(os.listdir(folder)) if _is_folder(folder) else set()
-    steps = {int(match[1]) for match in map(_TAKEN.fullmatch, names) if match}
-    return {step for step in steps if {f"{step:06d}.png", f"{step:06d}.npz"} <= names}
+    names = taken(folder)
+    return {step for step in names.values() if {f"{step:06d}.png", f"{step:06d}.npz"} <= names.keys()}
 
 
 def paintings_in(folders: Iterable[Path]) -> dict[str, Path]:

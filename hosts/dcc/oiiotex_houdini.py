@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Houdini: tiles of a material's maps, and a MaterialX material that shows them. `oiiotex.shelf` has the button."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import hou
+from oiiotex_line import role_of, run, tile_line
+
+_INPUTS = {  # role: input of mtlxstandard_surface, signature of mtlximage
+    "color": ("base_color", "color3"),
+    "roughness": ("specular_roughness", "default"),
+    "metal": ("metalness", "default"),
+    "emission": ("emission_color", "color3"),
+    "normal": ("normal", "vector3"),
+    "opacity": ("opacity", "color3"),
+}
+_LINEAR = "lin_rec709"
+
+
+def shelf():
+    """Ask for the maps of a material, make tiles of them, and build the material."""
+    chosen = hou.ui.selectFile(
+        title="Maps of a material (color, normal, roughness, ...)",
+        file_type=hou.fileType.Image,
+        multiple_select=True,
+    )
+    files = [hou.text.expandString(name.strip()) for name in chosen.split(";") if name.strip()]
+    if not files:
+        return None
+    maps = {"color": files[0]} if len(files) == 1 else {role_of(path): path for path in files}
+    if None in maps or len(maps) < len(files):
+        hou.ui.displayMessage("expected names that end with a role, each once, such as wall_color.png, wall_normal.png")
+        return None
+    first = Path(files[0])
+    name = first.stem if len(files) == 1 else first.stem.rpartition("_")[0]
+    try:
+        with hou.InterruptableOperation("oiiotex: making tiles", open_interrupt_dialog=True):
+            words, tiles = tile_line(maps, first.parent / f"{name}_tile")
+            run(words)
+    except RuntimeError as error:
+        hou.ui.displayMessage(str(error), severity=hou.severityType.Error)
+        return None
+    return material(tiles, name, comment=" ".join(words))
+
+
+def material(files, name, parent="/mat", relief=0.05, comment=""):
+    """A MaterialX subnet of `mtlximage` nodes and a standard surface.
+
+    Parameters
+    ----------
+    files : dict of str to path
+        Maps by role.
+    name : str
+    parent : str
+        A material network: /mat, or a Material Library node.
+    relief : float
+        Distance between heights 0 and 1.
+    comment : str
+        Comment of the subnet: the line that made the files.
+
+    Returns
+    -------
+    hou.Node
+    """
+    subnet = hou.node(parent).createNode("subnet", hou.text.variableName(name))
+    subnet.deleteItems(subnet.allItems())
+    subnet.setMaterialFlag(True)
+    subnet.setComment(comment)
+    surface = subnet.createNode("mtlxstandard_surface", "surface")
+    _output(subnet, surface, "surface")
+    for role, path in files.items():
+        wanted, signature = _INPUTS.get(role, (None, "default"))
+        image = subnet.createNode("mtlximage", role)
+        image.parm("signature").set(signature)
+        image.parm("file").set(str(path))
+        image.parm("filecolorspace").set(_LINEAR if role in ("color", "emission") else "Raw")
+        if role == "normal":
+            turned = subnet.createNode("mtlxnormalmap", "normalmap")
+            turned.setNamedInput("in", image, "out")
+            surface.setNamedInput(wanted, turned, "out")
+        elif role == "height":
+            moved = subnet.createNode("mtlxdisplacement", "displacement")
+            moved.setNamedInput("displacement", image, "out")
+            moved.parm("scale").set(relief)
+            _output(subnet, moved, "displacement")
+        elif wanted:
+            surface.setNamedInput(wanted, image, "out")
+    if "emission" in files:
+        surface.parm("emission").set(1)
+    subnet.layoutChildren()
+    return subnet
+
+
+def _output(subnet, node, kind):
+    """Connect a node to an output of the subnet."""
+    output = subnet.createNode("subnetconnector", f"{kind}_output")
+    for name, value in (("connectorkind", "output"), ("parmname", kind), ("parmlabel", kind), ("parmtype", kind)):
+        output.parm(name).set(value)
+    output.setInput(0, node)

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nuke: tiles, moving tiles, label mattes and Wang planes. In menu.py: `import oiiotex_nuke; oiiotex_nuke.menu()`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import nuke
+from oiiotex_line import run, tile_line
+
+_BLINK = Path(__file__).with_name("wang_plane.blink")
+
+
+def make_tile():
+    """Make a tile of the selected Read node, and nodes that show it and repeat it."""
+    read = nuke.selectedNode()
+    panel = nuke.Panel("Make Tile")
+    panel.addSingleLineInput("Seed", "0")
+    panel.addEnumerationPulldown("Preset", "automatic even clean keep")
+    panel.addSingleLineInput("Color space", "")
+    if not panel.show():
+        return None
+    preset, space = panel.value("Preset"), panel.value("Color space")
+    given = {"seed": int(panel.value("Seed"))} | ({} if preset == "automatic" else {"preset": preset})
+    photo = nuke.filename(read)
+    out = os.path.splitext(photo)[0] + "_tile"
+    words, files = tile_line({"color": photo}, out, space=space or None, stmap=f"{out}_st.exr", **given)
+    try:
+        run(words)
+    except RuntimeError as error:
+        nuke.message(str(error))
+        return None
+    tile = nuke.nodes.Read(file=files["color"], label="\n".join(words))
+    nuke.nodes.Tile(inputs=[tile], rows=3, columns=3)
+    return apply_coordinates(read, f"{out}_st.exr")
+
+
+def apply_coordinates(picture, path):
+    """The tile of another picture of the photo's size, by the source coordinates of a tile.
+
+    The coordinates count from the top; STMap counts from the bottom. Neighbors are not neighbors in the picture, so no
+    filter may mix them.
+    """
+    coordinates = nuke.nodes.Read(file=path, raw=True)
+    flipped = nuke.nodes.Expression(inputs=[coordinates], expr0="r", expr1="1 - g")
+    return nuke.nodes.STMap(inputs=[picture, flipped], uv="rgb", filter="Impulse")
+
+
+def pick_labels():
+    """Write the labels of the selected Read node as a Cryptomatte, and make a node to pick from it."""
+    photo = nuke.filename(nuke.selectedNode())
+    out = os.path.splitext(photo)[0] + "_labels.exr"
+    try:
+        run([os.environ.get("OIIOTEX", "oiiotex"), photo, "--texlabel:cryptomatte=1:single=1", "-o", out])
+    except RuntimeError as error:
+        nuke.message(str(error))
+        return None
+    return nuke.nodes.Cryptomatte(inputs=[nuke.nodes.Read(file=out, raw=True)])
+
+
+def wang_plane():
+    """A plane of Wang tiles from an atlas and its index image, of `oiiotex-library wang`."""
+    index = nuke.getFilename("NAME_index.png", "*_index.png")
+    if not index:
+        return None
+    atlas = nuke.nodes.Read(file=index.replace("_index.", "_color."))
+    cells = nuke.nodes.Read(file=index, raw=True)
+    plane = nuke.nodes.Constant(format="2048 2048 0 0 2048 2048 1 wang_plane", channels="rgba")
+    node = nuke.nodes.BlinkScript(inputs=[plane, atlas, cells])
+    node["kernelSource"].setText(_BLINK.read_text())
+    node["recompile"].execute()
+    return node
+
+
+def menu():
+    """Add the commands to the Nodes toolbar."""
+    entries = nuke.menu("Nodes").addMenu("oiiotex")
+    for name, command in (
+        ("Make Tile", make_tile),
+        ("Pick Labels", pick_labels),
+        ("Wang Plane", wang_plane),
+    ):
+        entries.addCommand(name, command)

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Means to judge a tile: coarse tiles of all presets, values of pixels, maps of measures."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Mapping
+from typing import Any
+
+from ..api.images import Window, as_float, resized
+from ..api.measures import region_uses
+from ..api.painting import PRESETS
+from ..api.service import BRUSH, spec_of
+from ..deferred import np, oiio
+from ..errors import Error
+from .hub import Hub
+from .pages import Page
+
+MOST_SHOWN = 2048  # px; longest side of an image sent to a page
+BINS = 64  # of a histogram, for each channel
+_COARSE = 128  # px; longer side of the photo for a coarse tile: patches are those of a full tile's coarse levels
+# px; the same for `clean`. Its mask leaves few whole patches on coarse levels, so its synthesis starts on finer ones
+_COARSE_CLEAN = 512
+_MASK_STEPS = 32  # patches along the longer side that the mask of `clean` is found from
+_DECIDED = {"preset", "sigma", "amount", "patch", "contrast", "label", "size"}  # by presets, or without a coarse tile
+
+Maps = dict[str, "np.ndarray"]  # (height, width) float32 of 'photo' and 'tile'
+
+
+class Inspection:
+    """Judging the photo and its tile."""
+
+    def __init__(self, hub: Hub):
+        self._hub = hub
+        self._presets: Maps = {}  # coarse tiles by preset; '': none
+
+    def show_presets(self, page: Page | None = None) -> None:
+        """Show the coarse tiles again, as after a change of the view."""
+        for preset in self._presets:
+            self._show_preset(preset, page)
+
+    def _show_preset(self, preset: str, page: Page | None = None) -> None:
+        small = self._hub.picture(self._presets[preset], self._hub.shown())
+        self._hub.show({"room": "tile", "kind": "preset", "preset": preset}, small, page)
+
+    async def find_presets(self, values: Mapping[str, Any]) -> None:
+        """Synthesize coarse tiles of all presets, with the other modifiers of the document."""
+        others = {name: value for name, value in values.items() if name not in _DECIDED}
+        async with self._fitted(_COARSE) as (number, _):
+            for preset in ("", *(name for name in PRESETS if name != "clean")):
+                with contextlib.suppress(Error):  # choosing the preset says why
+                    pixels = await self._made("stationarize", number, others | ({"preset": preset} if preset else {}))
+                    self._found(preset, pixels)
+        with contextlib.suppress(Error):
+            self._found("clean", await self._clean(others))
+
+    def _found(self, preset: str, pixels: np.ndarray) -> None:
+        self._presets[preset] = as_float(pixels)
+        self._show_preset(preset)
+
+    async def _clean(self, values: Mapping[str, Any]) -> np.ndarray:
+        client = await self._hub.client()
+        async with self._fitted(_COARSE_CLEAN) as (number, side):
+            looked = {"keep": 1, "step": max(1, side // _MASK_STEPS)}
+            facts, _ = await asyncio.wrap_future(client.make("dominant", [number], looked, priority=BRUSH))
+            masked = int(facts["images"][0]["number"])
+            asked, more = {**values, "preset": "clean"}, {"optional": {"mask": "dominant"}}
+            try:
+                return await self._made("stationarize", masked, asked, read=None, until="look", **more)
+            except Error:  # no dominant texture: the preset then uses the whole photo
+                asked |= {"preset": "even", "contrast": 0}
+                return await self._made("stationarize", number, asked, read=None, until="look")
+            finally:
+                client.drop(masked)
+
+    @contextlib.asynccontextmanager
+    async def _fitted(self, side: int) -> AsyncIterator[tuple[int, int]]:
+        """The number of the photo, reduced to a longer side if it is larger, and that side."""
+        client, photo, longer = await self._hub.client(), await self._hub.photo(), max(self._photo_size)
+        if longer <= side:
+            yield photo, longer
+            return
+        facts, _ = await asyncio.wrap_future(client.make("fit", [photo], {"size": f"{side}x{side}"}, priority=BRUSH))
+        number = int(facts["images"][0]["number"])
+        try:
+            yield number, side
+        finally:
+            client.drop(number)
+
+    async def _made(
+        self, op: str, number: int, values: Mapping[str, Any], read: str | None = "", **more: Any
+    ) -> np.ndarray:
+        """Pixels of an op's first result, or of its first preview."""
+        client = await self._hub.client()
+        request = client.make(op, [number], values, priority=BRUSH, keep=False, read=read, **more)
+        return (await asyncio.wrap_future(request))[1][0]
+
+    @property
+    def _photo_size(self) -> tuple[int, int]:
+        spec = self._photo_spec
+        return spec.width, spec.height
+
+    @property
+    def _photo_spec(self) -> oiio.ImageSpec:
+        assert self._hub.source.image is not None
+        return self._hub.source.image.first.spec
+
+    # --- values and maps ---
+
+    async def sample(self, page: Page, asked: Mapping[str, Any], tile: dict[str, Any] | None) -> None:
+        """Tell a page the values of a pixel of the photo or the tile, in the file's space and as displayed."""
+        x, y, what = int(asked["x"]), int(asked["y"]), asked["what"]
+        client, photo = await self._hub.client(), await self._hub.photo()
+        spec = self._photo_spec if tile is None else spec_of(tile["parts"][0])
+        if not (0 <= x < spec.width and 0 <= y < spec.height):
+            return
+        number = photo if tile is None else tile["number"]
+        window = Window(spec.x + x, spec.y + y, spec.x + x + 1, spec.y + y + 1)
+        _, (pixels,) = await asyncio.wrap_future(client.read(number, window, priority=BRUSH))
+        values = as_float(pixels)
+        shown = self._hub.picture(values, self._hub.shown())[0, 0].tolist()
+        named = list(zip(spec.channelnames, (f"{value:.5g}" for value in values[0, 0]), strict=True))
+        facts = {"do": "sample", "room": "tile", "what": what, "x": x, "y": y, "values": named, "shown": shown}
+        page.tell(json.dumps(facts))
+
+    async def show_measure(self, name: str, tile: dict[str, Any] | None, measure: str) -> None:
+        """Show a map of the photo and, when it is finished, of the tile: 'drift' or 'repetition'."""
+        maps = await (self._drift(tile, measure) if name == "drift" else self._repetition(tile))
+        high = max((float(values.max()) for values in maps.values()), default=0.0) or 1.0
+        for what, values in maps.items():
+            step = -(-max(values.shape) // MOST_SHOWN)
+            plane = np.rint(np.clip(values[::step, ::step, None] / high, 0, 1) * 255).astype(np.uint8)
+            facts = {"room": "tile", "kind": "measure", "name": name, "what": what, "high": high}
+            self._hub.show(facts, plane)
+
+    async def _drift(self, tile: dict[str, Any] | None, measure: str) -> Maps:
+        """Deviation of local statistics from those elsewhere, at one scale."""
+        sigma = max(1.0, max(self._photo_size) / 32)
+        numbers = {"photo": await self._hub.photo()} | ({} if tile is None else {"tile": tile["number"]})
+        values = {"sigma": sigma, "measure": measure}
+        return {what: (await self._made("stationarity", n, values))[..., 0] for what, n in numbers.items()}
+
+    async def _repetition(self, tile: dict[str, Any] | None) -> Maps:
+        if tile is None:
+            return {}
+        client = await self._hub.client()
+        _, (st,) = await asyncio.wrap_future(client.read(tile["number"], part="st", priority=BRUSH))
+        uses, shown = await asyncio.to_thread(region_uses, st, self._photo_spec)
+        return {"photo": uses, "tile": shown}
+
+
+def histogram(picture: np.ndarray) -> list[list[int]]:
+    """Counts of the values of (height, width, 3) uint8, `BINS` for each channel, in thousandths of the largest."""
+    counts = np.stack([np.bincount(one.ravel() // (256 // BINS), minlength=BINS) for one in np.moveaxis(picture, 2, 0)])
+    return np.ceil(1000 * counts / max(1, counts.max())).astype(int).tolist()
+
+
+def reduced(pixels: np.ndarray, most: int = MOST_SHOWN) -> np.ndarray:
+    """(height, width, channels) float32, reduced so that no side exceeds `most`."""
+    scale = min(1.0, most / max(pixels.shape[:2]))
+    height, width = (max(1, round(n * scale)) for n in pixels.shape[:2])
+    return resized(pixels, width, height)
