@@ -295,8 +295,10 @@ def test_all_controls_can_be_reached_and_nothing_overflows(page):
 def test_axe_finds_nothing_serious(page):
     axe = pytest.importorskip("axe_playwright_python", reason="NOT RUN: pip install oiiotex[test]")
     script = (Path(axe.__file__).parent / "axe.min.js").read_text()
-    for tab in ("tile", "paint", "zoom"):
+    for tab, keys in (("paint", ()), ("zoom", ()), ("tile", ("w", "Shift+A", "d")), ("tile", ("?",))):
         page.click(f"#tab-{tab}")
+        for key in keys:
+            page.keyboard.press(key)
         page.evaluate(script)
         found = page.evaluate("axe.run().then((all) => all.violations)")
         serious = {one["id"]: one["nodes"][0]["html"] for one in found if one["impact"] in ("serious", "critical")}
