@@ -26,7 +26,7 @@ from tests.library_makings import here as here
 ATLAS = """
 [[product]]
 name = "tile"
-line = "$maps --texstationarize:n=$n:kinds=$kinds:variants=16:size=16x16:pack=atlas:iterations=1 $outputs"
+line = "$maps --texstationarize:kinds=$kinds:variants=16:size=16x16:pack=atlas:iterations=1 $outputs"
 [deliver]
 wang = true
 """
@@ -102,7 +102,7 @@ def test_pictures_show_the_plane():
     flat = np.ones((1, 1, 1), np.float32)
     looks = preview.Looks(color, np.array([[[0, 0, 1]]], np.float32), flat, flat, flat, 4, index)
     small = looks.pictures("sphere", False, np.zeros((preview.CARD, 8, 3)))["thumbnail.jpg"]
-    shown = np.rint(16 * preview._linear(small[2::4, 2::4, 0]))
+    shown = np.rint(16 * preview.decoded(small[2::4, 2::4, 0]))
     np.testing.assert_array_equal(shown, index[:4, :4, 2])
 
 
@@ -114,6 +114,7 @@ def test_pictures_show_the_plane():
             "product tile: wang = true delivers atlases of Wang tiles; add :variants=16",
         ),
         (ATLAS + 'format = "tiff"\n', 'wang = true requires format = "exr"'),
+        (ATLAS + 'shader = true\nshape = "plane"\n', "shader = true renders the MaterialX document: requires"),
     ],
 )
 def test_a_recipe_without_atlases_is_refused(told, says):
