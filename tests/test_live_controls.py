@@ -195,6 +195,8 @@ def test_a_preset_is_shown_coarse_and_chosen_by_a_click(page):
         page.wait_for_selector("[data-tile=whole]")
         assert state(page, "tile") == USUAL | {"preset": preset}
         assert page.evaluate(CANVAS, ["tile"]) == shown[preset]
+    wait(page, "document.querySelector('.measures').textContent.includes('preset=even is equivalent to')")
+    assert "stmap" not in page.inner_text(".measures") + page.input_value(".line >> nth=0")
     page.locator("canvas[aria-label=Tile]").focus()
 
 
