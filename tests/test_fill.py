@@ -224,7 +224,7 @@ def test_small_scattered_and_empty_regions(caplog):
         (STAIN, {"mask": mask(STAIN)}, "no pixel remains to fill from"),
         (STAIN, {"source": buffer(OTHER[:5])}, "the exemplar of 64x5 px is smaller than a patch of 7x7"),
         (STAIN, {"level": 1}, "level and labels require label or sourcelabel"),
-        (STAIN, {"relevel": True}, "relevel=1 requires kinds with a height"),
+        (STAIN, {"relevel": True}, "relevel=True requires kinds with a height"),
         (
             STAIN,
             {"maps": [buffer(PHOTO)], "source": buffer(OTHER)},

@@ -13,7 +13,7 @@ from ..core.op import Kind, Output, Space
 from ..core.parameters import Numbers, Parameter, image, param
 from ..core.source_map import ST
 from ..drift.flattening import DRIFT
-from ..errors import ImageError, ParameterError, whole_budget
+from ..errors import ImageError, ParameterError, modifier, whole_budget
 from ..exemplar.exemplar_op import MaterialOp
 from ..exemplar.heights import RELEVEL
 from ..exemplar.patch_synthesis import PATCH_HELP, PATCHES
@@ -139,7 +139,7 @@ class Fill(MaterialOp, InBands):
         if self.label is None and self.sourcelabel is None and (self.level is not None or self.labels is not None):
             raise ParameterError("level and labels require label or sourcelabel")
         if self.relevel and "height" not in self.map_kinds:
-            raise ParameterError("relevel=1 requires kinds with a height")
+            raise ParameterError(f"{modifier(relevel=True)} requires kinds with a height")
         if self.relevel and self.source is not None:
             raise ParameterError("conflicts with source", parameter="relevel", value=1)
         self.source_maps()
