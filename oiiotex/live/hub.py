@@ -140,8 +140,10 @@ class Hub(Pages):
         name = chosen.get(what) or output_name(self.source.stem, what, pixel_type)
         return name, chosen["type"] or type_in(name, pixel_type)
 
-    async def save(self, made: dict[str, Any], name: str, pixel_type: str) -> None:
+    async def save(self, made: dict[str, Any], name: str, pixel_type: str) -> str:
         """Write an image of the resident process to the document's folder, in bands, at the lowest priority.
+
+        Returns the name of the file.
 
         Parameters
         ----------
@@ -170,6 +172,7 @@ class Hub(Pages):
                 client.drop(number)
         self.saved[path.name] = path
         self.tell({"do": "saved", "name": path.name})
+        return path.name
 
     def release(self, client: Client, number: int) -> None:
         """Drop an image of the resident process; if it is being saved, afterwards."""

@@ -191,7 +191,8 @@ class TileRoom:
         made = images[0]
         if turn == self._turn:
             self._images = images
-            lines = [[level, text.removeprefix(f"--tex{self._op}: ")] for level, text in facts["log"]]
+            own = f"--tex{self._op}: "  # and stmap=1 is the page's
+            lines = [[level, text.removeprefix(own).replace(":stmap=1", "")] for level, text in facts["log"]]
             chosen = spec_of(made["parts"][0]).get_string_attribute("oiiotex:chosen")
             self._measures = {"do": "measures", "room": "tile", "lines": lines, "chosen": chosen}
             hub.tell(self._measures)

@@ -8,8 +8,8 @@ const PIECE = 4 << 20; // bytes of a photo in one message
 const IMAGE = /\.(exr|png|jpe?g|tiff?|hdr|webp|tga|bmp|psd|dpx)$/i;
 const TYPES = ".exr,.png,.jpg,.jpeg,.tif,.tiff,.hdr,.webp,.tga,.bmp,.psd,.dpx";
 
-/** The address of a photo's page. */
-export const addressOf = (key) => `?photo=${encodeURIComponent(key)}${location.hash}`;
+/** The address of a photo's page, in the same tab. */
+export const addressOf = (key) => `?photo=${encodeURIComponent(key)}${location.hash.split("/")[0]}`;
 
 export class Photos {
   constructor(shell) {

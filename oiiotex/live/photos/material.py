@@ -52,8 +52,9 @@ class MaterialMaps:
 
     async def save(self, images: list[dict[str, Any]], outputs: Outputs) -> None:
         """Write the images of a tile and its maps."""
-        for image, output in zip(images, outputs, strict=True):
-            await self._hub.save(image, *output)
+        names = [await self._hub.save(image, *output) for image, output in zip(images, outputs, strict=True)]
+        if len(names) > 1:
+            self._hub.tell({"do": "note", "text": f"Saved {len(names)} maps: {', '.join(names)}"})
 
     async def numbers(self, client: Client) -> list[int]:
         """Numbers of the maps in the resident process."""

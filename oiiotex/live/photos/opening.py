@@ -53,7 +53,7 @@ def materials_of(photos: Sequence[OpenPhoto]) -> list[OpenPhoto]:
             continue
         color = next(photo for role, _, photo in group if role == "color")
         maps = tuple(
-            MaterialMap(role, _kind(role), hand, photo.image, photo.words)
+            MaterialMap(role, _kind(role), hand, photo.image, photo.words[_shared(color.words, photo.words) :])
             for role, hand, photo in group
             if photo is not color
         )
@@ -66,6 +66,11 @@ def require_memory(photo: OpenPhoto, session: Session) -> None:
     images = [photo.image, *(one.image for one in photo.maps)]
     need = sum(part.spec.image_bytes() for image in images for part in image.parts)
     session.resources.require(need, photo.path.name, "reduce or crop the photo")
+
+
+def _shared(one: Sequence[str], other: Sequence[str]) -> int:
+    """The number of words that two lines begin with: options that apply throughout."""
+    return next(n for n, pair in enumerate(itertools.zip_longest(one, other)) if pair[0] != pair[1])
 
 
 def _kind(role: str) -> str:
