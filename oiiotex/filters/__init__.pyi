@@ -1690,7 +1690,7 @@ def estimateroughness(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1736,7 +1736,7 @@ def fill(
     ----------
     exemplar : ImageLike
         Photo; of the n maps of a material, the first.
-    region : ImageLike
+    region : ImageLike | None
         Image that marks the pixels to replace (first channel above half its range, or a nonzero label
         id). It is not taken with label or matte.
     mask : ImageLike | None, default None
@@ -1851,7 +1851,7 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1886,7 +1886,7 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1921,7 +1921,7 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1957,7 +1957,7 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,
