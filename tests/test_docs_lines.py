@@ -29,6 +29,7 @@ PAGES = {
 }
 ELSEWHERE = {  # run by a test that knows what comes out
     "how-to/farm": "test_farm.py",
+    "how-to/fills-in-moving-shots": "test_motion.py",
     "how-to/studio": "test_library_faults.py",
     "how-to/your_own_filter": "test_plugins.py",
 }
