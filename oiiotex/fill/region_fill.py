@@ -13,7 +13,7 @@ from ..core.image import Image, Part, derived_spec, spec_beside
 from ..core.source_map import SourceMap, tile_spec
 from ..core.window import Window
 from ..deferred import np
-from ..errors import ImageError
+from ..errors import ImageError, present
 from ..exemplar.exemplar_masks import both, label_map, labeled_pixels, masked_pixels
 from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.heights import height_tile
@@ -26,7 +26,7 @@ from ..patchmatch.recipe import Recipe
 from ..regularity.courses import Courses, InCourses
 from ..regularity.lattice import Lattice
 from ..regularity.offset_prices import InStep
-from .light import Light, drift_within, light_of
+from .light import Light, drift_within, light_of, rim_offsets
 from .region import marked_pixels, surroundings
 from .seam_zone import grown, replaced_pixels
 from .source_layout import in_layout_of
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ..session.resources import Resources
 
 _SHARES = 1, 1, 8, 1  # of the time: reading, light, synthesis, cut
+_FINE = 4  # iterations of each finer level: at the border, patches have to fit pixels that do not give way
 _AROUND = 0.5  # longer sides of the region around it, in which the light is measured
 
 
@@ -43,12 +44,14 @@ _AROUND = 0.5  # longer sides of the region around it, in which the light is mea
 class Filling:
     """The source of each pixel of a window, and where it is shown.
 
-    `source`: of a window at (0, 0) of the photo's data window; `shown` (height, width) bool.
+    `source`: of a window at (0, 0) of the photo's data window; `shown` (height, width) bool; `rim` (height, width, 3)
+    float32 or None: offsets at the common level that close the step at the border.
     """
 
     window: Window
     source: SourceMap
     shown: np.ndarray
+    rim: np.ndarray | None = None
 
 
 class RegionFill:
@@ -126,14 +129,18 @@ class RegionFill:
         if op.cut:
             with resources.stats.time("cut"):
                 marked = replaced_pixels(marked, zone[inside], kept, values, source)
+        rim = None
+        if self._light is not None:
+            clear = ~marked if opaque is None else ~marked & opaque[inside]
+            rim = np.float32(op.strength) * rim_offsets(kept, values, source, marked, clear, float(op.side))
         next(self._stages).advance(1, 1)
-        return Filling(window, source, marked)
+        return Filling(window, source, marked, rim)
 
     def _recipe(self, window: Window) -> Recipe:
         op = self._op
         return Recipe.tiling(
             *window.size, op.tile, sigma=None, patch=op.side, iterations=op.iterations, seed=op.seed,
-            uniformity=op.uniformity, contrast=0.0, flat=False,
+            uniformity=op.uniformity, contrast=0.0, flat=False, fine=_FINE,
         )  # fmt: skip
 
     def _in_step(self, recipe: Recipe, seen: ExemplarPixels, window: Window) -> Recipe:
@@ -245,9 +252,9 @@ class RegionFill:
         change = np.zeros_like(there)
         change[..., 0] = 1
         here = other.at_pixels(*filling.source[filling.shown].yx)
-        gain = there[filling.shown][:, :1]
+        gain, rim = there[filling.shown][:, :1], present(filling.rim)[filling.shown]
         change[filling.shown] = np.concatenate(
-            [here[:, :1] / gain, (here[:, 1:] - there[filling.shown][:, 1:]) / gain], 1
+            [here[:, :1] / gain, (here[:, 1:] + rim - there[filling.shown][:, 1:]) / gain], 1
         )
         return change
 

@@ -115,8 +115,7 @@ class TileRoom:
         elif do == "presets":
             await self._inspection.find_presets(self._values())
         elif do == "sample":
-            if asked["what"] == "photo" or self._images:
-                await self._inspection.sample(page, asked, self._tile_image if asked["what"] == "tile" else None)
+            await self._inspection.sample(page, asked, self._tile_image)
         elif do == "measure":
             await self._inspection.show_measure(
                 asked["name"], self._tile_image, self._hub.document.state["tile"]["measure"]
@@ -192,7 +191,8 @@ class TileRoom:
         made = images[0]
         if turn == self._turn:
             self._images = images
-            lines = [[level, text.removeprefix(f"--tex{self._op}: ")] for level, text in facts["log"]]
+            own = f"--tex{self._op}: "  # and stmap=1 is the page's
+            lines = [[level, text.removeprefix(own).replace(":stmap=1", "")] for level, text in facts["log"]]
             chosen = spec_of(made["parts"][0]).get_string_attribute("oiiotex:chosen")
             self._measures = {"do": "measures", "room": "tile", "lines": lines, "chosen": chosen}
             hub.tell(self._measures)

@@ -64,7 +64,7 @@ from .memory import ExemplarHeld, level_sigmas, plan_memory
 from .recipe import Recipe, geometry_at, level_scales
 from .use_prices import Lost, UsePrices, lost_texture
 
-FINE_ITERATIONS, PAPER_FINE_ITERATIONS = 1, 3  # per finer level: the coarsest decides the layout; section 4.2: 2 or 3
+PAPER_FINE_ITERATIONS = 3  # section 4.2: 2 or 3
 COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: coarsest level, finer levels, last iteration
 FINE_SEARCHES = 3  # the coarsest level has found the regions; wide windows find nothing better
 OVERSHOOT = 1.2
@@ -130,7 +130,7 @@ def synthesize(
     geometries = [geometry_at(recipe, exemplar.shape, scale) for scale in scales]
     start = first_level(allowed, geometries, ruled_out, ENOUGH if constraints.fixed is None else ENOUGH_AMONG)
     scales, geometries = scales[start:], geometries[start:]
-    fine = PAPER_FINE_ITERATIONS if recipe.literal else FINE_ITERATIONS
+    fine = PAPER_FINE_ITERATIONS if recipe.literal else recipe.fine
     schedule = [[COARSE_PASSES] * recipe.iterations, *([FINE_PASSES] * fine for _ in scales[1:])]
     schedule[-1][-1] = LAST_PASSES
     sizes = [g.width * g.height for g in geometries]

@@ -51,6 +51,8 @@ class Recipe(Domain):
         Start as the shifted exemplar if there are no constraints. Otherwise from small random blocks.
     in_step : InStep or InCourses or None
         The lattice, or the courses, of the exemplar that the result keeps.
+    fine : int
+        Number of iterations on each finer level: the coarsest decides the layout.
     literal : bool
         Use levels, iterations, projections and searches of the paper: start at a quarter of the tile, no overshoot,
         all search windows on all levels, and keep the residual of steerable filters.
@@ -70,6 +72,7 @@ class Recipe(Domain):
     shifted: bool = True
     in_step: InStep | InCourses | None = None
     literal: bool = False
+    fine: int = 1
 
     @property
     def scales(self) -> str:

@@ -43,7 +43,7 @@ def stained_gravel() -> oiio.ImageBuf:
 
 
 def stains_removed() -> None:
-    """A photo, the mask, and the photo resynthesized inside it: gravel and a wall."""
+    """A photo, the region, and the photo filled: gravel and a wall from themselves, soil from a lawn."""
     rows = []
     wall = test_photo("stained_plaster_wall.jpg")
     cases = [(stained_gravel(), (0.66, 0.36, 0.2, 0.17))]
@@ -51,6 +51,15 @@ def stains_removed() -> None:
     for photo, place in cases:
         marked = ellipse(photo, *place)
         made = filters.fill(photo, one_channel(marked), seed=SEED)
+        shown = np.where(marked[..., None], pixels(photo) // 2, pixels(photo))
+        rows.append(halved(beside(pixels(photo), shown, pixels(made))))
+    clover, ground = (test_photo(f"{name}.jpg") for name in ("clover_lawn", "moss_grass_stones_ground"))
+    if clover is not None and ground is not None:
+        photo, source = shrunk(ground, 512), shrunk(clover, 512)
+        lit = pixels(photo) * np.linspace(1, 0.6, 512)[None, :, None]
+        photo.set_pixels(photo.roi, np.ascontiguousarray(lit / 255, np.float32))
+        marked = ellipse(photo, 0.55, 0.5, 0.38, 0.2)
+        made = filters.fill(photo, one_channel(marked), source=source, seed=SEED)
         shown = np.where(marked[..., None], pixels(photo) // 2, pixels(photo))
         rows.append(halved(beside(pixels(photo), shown, pixels(made))))
     write_jpeg(stacked(rows), "fill_repair.jpg")
