@@ -100,7 +100,7 @@ def _bound(
             given[name] = _keyword(op, name, values[name], pictures[0] if pictures else None, resources)
     if further is not None and further.name in values:
         more = tuple(_image(image, resources) for image in values[further.name])
-        values = {further.count: 1 + len(more)} | values | {further.name: more}
+        values = values | {further.name: more}
     return op(**{**{i.name: None for i in op.images()}, **values, **given})
 
 

@@ -85,7 +85,7 @@ def forms(op: type[Op]) -> tuple[Form, ...]:
     certain = [n for n in flags if not asked[n].name.endswith(".N") or asked[n].of]
     plain = SINGLE if not (op.main().name.endswith(".N") or _passes_on(op)) else f"{SINGLE} | {PARTS}"
     several = _several(op)
-    alone = {name: "Literal[1]" for name in several if name in {p.name for p in op.parameters()}}
+    alone = {name: "Literal[1]" if name in {p.name for p in op.parameters()} else "tuple[()]" for name in several}
     alone |= {"single": "Literal[False]"} if "single" in {p.name for p in op.parameters()} else {}  # one part for many
     quiet = {n: _without_true(p, asked[n]) for n, p in flags.items()}
     one_part = {i.name: "Picture" for i in op.images()[:1] if op.carries}
@@ -107,7 +107,7 @@ def _several(op: type[Op]) -> tuple[str, ...]:
     if further is None:
         return ()
     known = {further.name, *(p.name for p in op.parameters())}
-    return tuple(name for name in (further.count, "variants", further.name) if name in known)
+    return tuple(name for name in ("variants", further.name) if name in known)
 
 
 def _without_true(parameter: Parameter, output: Output) -> str:

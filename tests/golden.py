@@ -92,7 +92,7 @@ CASES = {
     ),
     "stationarize_material": Case(
         lambda: pictures.stained(pictures.bricks(96, 128, 1)),
-        ("second.exr", "--texstationarize:n=2:mapweights=1,0.5:seed=1:patch=7", "--pop"),
+        ("second.exr", "--texstationarize:kinds=color,data:mapweights=1,0.5:seed=1:patch=7", "--pop"),
         second=lambda: pictures.moss(96, 128, 2),
     ),
     "stationarize_wang": Case(

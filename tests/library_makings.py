@@ -51,7 +51,7 @@ def photos(tmp_path: Path) -> Path:
 def here(monkeypatch):
     """Jobs are done in this process: starting others takes a second."""
     monkeypatch.setattr(ingest, "_in_processes", lambda jobs, workers: ((making.make(job), job) for job in jobs))
-    for name in ("_THUMBNAIL", "_REPEATED", "_LIT", "_RIVALS", "CARD"):
+    for name in ("_THUMBNAIL", "_REPEATED", "LIT", "_RIVALS", "CARD"):
         monkeypatch.setattr(pictures, name, 48)
 
 

@@ -18,10 +18,8 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.service.client import connect
-from oiiotex.service.settings import ResidentSettings
-from oiiotex.session import Session
 from tests import pictures
+from tests.browser import end_resident
 from tests.conftest import save
 from tests.test_cryptomatte_blender import BLENDER, needs_blender
 
@@ -118,7 +116,7 @@ def folder(monkeypatch):
         save(np.full((64, 80, 3), (0.5, 0.5, 1.0)), path / "normal.png")
         subprocess.run([sys.executable, BUILD, path / "extension.zip"], check=True)
         yield path
-        connect(ResidentSettings.of(Session())).end()
+        end_resident(path / "run")
 
 
 WITHOUT_BLENDER = """
@@ -186,7 +184,7 @@ def test_a_tile_is_the_programs(folder):
     assert f"sRGB|{line} --texstationarize:size=48x32:seed=5" in said
     assert f"{line} --texstationarize:size=40x32:seed=8:preset=even:sigma=9:structure=0.25" in said
     assert any(
-        one.endswith(f"|{line} normal.png --texstationarize:size=40x40:seed=2:n=2:kinds=color,normal") for one in said
+        one.endswith(f"|{line} normal.png --texstationarize:size=40x40:seed=2:kinds=color,normal") for one in said
     )
     assert "images by undo 1 0" in said
     masks = [np.load(path)[..., 0] for path in sorted(folder.glob("photo.png label*.npy"))]

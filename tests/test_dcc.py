@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is made for Nuke, Houdini, Gaffer and Maya: calls against stand-ins, the line itself, and the Blink kernel.
 
-None of these programs can be run here. A stand-in records calls and refuses names that public sources do not use.
+None of these programs can be run here. Stand-ins record calls; public stubs of their Python say which calls exist.
 """
 
 from __future__ import annotations
@@ -83,6 +83,22 @@ def test_roles_are_the_ends_of_names(host):
     assert words[1:3] == ["h.exr", "--texstationarize:data=1"]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("program", "stubs"), [("nuke", "nuke"), ("houdini", "hou"), ("maya", "maya")])
+def test_calls_are_those_of_public_stubs(program, stubs, tmp_path):
+    if not any(Path(place, f"{stubs}-stubs").exists() for place in sys.path):
+        pytest.skip(f"NOT RUN: no stubs of {program} (pip install oiiotex[hosts])")
+    script = tmp_path / f"oiiotex_{program}.py"
+    for path in HOST.glob("*.py"):
+        shutil.copy(path, tmp_path)
+    line = [sys.executable, "-m", "mypy", "--config-file=", "--check-untyped-defs", "--cache-dir=cache", script]
+    done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+    script.write_text(script.read_text().replace("setGenericFlag", "setFlag").replace("connectAttr", "connectAtr"))
+    script.write_text(script.read_text().replace("nuke.getFilename", "nuke.getFile"))
+    assert "has no attribute" in subprocess.run(line, cwd=tmp_path, capture_output=True, text=True).stdout
+
+
 # --- Nuke ---
 
 
@@ -97,6 +113,9 @@ def nuke_nodes(text):
         if words[1:] == ["{"]:
             assert current is None, f"line {number}: a node within a node"
             current = (words[0], {})
+        elif words[0] == "addUserKnob":
+            assert words[1].startswith("{") and words[-1].endswith("}"), f"line {number}"
+            current[1][words[2].rstrip("}")] = words[-1].rstrip("}")
         elif words == ["}"]:
             found.append(current)
             current = None
@@ -109,7 +128,11 @@ def nuke_nodes(text):
 
 def test_the_script_of_nuke_connects_what_it_should():
     stack, inputs = [], {}
-    for kind, knobs in nuke_nodes((HOST / "textures.nk").read_text()):
+    (_, buttons), *nodes = nuke_nodes((HOST / "textures.nk").read_text())
+    for name, called in (("tile", "make_tile"), ("labels", "pick_labels"), ("plane", "wang_plane")):
+        assert buttons[name] == f"import oiiotex_nuke; oiiotex_nuke.{called}()"
+        assert f"def {called}()" in (HOST / "oiiotex_nuke.py").read_text()
+    for kind, knobs in nodes:
         assert set(knobs) - {"inputs", "name", "label", "xpos", "ypos"} <= NODES[kind], kind
         count = int(knobs.get("inputs", 1))
         inputs[knobs["name"]] = [stack.pop() for _ in range(count)]  # input 0 is the last one
@@ -158,6 +181,8 @@ def test_nuke_flips_the_coordinates_and_shows_the_tile(host, monkeypatch):
     monkeypatch.setattr(module, "run", mock.Mock(side_effect=RuntimeError("no such photo")))
     assert module.make_tile() is None and nuke.messages == ["no such photo"]
     module.menu()
+    nuke.filename = lambda node: None
+    assert module.pick_labels() is None and nuke.messages[1] == "expected a Read node with a file"
 
 
 BLINK = """
@@ -234,8 +259,8 @@ class Hou:
         self.children.append(Hou(kind, name))
         return self.children[-1]
 
-    def parm(self, name):
-        return types.SimpleNamespace(set=lambda value: self.values.update({name: value}))
+    def setParms(self, values):
+        self.values.update(values)
 
     def setNamedInput(self, name, node, output):
         assert output == "out"
@@ -244,8 +269,8 @@ class Hou:
     def setInput(self, number, node):
         self.inputs[number] = node
 
-    def setMaterialFlag(self, on):
-        self.is_material = on
+    def setGenericFlag(self, flag, on):
+        self.is_material = flag == "Material" and on
 
     def setComment(self, text):
         self.comment = text
@@ -262,8 +287,8 @@ class Hou:
 
 def test_houdini_builds_a_material(host, monkeypatch):
     network = Hou()
-    hou = mock.MagicMock(spec=["node", "ui", "text", "fileType", "severityType", "InterruptableOperation"])
-    hou.node.return_value = network
+    hou = mock.MagicMock(spec=["node", "ui", "text", "fileType", "nodeFlag", "severityType", "InterruptableOperation"])
+    hou.node.return_value, hou.nodeFlag.Material = network, "Material"
     hou.text.variableName.side_effect = hou.text.expandString.side_effect = lambda text: text
     hou.ui.selectFile.return_value = " ; ".join(f"/m/{name}" for name in MAPS.values())
     hou.InterruptableOperation.return_value.__exit__.return_value = False

@@ -21,7 +21,7 @@ from tests.any_filter import buffer
 from tests.conftest import save
 
 ALBEDO, ROUGH = pictures.bricks(64, 80, 2), pictures.smooth_noise(64, 80, 5, 2)[..., None]
-MATERIAL = "--texstationarize:n=3:kinds=color,normal,data:iterations=2:size=48x40:patch=7"
+MATERIAL = "--texstationarize:kinds=color,normal,data:iterations=2:size=48x40:patch=7"
 
 
 @pytest.fixture

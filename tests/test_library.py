@@ -64,7 +64,7 @@ def test_an_asset_says_its_lattice_its_meters_and_its_labels(tmp_path, here, cap
     told = """
 [[product]]
 name = "tile"
-line = "$maps --texstationarize:n=$n:kinds=$kinds:iterations=1:report=$report $outputs"
+line = "$maps --texstationarize:kinds=$kinds:iterations=1:report=$report $outputs"
 [[product]]
 name = "labels"
 line = "$color --texlabel:keep=1 -o $output"

@@ -7,15 +7,24 @@ Blender's own USD has the plugin UsdMtlx, which usd-core's wheels lack, so it ch
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import OpenImageIO as oiio
 import pytest
 
+from oiiotex.io.reading import read
 from oiiotex.library.commands import run
+from oiiotex.library.wang import write_wang
+from oiiotex.materials.preview import Looks
+from oiiotex.materials.shaded import shaded_sphere
+from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer
 from tests.browser import DRAWING, chromium
 from tests.conftest import save
 from tests.library_makings import bumps
@@ -28,7 +37,7 @@ RECIPE = """
 schema = 1
 [[product]]
 name = "tile"
-line = "$maps --texstationarize:n=$n:kinds=$kinds:variants=16:size=52x52:pack=atlas:iterations=1 $outputs"
+line = "$maps --texstationarize:kinds=$kinds:variants=16:size=52x52:pack=atlas:iterations=1 $outputs"
 [deliver]
 wang = true
 """
@@ -143,3 +152,28 @@ def test_the_report_and_every_plane_open_in_a_browser(library, tmp_path):
             page.evaluate("fromAbove()")
             assert len(set(page.evaluate("pixels(2, 0, 0, 16, 16)"))) > 8
     assert faults == []
+
+
+def test_the_generated_shader_shows_the_tiles_of_the_plane(tmp_path):
+    """MaterialX's GLSL, on software OpenGL: every tile of a color of its own, at its place on the sphere."""
+    pytest.importorskip("MaterialX", reason="NOT RUN: no MaterialX")
+    if not (shutil.which("Xvfb") or os.environ.get("DISPLAY")):
+        pytest.skip("NOT RUN: no Xvfb (apt-get install xvfb)")
+    hues = np.stack([0.5 + 0.4 * np.cos(2 * np.pi * (np.arange(16) / 16 + n / 3)) for n in range(3)], -1)
+    atlas = buffer(np.kron(hues.reshape(4, 4, 3), np.ones((32, 32, 1))), oiio.FLOAT, "lin_rec709_scene")
+    atlas.specmod().attribute("oiiotex:atlas", "4x4")
+    assert atlas.write(str(tmp_path / "color.exr"))
+    wang = write_wang({"color": "color.exr"}, tmp_path, "hues", 3, (2.0, 0.5), 0.0, "")
+    maps = {"color": read(str(tmp_path / "color.exr"))}
+    shown = shaded_sphere(tmp_path / "hues.mtlx", maps, Session().resources, 64, wang.size_m, 4)
+    assert shown.shape == (64, 64, 4) and shown[0, 0, 3] == 0 and shown[32, 32, 3] == 1
+    plain = Looks.of(maps, Session().resources, "", 4, wang.plane).sphere(64)
+    inside = shown[..., 3] == 1
+    assert shown[inside][:, :3].mean() == pytest.approx(plain[inside].mean(), rel=0.15)  # under the same lights
+    numbers = wang.plane[..., 2]
+    for x, y in ((1, -2), (2, -2), (1, -1), (2, -1)):  # around the middle: u = 2, v = 1
+        place = 32 + 10 * (2 * (y >= -1) - 1), 32 + 10 * (2 * (x >= 2) - 1)
+        color = shown[place][:3] - shown[place][:3].mean()  # without gray reflections
+        wanted = hues - hues.mean(-1, keepdims=True)
+        likeness = wanted @ color / np.linalg.norm(wanted, axis=-1) / np.linalg.norm(color)
+        assert likeness.argmax() == numbers[y % 256, x % 256]

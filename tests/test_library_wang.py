@@ -26,7 +26,7 @@ from tests.library_makings import here as here
 ATLAS = """
 [[product]]
 name = "tile"
-line = "$maps --texstationarize:n=$n:kinds=$kinds:variants=16:size=16x16:pack=atlas:iterations=1 $outputs"
+line = "$maps --texstationarize:kinds=$kinds:variants=16:size=16x16:pack=atlas:iterations=1 $outputs"
 [deliver]
 wang = true
 """
@@ -96,13 +96,29 @@ def test_files_of_wang_tiles_are_not_taken_for_those_of_a_line(library, tmp_path
     assert "tile/color.exr" in names and not {"tile/index.png", "tile/tile_color.exr", "wall.html"} & names
 
 
+def test_a_shader_renders_the_delivered_document(library, tmp_path, monkeypatch):
+    asked = []
+
+    def render(document, maps, resources, side, tile, columns):
+        asked.append((document.is_file(), document.name, sorted(maps), tile, columns))
+        return np.concatenate([np.zeros((side, side, 3)), np.ones((side, side, 1))], -1)
+
+    monkeypatch.setattr("oiiotex.api.materials.shaded_sphere", render)
+    deliver = "[deliver]\nwang = true\nshader = true\n[assets.wall]\nsize_m = [2, 1]\n"
+    told = recipe('[[product]]\nname = "tile"\nline = "$maps $outputs"\n' + deliver)
+    tally, _ = brought_in(tmp_path / "photos", library, told)
+    assert tally.counts == {"ok": 1}
+    assert asked == [(True, "wall.mtlx", ["color", "roughness"], (0.5, 0.25), 4)]
+    assert min(load(path).max() for path in library.glob("assets/wall/*/lit.jpg")) <= 4 / 255  # the new one is black
+
+
 def test_pictures_show_the_plane():
     index = index_image(16, 0)
     color = np.kron(np.arange(16, dtype=np.float32).reshape(4, 4, 1) / 16, np.ones((4, 4, 3), np.float32))
     flat = np.ones((1, 1, 1), np.float32)
     looks = preview.Looks(color, np.array([[[0, 0, 1]]], np.float32), flat, flat, flat, 4, index)
     small = looks.pictures("sphere", False, np.zeros((preview.CARD, 8, 3)))["thumbnail.jpg"]
-    shown = np.rint(16 * preview._linear(small[2::4, 2::4, 0]))
+    shown = np.rint(16 * preview.decoded(small[2::4, 2::4, 0]))
     np.testing.assert_array_equal(shown, index[:4, :4, 2])
 
 
@@ -114,6 +130,7 @@ def test_pictures_show_the_plane():
             "product tile: wang = true delivers atlases of Wang tiles; add :variants=16",
         ),
         (ATLAS + 'format = "tiff"\n', 'wang = true requires format = "exr"'),
+        (ATLAS + 'shader = true\nshape = "plane"\n', "shader = true renders the MaterialX document: requires"),
     ],
 )
 def test_a_recipe_without_atlases_is_refused(told, says):

@@ -14,6 +14,8 @@ import pytest
 
 pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
 
+from oiiotex.api.images import Image, from_array
+from oiiotex.api.measures import region_uses
 from tests import pictures
 from tests.browser import Served, chromium, end_resident
 from tests.conftest import load, oiiotex, save
@@ -34,7 +36,7 @@ def folder() -> Iterator[Path]:
 @pytest.fixture(scope="module")
 def page(folder) -> Iterator[object]:
     server = Served(folder, "photo.exr", runtime=folder)
-    with contextlib.closing(server_end(server)), chromium() as browser:
+    with server_end(server), chromium() as browser:
         opened = browser.new_page(viewport={"width": 800, "height": 600})
         opened.set_default_timeout(90000)
         opened.goto(server.url)
@@ -42,6 +44,7 @@ def page(folder) -> Iterator[object]:
         yield opened
 
 
+@contextlib.contextmanager
 def server_end(server: Served) -> Iterator[None]:
     try:
         yield
@@ -152,6 +155,127 @@ def test_parameters_and_masks_have_one_history_that_survives_the_page(page, fold
     assert not page.locator("#status.wrong").count()
 
 
+CANVAS = """async (path) => {
+  const { rooms } = await import("./main.js");
+  const canvas = path.reduce((one, name) => (one instanceof Map ? one.get(name) : one[name]), rooms.tile);
+  return [...canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data];
+}"""
+USUAL = dict.fromkeys(("flatten", "sigma", "amount", "contrast", "patch", "width", "height", "preset"))
+USUAL |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "inpaint": ""}
+
+
+SET = """async (values) => {
+  const { rooms, shell } = await import("./main.js");
+  if (Object.entries(values).every(([name, value]) => shell.state.tile[name] === value)) return;
+  delete document.querySelector("[data-tile]").dataset.tile;
+  rooms.tile.set(values);
+}"""
+
+
+def finished(page, **values) -> None:
+    """Set parameters, and wait for the tile and its measures."""
+    page.evaluate(SET, values)
+    page.wait_for_selector("[data-tile=whole]")
+    wait(page, "document.body.dataset.busy === 'false' && !document.querySelector('.stale')")
+
+
+def test_a_preset_is_shown_coarse_and_chosen_by_a_click(page):
+    """The photo is smaller than a coarse tile, so that it equals the full one."""
+    thumbs = page.locator(".strip .group:first-child .thumb")
+    assert thumbs.all_inner_texts() == ["Automatic", "Even", "Clean", "Keep"]
+    finished(page, **USUAL)
+    page.get_by_role("button", name="Show presets").click()
+    shown = {preset: page.evaluate(CANVAS, ["strip", "presets", preset]) for preset in ("", "even", "keep")}
+    assert shown[""] == page.evaluate(CANVAS, ["tile"]) and thumbs.first.get_attribute("aria-pressed") == "true"
+    finished(page, sigma=3)
+    assert not page.locator(".strip .thumb[aria-pressed=true]").count()
+    for number, preset in ((3, "keep"), (1, "even")):
+        page.evaluate("delete document.querySelector('[data-tile]').dataset.tile")
+        thumbs.nth(number).click()
+        page.wait_for_selector("[data-tile=whole]")
+        assert state(page, "tile") == USUAL | {"preset": preset}
+        assert page.evaluate(CANVAS, ["tile"]) == shown[preset]
+    wait(page, "document.querySelector('.measures').textContent.includes('preset=even is equivalent to')")
+    assert "stmap" not in page.inner_text(".measures") + page.input_value(".line >> nth=0")
+    page.locator("canvas[aria-label=Tile]").focus()
+
+
+def test_two_stored_tiles_a_wipe_and_linked_views_compare(page):
+    inside = "import('./main.js').then(({{ rooms: {{ tile }} }}) => {})"
+    finished(page, **USUAL)
+    first = page.evaluate(CANVAS, ["tile"])
+    page.keyboard.press("Shift+A")
+    finished(page, seed=1)
+    second = page.evaluate(CANVAS, ["tile"])
+    page.keyboard.press("Shift+B")
+    assert "A: seed 0. B: seed 1." in page.inner_text(".low .fact")
+    shown = ["shown"]
+    page.evaluate(inside.format("Object.defineProperty(tile, 'shown', { get: () => tile.compare.shown().canvas })"))
+    for key, pixels in (("a", first), ("b", second), ("a", first), ("a", second)):
+        page.keyboard.press(key)
+        assert page.evaluate(CANVAS, shown) == pixels
+    page.keyboard.press("b")
+    page.keyboard.press("w")
+    divider = page.get_by_role("slider", name="Wipe")
+    view = page.locator("canvas[aria-label=Tile]")
+    sides = {}
+    for key, now in (("End", "100"), ("Home", "0")):  # A alone, then B alone
+        divider.press(key)
+        assert divider.get_attribute("aria-valuenow") == now
+        page.wait_for_timeout(100)
+        sides[key] = page.evaluate(CANVAS, ["tileView", "canvas"])
+    page.keyboard.press("w")
+    page.wait_for_timeout(100)
+    assert page.evaluate(CANVAS, ["tileView", "canvas"]) == sides["Home"] != sides["End"]
+    page.keyboard.press("a")
+    page.wait_for_timeout(100)
+    assert page.evaluate(CANVAS, ["tileView", "canvas"]) == sides["End"]
+    page.get_by_role("button", name="Use").click()
+    assert state(page, "tile.seed") == 0
+    page.keyboard.press("l")
+    page.keyboard.press("0")
+    for _ in range(2):
+        view.press("PageDown")
+        view.press("ArrowRight")
+    middle = "[view.scale, (view.element.clientWidth / 2 - view.x) / view.scale]"
+    places = [f"((view) => {middle})(tile.{one})" for one in ("photoView", "tileView")]
+    photo, tile = (page.evaluate(inside.format(place)) for place in places)
+    assert tile[0] == 1.25**2 and photo == pytest.approx(tile)
+    page.keyboard.press("l")
+    page.keyboard.press("f")
+
+
+def test_values_under_the_pointer_and_false_color_are_those_of_the_files(page, folder):
+    finished(page, **USUAL)
+    page.get_by_role("button", name="1 × 1").click()
+    page.get_by_role("button", name="Save", exact=True).first.click()
+    wait(page, "document.getElementById('status').textContent.startsWith('Saved as')")
+    saved = page.inner_text("#status").removeprefix("Saved as ")
+    for name, file in (("Photo", "photo.exr"), ("Tile", saved)):
+        values = load(folder / file)
+        view = page.locator(f"canvas[aria-label={name}]")
+        box = view.bounding_box()
+        view.hover(position={"x": box["width"] / 2, "y": box["height"] / 2})
+        wait(page, f"document.getElementById('place').textContent.startsWith('{name} ')")
+        place, _, text = page.inner_text("#place").partition(": ")
+        x, y = map(int, place.split(" ", 1)[1].split(", "))
+        told = [float(word) for word in text.split("display")[0].split() if word not in "RGB"]
+        np.testing.assert_allclose(told, values[y, x, :3], rtol=1e-4)
+    page.keyboard.press("r")
+    wait(page, "document.querySelector('.ramp') !== null")
+    done = oiiotex("photo.exr", "--texstationarize:stmap=st.exr", "-o", "again.exr", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    spec = Image((from_array(load(folder / "photo.exr")).first,), "").first.spec
+    uses, shown = region_uses(load(folder / "st.exr")[..., :2], spec)
+    high = max(uses.max(), shown.max())
+    for what, wanted in (("photo", uses), ("tile", shown)):
+        plane = page.evaluate(f"import('./main.js').then(({{ rooms }}) => [...rooms.tile.inspect.maps.{what}.plane])")
+        np.testing.assert_allclose(np.array(plane).reshape(wanted.shape) * high / 255, wanted, atol=0.51 * high / 255)
+    page.keyboard.press("d")
+    wait(page, "document.querySelector('.inspect').textContent.startsWith('Drift 0')")
+    page.keyboard.press("d")
+
+
 def test_all_controls_can_be_reached_and_nothing_overflows(page):
     for width, height in ((800, 600), (1280, 720), (1920, 1080)):
         page.set_viewport_size({"width": width, "height": height})
@@ -162,7 +286,8 @@ def test_all_controls_can_be_reached_and_nothing_overflows(page):
             panel = page.locator(".room:not([hidden]) aside")
             wide = panel.evaluate("(one) => [one.scrollWidth, one.clientWidth]")
             assert wide[0] <= wide[1], (tab, wide)
-            for control in panel.locator("button:visible, select:visible, input:visible").all():
+            parts = page.locator(".room:not([hidden])").locator("aside, .bar")
+            for control in parts.locator("button:visible, select:visible, input:visible").all():
                 control.scroll_into_view_if_needed()
                 box = control.bounding_box()
                 inside = box["x"] >= 0 and box["y"] >= 38 and box["x"] + box["width"] <= width
@@ -172,9 +297,95 @@ def test_all_controls_can_be_reached_and_nothing_overflows(page):
 def test_axe_finds_nothing_serious(page):
     axe = pytest.importorskip("axe_playwright_python", reason="NOT RUN: pip install oiiotex[test]")
     script = (Path(axe.__file__).parent / "axe.min.js").read_text()
-    for tab in ("tile", "paint", "zoom"):
+    for tab, keys in (("paint", ()), ("zoom", ()), ("tile", ("w", "Shift+A", "d")), ("tile", ("?",))):
         page.click(f"#tab-{tab}")
+        for key in keys:
+            page.keyboard.press(key)
         page.evaluate(script)
         found = page.evaluate("axe.run().then((all) => all.violations)")
         serious = {one["id"]: one["nodes"][0]["html"] for one in found if one["impact"] in ("serious", "critical")}
         assert not serious, (tab, serious)
+
+
+def chosen(page, *paths: Path) -> None:
+    """Files of this computer."""
+    page.set_input_files("input[type=file]", list(paths))
+
+
+def test_photos_are_added_asked_for_their_color_space_and_get_the_settings_of_another(page, folder, tmp_path):
+    page.set_viewport_size({"width": 800, "height": 600})
+    page.click("#tab-tile")
+    save(pictures.bricks(48, 64, seed=1), tmp_path / "loose.tif", "uint8")
+    (tmp_path / "note.txt").write_text("text")
+    (tmp_path / "broken.png").write_bytes((tmp_path / "loose.tif").read_bytes()[:300])
+    chosen(page, *(tmp_path / name for name in ("note.txt", "broken.png", "loose.tif")))
+    page.wait_for_selector("dialog[open] select")
+    said = page.inner_text("#status.wrong")
+    assert "note.txt: expected an image" in said and "broken.png: " in said
+    assert "photo=2" in page.url and page.is_disabled("dialog[open] >> text=Use")  # nothing is guessed
+    assert not page.locator("[data-tile]").count() and not (folder / "broken.png").exists()
+    page.keyboard.press("Escape")
+    page.click("#ask")
+    page.select_option("dialog[open] select", label="ACEScg")
+    page.click("dialog[open] >> text=Use")
+    page.wait_for_selector("[data-tile=whole]")
+    wait(page, "document.querySelector('.line').value.includes('loose.tif --iscolorspace ACEScg --tex')")
+    chosen(page, tmp_path / "loose.tif")  # the same again
+    wait(page, "document.getElementById('status').textContent === 'This photo is open already'")
+    assert [path.name for path in folder.glob("loose*.tif")] == ["loose.tif"]
+    page.select_option("select[title^='Keep:']", '"keep"')
+    before = set(folder.glob("photo_tile*"))
+    page.get_by_role("button", name="Apply to all").click()
+    wait(page, "document.querySelector('.photo small')?.textContent.startsWith('saved: photo_tile')")
+    (made,) = set(folder.glob("photo_tile*")) - before
+    page.click(".photo >> nth=0")
+    wait(page, "document.getElementById('undo').title === 'Undo: Settings of loose (Ctrl Z)'")
+    assert state(page, "tile.preset") == "keep"
+    line = shlex.split(page.input_value(".line >> nth=0"))
+    pixels = load(made)
+    made.unlink()
+    done = oiiotex(*line[1:-1], made.name, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    np.testing.assert_array_equal(load(made), pixels)
+
+
+def test_maps_of_a_material_are_shown_and_saved_together(page, folder, tmp_path):
+    color = pictures.pebbles(48, 64, seed=2)
+    save(color, tmp_path / "wall_color.exr", "half", "lin_rec709_scene")
+    maps = {
+        "wall_height.exr": color[..., :1],
+        "wall_nor_dx.exr": color * 0.2 + [0.4, 0.4, 0.8],
+        "wall_rough.png": color[..., :1],
+    }
+    for name, pixels in maps.items():
+        save(np.clip(pixels, 0, 1), tmp_path / name, "uint8" if name.endswith("png") else "half")
+    chosen(page, *tmp_path.iterdir())
+    page.wait_for_selector("[data-maps='3']")
+    assert page.locator(".photo[aria-current]").inner_text() == "wall_color (4 maps)"
+    page.get_by_role("button", name="Save", exact=True).first.click()
+    wait(page, "document.getElementById('status').textContent.startsWith('Saved 4 maps: ')")
+    saved = {path.name: load(path) for path in folder.glob("wall_*_tile.*")}
+    assert set(saved) == {"wall_color_tile.exr", "wall_height_tile.exr", "wall_nor_dx_tile.exr", "wall_rough_tile.png"}
+    for name in saved:
+        (folder / name).unlink()
+    line = shlex.split(page.input_value(".line >> nth=0"))
+    done = oiiotex(*line[1:], cwd=folder)
+    assert done.returncode == 0, done.stderr
+    for name, pixels in saved.items():
+        np.testing.assert_array_equal(load(folder / name), pixels)
+    page.get_by_role("button", name="Maps", exact=True).click()
+    drawn = "document.querySelector(\"canvas[aria-label='Maps of the material']\").getContext('2d')"
+    colors = page.evaluate(f"new Set(new Uint32Array({drawn}.getImageData(0, 0, 200, 200).data.buffer)).size")
+    assert colors > 50
+    axe = pytest.importorskip("axe_playwright_python", reason="NOT RUN: pip install oiiotex[test]")
+    page.evaluate((Path(axe.__file__).parent / "axe.min.js").read_text())
+    page.click("#open")
+    page.wait_for_selector("dialog[open] input")
+    found = page.evaluate("axe.run().then((all) => all.violations)")
+    assert not [one["id"] for one in found if one["impact"] in ("serious", "critical")]
+    page.keyboard.press("Escape")
+    for width, height in ((800, 600), (1280, 800), (1920, 1080)):
+        page.set_viewport_size({"width": width, "height": height})
+        for control in page.locator(":is(header, #photos) :is(button, select, a):visible").all():
+            box = control.bounding_box()
+            assert box["x"] >= 0 and box["x"] + box["width"] <= width, control.inner_text()

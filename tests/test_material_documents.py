@@ -8,7 +8,8 @@ import re
 import numpy as np
 import pytest
 
-from oiiotex.materials import documents, wang_documents
+from oiiotex import errors
+from oiiotex.materials import documents, shaded, wang_documents
 from oiiotex.materials import preview as pictures
 from tests import pictures as drawn
 
@@ -105,9 +106,9 @@ def test_light_comes_from_the_upper_left():
 
 def test_a_white_furnace_gives_no_more_than_it_gets(monkeypatch):
     """Diffuse light alone, from all around, on white: what comes back is what there is."""
-    monkeypatch.setattr(pictures, "_LIGHTS", ())
-    monkeypatch.setattr(pictures, "_SKY", 1.0)
-    monkeypatch.setattr(pictures, "_GROUND", 1.0)
+    monkeypatch.setattr(pictures, "LIGHTS", ())
+    monkeypatch.setattr(pictures, "SKY", 1.0)
+    monkeypatch.setattr(pictures, "GROUND", 1.0)
     ball = looks((0, 0, 1), color=1.0, metal=1.0).sphere(64)
     np.testing.assert_allclose(ball[24:40, 24:40], 1, atol=1e-5)
 
@@ -128,3 +129,12 @@ def test_a_photo_alone_is_as_rough_in_documents_as_in_previews(tmp_path):
         if path.suffix == ".mtlx":
             assert re.search(r'name="(specular_roughness|bg)" type="float" value="0\.7"', path.read_text()), path.name
     assert "float inputs:roughness = 0.7" in (tmp_path / "moss.usda").read_text()
+
+
+def test_a_shader_without_a_display_says_what_is_missing(tmp_path, monkeypatch):
+    pytest.importorskip("MaterialX", reason="NOT RUN: no MaterialX")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr(shaded.sys, "platform", "linux")
+    monkeypatch.setattr(shaded, "program", lambda name: None)
+    with pytest.raises(errors.Error, match=r"requires a display, or Xvfb \(apt install xvfb\)"):
+        shaded.shaded_sphere(tmp_path / "none.mtlx", {}, None, 64)

@@ -123,9 +123,8 @@ def test_maps_of_different_sizes_or_windows_are_refused(change, said):
             "kinds=.'color', 'normal'.: expected one of .* for each of the 3 maps",
         ),
         ({"kinds": ("color", "bump", "data")}, "kinds=.'color', 'bump', 'data'.: expected"),
-        ({"match": (1, 1)}, "match=.1.0, 1.0.: expected one number for each of the 3 maps"),
-        ({"match": (0, 0, 0)}, "match=.0.0, 0.0, 0.0.: expected"),
-        ({"n": 2}, "n=2: 3 maps are given"),
+        ({"mapweights": (1, 1)}, "mapweights=.1.0, 1.0.: expected one number for each of the 3 maps"),
+        ({"mapweights": (0, 0, 0)}, "mapweights=.0.0, 0.0, 0.0.: expected"),
     ],
 )
 def test_what_does_not_fit_the_maps_is_said(given, said):
@@ -137,7 +136,7 @@ def test_n_takes_and_pushes_images_of_the_stack(tmp_path):
     save(ALBEDO, tmp_path / "albedo.png")
     save(NORMAL, tmp_path / "normal.exr", "half")
     save(ROUGH, tmp_path / "rough.png", "uint16")
-    op = f"--texstationarize:n=3:kinds={KINDS}:iterations=2:size=48x40:patch=7"
+    op = f"--texstationarize:kinds={KINDS}:iterations=2:size=48x40:patch=7"
     inputs = ["albedo.png", "normal.exr", "rough.png"]
     one_by_one = ["-o", "rough_t.exr", "--pop", "-o", "normal_t.exr", "--pop", "-o", "albedo_t.exr"]
     together = ["-o:all=1", "map%d.exr", "--siappendall", "-o", "all.exr"]
@@ -154,6 +153,6 @@ def test_n_takes_and_pushes_images_of_the_stack(tmp_path):
 
 
 def test_too_many_channels_are_refused_in_a_whole_sentence():
-    said = "33 channels to compare: expected at most 32; set match of a map to 0 to ignore it$"
+    said = "33 channels to compare: expected at most 32; set mapweights of a map to 0 to ignore it$"
     with pytest.raises(errors.ParameterError, match=said):
         filters.stationarize(buffer(ALBEDO), maps=[buffer(ALBEDO)] * 10, **QUICK)

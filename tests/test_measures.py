@@ -14,7 +14,7 @@ from benchmarks.quilts.copies import copies
 from oiiotex import errors, filters
 from oiiotex.core.source_map import SourceMap
 from oiiotex.core.window import Domain
-from oiiotex.quality.copy_detection import copies_by_source
+from oiiotex.quality.copy_detection import copies_by_source, region_uses
 from oiiotex.session import Session
 from oiiotex.stationarity import costs as st
 from oiiotex.stationarity.steerable import RADIUS, responses
@@ -226,6 +226,16 @@ def test_copies_are_the_same_by_source_and_by_looks():
     found = copies_by_source(SourceMap.of(y, x), (60, 70))
     assert (found, found.exact) == copies(exemplar[y, x], exemplar)
     assert found.exact == pytest.approx((64 + 108 + 64) / (50 * 55))
+
+
+def test_uses_of_regions_are_counted_where_they_come_from_and_where_they_go():
+    exemplar = buffer(np.zeros((64, 96, 3), np.float32))
+    y, x = np.mgrid[:64, :64]
+    x[:, 32:] -= 32  # the left half twice, the right third never
+    uses, shown = region_uses(SourceMap.of(y, x).coordinates(exemplar.spec()), exemplar.spec())
+    assert uses.shape == (64, 96) and shown.shape == (64, 64)
+    assert (uses[:, :15] == 2).all() and (uses[:, 49:] == 0).all() and (uses[:, 31:33] > 0.9).all()
+    np.testing.assert_array_equal(shown, uses[y, x])
 
 
 @pytest.mark.parametrize(("measure", "unit"), [("histogram", "Lab "), ("moments", "Lab^2 "), ("steerable", "Lab ")])

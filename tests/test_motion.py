@@ -157,8 +157,8 @@ def test_light_and_grain_are_continued_inside():
     noise = np.repeat(random.normal(0, 0.02, (96, 112, 1)), 3, 2)  # gray grain
     found = gains(plate * light + noise, plate, known)
     assert np.abs(found - light)[24:72, 30:80].max() < 0.04
-    made = grain(noise * known[..., None], known, 7)
-    np.testing.assert_array_equal(made, grain(noise * known[..., None], known, 7))
+    made = grain(noise * known[..., None], plate, known, 7)
+    np.testing.assert_array_equal(made, grain(noise * known[..., None], plate, known, 7))
     assert abs(made[~known].std() / 0.02 - 1) < 0.15
     assert np.corrcoef(made[..., 0].ravel(), made[..., 2].ravel())[0, 1] > 0.95
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from oiiotex.core.access import Pointwise
 from oiiotex.core.image import Image
 from oiiotex.core.op import Kind, Output, Space
-from oiiotex.core.parameters import Numbers, Parameter, Size, argument, image, nearest, param, parse_modifiers
+from oiiotex.core.parameters import Numbers, Parameter, Size, Words, argument, image, nearest, param, parse_modifiers
 from oiiotex.errors import ParameterError
 from oiiotex.filters import FILTERS
 from tests.everything import KNOWN, Everything, is_allowed, refusal
@@ -272,28 +272,30 @@ def test_a_declaration_says_where_many_images_go():
 
 @dataclass(frozen=True, kw_only=True)
 class Set(Pointwise):
-    """Takes as many images as n says."""
+    """Takes as many images as kinds has values."""
 
     name: ClassVar[str] = "set"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("out", Kind.PIXELS, "as many"),)
 
     first: Image = image(help="the first")
-    others: tuple[Image, ...] = image((), help="the others", count="n")
+    others: tuple[Image, ...] = image((), help="the others", count="kinds")
     mask: Image | None = image(None, help="where")
-    n: int = param(1, ge=1, le=9, help="how many")
+    kinds: Words | None = param(None, help="one for each", example="a,b")
 
 
 def test_a_declaration_says_which_parameter_counts_images():
     assert Set.further_images().name == "others" and Everything.further_images() is None
     assert [i.name for i in (*Set.images(), *Set.optional_images())] == ["first", "mask"]
-    assert [Set.arity(values, 9) for values in ({}, {"n": 3}, {"n": 3, "mask": True}, {"mask": "a.exr"})] == [
+    assert [
+        Set.arity(values, 9) for values in ({}, {"kinds": "abc"}, {"kinds": "abc", "mask": True}, {"mask": "a.exr"})
+    ] == [
         1,
         3,
         4,
         1,
     ]
-    assert [p.name for p in Set.modifiers()] == ["mask", "n"]
+    assert [p.name for p in Set.modifiers()] == ["mask", "kinds"]
     assert "unknown modifier 'others'" in refusal(parse_modifiers, Set, {"others": "1"})
 
 

@@ -82,12 +82,14 @@ def test_seams_of_a_plane_are_no_worse_than_its_inside():
 def test_variants_of_a_material_come_tile_by_tile(tmp_path):
     save(PHOTO, tmp_path / "a.png")
     save(PHOTO[..., :1], tmp_path / "b.png")
-    op = "--texstationarize:n=2:mapweights=1,0:variants=2:size=40x40:patch=7"
+    op = "--texstationarize:kinds=color,data:mapweights=1,0:variants=2:size=40x40:patch=7"
     done = oiiotex("a.png", "b.png", op, "-o:all=0", "t%d.tif", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     shapes = [load(tmp_path / f"t{n}.tif").shape for n in range(4)]
     assert shapes == [(40, 40, 3), (40, 40, 1)] * 2
-    done = oiiotex("a.png", op.replace("n=2:mapweights=1,0:", ""), "--siappendall", "-o", "set.exr", cwd=tmp_path)
+    done = oiiotex(
+        "a.png", op.replace("kinds=color,data:mapweights=1,0:", ""), "--siappendall", "-o", "set.exr", cwd=tmp_path
+    )
     assert done.returncode == 0, done.stderr
     assert "wang01_n0e0s0w0" in oiiotex("--info", "-v", "-a", "set.exr", cwd=tmp_path).stdout
 

@@ -110,7 +110,7 @@ def slang_faults(text: str, folder: Path) -> str:
     """What the Slang compiler says against a fragment shader; '' if it makes SPIR-V of it. No device is needed."""
     found = util.find_spec("slangpy")
     if found is None:
-        pytest.skip("NOT RUN: no slangpy (pip install oiiotex[test])")
+        pytest.skip("NOT RUN: no slangpy (pip install oiiotex[hosts])")
     library = ctypes.CDLL(str(next(Path(found.origin).parent.glob("libslang-compiler.so*"))))
     for name in ("spCreateSession", "spCreateCompileRequest"):
         getattr(library, name).restype = ctypes.c_void_p

@@ -38,7 +38,7 @@ WRONG = {"--resize:fliter=box", "--OP", "--tex", "--texNAME", "--op:key=value", 
 OTHERS = {  # of other programs
     "--step", "--path", "--run-dependencies", "--force-reinstall", "--upgrade", "--leak-check", "--user",
     "--no-build-isolation", "--extra-index-url", "--protocol", "--no-dashboard", "--no-deps",
-    "--array", "--parsable", "--dependency", "--wrap",
+    "--array", "--parsable", "--dependency", "--wrap", "--headers", "--into", "--library", "--work",
 }  # fmt: skip
 OURS = {
     ".json", ".yaml", ".npz", ".gif", ".mp4", ".gpl", ".aco", ".icc", ".md", ".py", ".cl", ".ocio", ".pyi", ".toml",
@@ -46,8 +46,8 @@ OURS = {
 }  # fmt: skip
 SPACES = r"--iscolorspace (?:\"([^\"]+)\"|([A-Za-z]\w+))"
 PLACEHOLDERS = {"NAME", "SPACE"}  # for a color space
-NO_MODIFIERS = {"colorspace", "lines"}  # of Python alone: where a call says the space, and of `Output`
-OTHER_FILES = {".venv", ".gitignore", ".typed", ".hlsl", ".wgsl"}
+NO_MODIFIERS = {"colorspace", "lines", "as_array", "kind"}  # of Python alone, and of a function for Gaffer
+OTHER_FILES = {".shape", ".venv", ".gitignore", ".typed", ".hlsl", ".wgsl"}
 
 
 def library_options() -> set[str]:

@@ -37,7 +37,7 @@ normals = "opengl"
 license = "see MANIFEST.tsv"
 [[product]]
 name = "tile"
-line = "$maps --texstationarize:n=$n:kinds=$kinds:report=$report $outputs"
+line = "$maps --texstationarize:kinds=$kinds:report=$report $outputs"
 [deliver]
 materialx = true
 [judge]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
 
 import hou
 from oiiotex_line import role_of, run, tile_line
@@ -64,38 +65,44 @@ def material(files, name, parent="/mat", relief=0.05, comment=""):
     -------
     hou.Node
     """
-    subnet = hou.node(parent).createNode("subnet", hou.text.variableName(name))
+    network = hou.node(parent)
+    if network is None:
+        raise RuntimeError(f"{parent}: expected a material network, such as /mat")
+    subnet = _created(network, "subnet", hou.text.variableName(name))
     subnet.deleteItems(subnet.allItems())
-    subnet.setMaterialFlag(True)
+    subnet.setGenericFlag(hou.nodeFlag.Material, True)
     subnet.setComment(comment)
-    surface = subnet.createNode("mtlxstandard_surface", "surface")
+    surface = _created(subnet, "mtlxstandard_surface", "surface")
     _output(subnet, surface, "surface")
     for role, path in files.items():
-        wanted, signature = _INPUTS.get(role, (None, "default"))
-        image = subnet.createNode("mtlximage", role)
-        image.parm("signature").set(signature)
-        image.parm("file").set(str(path))
-        image.parm("filecolorspace").set(_LINEAR if role in ("color", "emission") else "Raw")
+        wanted, signature = _INPUTS.get(role, ("", "default"))
+        image = _created(subnet, "mtlximage", role)
+        space = _LINEAR if role in ("color", "emission") else "Raw"
+        image.setParms({"signature": signature, "file": str(path), "filecolorspace": space})
         if role == "normal":
-            turned = subnet.createNode("mtlxnormalmap", "normalmap")
+            turned = _created(subnet, "mtlxnormalmap", "normalmap")
             turned.setNamedInput("in", image, "out")
             surface.setNamedInput(wanted, turned, "out")
         elif role == "height":
-            moved = subnet.createNode("mtlxdisplacement", "displacement")
+            moved = _created(subnet, "mtlxdisplacement", "displacement")
             moved.setNamedInput("displacement", image, "out")
-            moved.parm("scale").set(relief)
+            moved.setParms({"scale": relief})
             _output(subnet, moved, "displacement")
         elif wanted:
             surface.setNamedInput(wanted, image, "out")
     if "emission" in files:
-        surface.parm("emission").set(1)
+        surface.setParms({"emission": 1})
     subnet.layoutChildren()
     return subnet
 
 
+def _created(network, kind: str, name: str) -> hou.OpNode:
+    """A new node; type checkers know its methods."""
+    return cast("hou.OpNode", network.createNode(kind, name))
+
+
 def _output(subnet, node, kind):
     """Connect a node to an output of the subnet."""
-    output = subnet.createNode("subnetconnector", f"{kind}_output")
-    for name, value in (("connectorkind", "output"), ("parmname", kind), ("parmlabel", kind), ("parmtype", kind)):
-        output.parm(name).set(value)
+    output = _created(subnet, "subnetconnector", f"{kind}_output")
+    output.setParms({"connectorkind": "output", "parmname": kind, "parmlabel": kind, "parmtype": kind})
     output.setInput(0, node)

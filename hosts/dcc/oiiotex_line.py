@@ -54,7 +54,7 @@ def tile_line(maps, out, kind="exr", space=None, **modifiers):
         words += ["--iscolorspace", space] if space and KINDS.get(role) == "color" else []
     given = {}
     if len(roles) > 1:
-        given = {"n": len(roles), "kinds": ",".join(KINDS.get(role, "data") for role in roles)}
+        given = {"kinds": ",".join(KINDS.get(role, "data") for role in roles)}
     elif KINDS.get(roles[0]) != "color":
         given = {"data": 1}
     given.update(modifiers)

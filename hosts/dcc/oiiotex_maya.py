@@ -34,7 +34,7 @@ def make_material(**modifiers):
     str
         The shading group, or None if nothing was chosen or made.
     """
-    files = cmds.fileDialog2(fileMode=4, caption="Maps of a material (color, normal, roughness, ...)") or []
+    files = list(cmds.fileDialog2(fileMode=4, caption="Maps of a material (color, normal, roughness, ...)") or [])
     if not files:
         return None
     maps = {"color": files[0]} if len(files) == 1 else {role_of(path): path for path in files}

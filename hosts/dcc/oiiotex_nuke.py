@@ -15,6 +15,9 @@ _BLINK = Path(__file__).with_name("wang_plane.blink")
 def make_tile():
     """Make a tile of the selected Read node, and nodes that show it and repeat it."""
     read = nuke.selectedNode()
+    photo = _file_of(read)
+    if photo is None:
+        return None
     panel = nuke.Panel("Make Tile")
     panel.addSingleLineInput("Seed", "0")
     panel.addEnumerationPulldown("Preset", "automatic even clean keep")
@@ -23,7 +26,6 @@ def make_tile():
         return None
     preset, space = panel.value("Preset"), panel.value("Color space")
     given = {"seed": int(panel.value("Seed"))} | ({} if preset == "automatic" else {"preset": preset})
-    photo = nuke.filename(read)
     out = os.path.splitext(photo)[0] + "_tile"
     words, files = tile_line({"color": photo}, out, space=space or None, stmap=f"{out}_st.exr", **given)
     try:
@@ -49,7 +51,9 @@ def apply_coordinates(picture, path):
 
 def pick_labels():
     """Write the labels of the selected Read node as a Cryptomatte, and make a node to pick from it."""
-    photo = nuke.filename(nuke.selectedNode())
+    photo = _file_of(nuke.selectedNode())
+    if photo is None:
+        return None
     out = os.path.splitext(photo)[0] + "_labels.exr"
     try:
         run([os.environ.get("OIIOTEX", "oiiotex"), photo, "--texlabel:cryptomatte=1:single=1", "-o", out])
@@ -68,9 +72,17 @@ def wang_plane():
     cells = nuke.nodes.Read(file=index, raw=True)
     plane = nuke.nodes.Constant(format="2048 2048 0 0 2048 2048 1 wang_plane", channels="rgba")
     node = nuke.nodes.BlinkScript(inputs=[plane, atlas, cells])
-    node["kernelSource"].setText(_BLINK.read_text())
-    node["recompile"].execute()
+    node["kernelSource"].setValue(_BLINK.read_text())
+    node["recompile"].execute()  # type: ignore[attr-defined]  # a button
     return node
+
+
+def _file_of(node) -> str | None:
+    """The file of a node; None, after a message, if it has none."""
+    path = nuke.filename(node)
+    if not path:
+        nuke.message("expected a Read node with a file")
+    return path or None
 
 
 def menu():

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Atomic writing of files below a folder, and reading of untrusted documents."""
 
-from ..io.atomic import OUTSIDE, OutsideError, temporary_beside, writing_only_below, written
+from ..io.atomic import OUTSIDE, OutsideError, held_beside, release, temporary_beside, writing_only_below, written
 from ..io.disk_cache import hash_of
 from ..io.documents import read_document, require_plain
 from ..io.schema import Allowed, Fraction, Seed, read_as, types_of
@@ -15,8 +15,10 @@ __all__ = [
     "OutsideError",
     "Seed",
     "hash_of",
+    "held_beside",
     "read_as",
     "read_document",
+    "release",
     "require_plain",
     "temporary_beside",
     "types_of",

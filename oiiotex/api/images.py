@@ -5,7 +5,7 @@ from ..color.config import as_float
 from ..color.display import Shown, shown_by, usual_view, views
 from ..core.attributes import TAG
 from ..core.demand import PieceCache
-from ..core.image import Image, Part, channels_of, from_array, resized
+from ..core.image import Image, Part, channels_of, from_array, resized, tagged
 from ..core.window import Window
 from ..io.paint_palette import write_indexed
 from ..io.reading import read
@@ -26,6 +26,7 @@ __all__ = [
     "read",
     "resized",
     "shown_by",
+    "tagged",
     "usual_view",
     "views",
     "write",

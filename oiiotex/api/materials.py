@@ -13,7 +13,8 @@ from ..materials.documents import (
 )
 from ..materials.label_colors import label_colors
 from ..materials.naming import COLORS, PACKED, PACKED_ROLES, ROLES, Name, read_name
-from ..materials.preview import Looks, lab_of_srgb, photo_linear, save, srgb_of, values, vectors
+from ..materials.preview import LIT, Looks, lab_of_srgb, photo_linear, save, srgb_of, values, vectors
+from ..materials.shaded import shaded_sphere
 from ..materials.wang_documents import WangMaterial, write_wang_materialx
 from ..wang.atlas import atlas_side, first_tile
 from ..wang.plane import index_image
@@ -22,6 +23,7 @@ from ..wang.viewer import SHADERS, shader, viewer_page
 __all__ = [
     "BLENDER",
     "COLORS",
+    "LIT",
     "PACKED",
     "PACKED_ROLES",
     "ROLES",
@@ -41,6 +43,7 @@ __all__ = [
     "photo_linear",
     "read_name",
     "save",
+    "shaded_sphere",
     "shader",
     "srgb_of",
     "usd_faults",

@@ -182,8 +182,14 @@ class Op:
 
     @classmethod
     def further_images(cls) -> Parameter | None:
-        """The declared input that holds the images after the first (their number is its `count`), or None."""
+        """The declared input that holds the images after the first, or None. The parameter `count` lists all."""
         return next((i for i in declared(cls)[0] if i.count), None)
+
+    @classmethod
+    def further_count(cls, values: dict[str, Any]) -> int:
+        """Number of images after the first."""
+        further = cls.further_images()
+        return 0 if further is None else len(values.get(further.count) or (None,)) - 1
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
@@ -218,9 +224,11 @@ class Op:
     @classmethod
     def arity(cls, values: dict[str, Any], depth: int) -> int:
         """Number of images that it takes from a stack of that depth; if more, it waits for them."""
-        further = cls.further_images()
-        more = 0 if further is None else (values.get(further.count) or 1) - 1
-        return len(cls.taken(values)) + more + sum(values.get(i.attribute) is True for i in cls.optional_images())
+        return (
+            len(cls.taken(values))
+            + cls.further_count(values)
+            + sum(values.get(i.attribute) is True for i in cls.optional_images())
+        )
 
     @property
     def working_space(self) -> Space:

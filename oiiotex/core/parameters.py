@@ -81,7 +81,7 @@ class Parameter:
     example: str = ""  # a value as on the command line, if `sample` cannot derive one
     advanced: bool = False  # few people need it: help and docs list it last
     frame: bool = False  # its default is the frame number of a sequence
-    count: str = ""  # of such an input: the parameter with the number of images, the first input included
+    count: str = ""  # of such an input: the parameter with a value for each image, the first input included
 
     @property
     def attribute(self) -> str:
@@ -274,7 +274,7 @@ def image(
     """Declare an input image as a dataclass field.
 
     A field of type `tuple[Image, ...]` holds several images. With `count`, it follows the first input, and the
-    parameter of that name is the total number of these images.
+    parameter of that name has a value for each of these images.
     """
     facts = {"help": help, "count": count, "example": example, "advanced": advanced}
     return dataclasses.field(default=default, metadata={_FIELD: facts})

@@ -130,20 +130,13 @@ class ExemplarOp(LabeledExemplar):
 
 @dataclass(frozen=True, kw_only=True)
 class MaterialOp(ExemplarOp):
-    """An op that copies pixels of one photo, or of the n maps of one material."""
+    """An op that copies pixels of one photo, or of the maps of one material."""
 
-    exemplar: Image = image(help="Photo; of the n maps of a material, the first.")
-    maps: tuple[Image, ...] = image((), help="Further maps, resynthesized from the same source pixels.", count="n")
-    n: int = param(
-        1,
-        ge=1,
-        le=16,
-        help="Number of maps of one material, resynthesized together: the last n images.",
-    )
+    exemplar: Image = image(help="Photo; of the maps of a material, the first.")
+    maps: tuple[Image, ...] = image((), help="Further maps, resynthesized from the same source pixels.", count="kinds")
     kinds: Words | None = param(
-        None, unset="color (with data=1, data) for the first map, data for the others", help=KINDS_HELP,
-        example="color,normal,height", advanced=True,
-    )  # fmt: skip
+        None, unset="one map: color; with data=1, data", help=KINDS_HELP, example="color,normal"
+    )
     mapweights: Numbers | None = param(
         None, ge=0, unset="1 for each map, 0.25 for a height", help=MATCH_HELP, example="1,0.5,0", advanced=True
     )
@@ -154,11 +147,8 @@ class MaterialOp(ExemplarOp):
         return read_material(self.all_maps(), self.kinds, self.mapweights, self.data, resources, held)
 
     def all_maps(self) -> tuple[Image, ...]:
-        """The exemplar and the other maps; raises ParameterError unless there are n."""
-        maps = (self.exemplar, *self.maps)
-        if self.n != len(maps):
-            raise ParameterError(f"{len(maps)} maps are given", parameter="n", value=self.n)
-        return maps
+        """The exemplar and the other maps."""
+        return (self.exemplar, *self.maps)
 
     def result_count(self) -> int:
         """One image for each map of the material."""

@@ -21,8 +21,10 @@ log = logging.getLogger("oiiotex")
 
 KINDS = ("color", "data", "normal", "height")
 KINDS_HELP = (
-    "Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as data in the result."
+    "Kind of each map of a material: color, data, normal or height. As many images are used, the last ones on the"
+    " stack. Maps other than color are tagged as data in the result."
 )
+_MOST_MAPS = 16
 MATCH_HELP = (
     "Weight of each map in the comparison of patches, in order. 0: the map is not compared, but follows the others."
 )
@@ -94,7 +96,7 @@ def kinds_of(kinds: Words | None, count: int, data: bool) -> list[str]:
     """The kind of each map; raises ParameterError if `kinds` does not match them."""
     if kinds is None:
         return ["data" if data else "color", *["data"] * (count - 1)]
-    if len(kinds) != count or any(word not in KINDS for word in kinds):
+    if not len(kinds) == count <= _MOST_MAPS or any(word not in KINDS for word in kinds):
         expected = f"one of {', '.join(KINDS)} for each of the {count} maps"
         raise ParameterError(parameter="kinds", value=kinds, expected=expected)
     return list(kinds)

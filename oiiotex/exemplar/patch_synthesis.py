@@ -43,7 +43,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
     """Inputs, checks and results of both ops; a subclass provides the recipe."""
 
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("tile", Kind.PIXELS, f"{COPIED} One image for each of the n maps, in order, and for each variant."),
+        Output("tile", Kind.PIXELS, f"{COPIED} One image for each of the maps, in order, and for each variant."),
         ST,
         REPORT,
     )
@@ -149,7 +149,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
 
     def holds_photo(self, resources: Resources) -> bool:
         """Whether the photo is held in memory; otherwise it is read by rows."""
-        return self.holds(resources, _LAB_BYTES * self.n)
+        return self.holds(resources, _LAB_BYTES * len(self.all_maps()))
 
     def budget_left(self, resources: Resources) -> int:
         """Bytes of the budget that remain next to the maps' pixels."""
@@ -158,7 +158,6 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
 
     def planned(self, resources: Resources, progress: Progress) -> tuple[Size, Quality]:
         """The requested size and the measures; raises for all errors that do not depend on pixels."""
-        self.all_maps()  # checks n
         self._check()
         size = self.asked_size
         tiling = self.tile if self.pack or self.variants < TWO_COLORS_FROM else "none"  # continue in other tiles

@@ -32,7 +32,6 @@ def atlas(
     scale: float | None = None,
     unwrapped: FileName | None = None,
     convention: Literal['opengl', 'directx'] = 'opengl',
-    n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
@@ -56,14 +55,14 @@ def atlas(
 
     The texture is oriented along the u axis of the charts, smoothed over the surface. The texture has the same scale
     everywhere, regardless of the scale of each chart. All maps of a material are synthesized together
-    (n=3:kinds=color,data,normal), and tangent-space normals rotate with the texture. Gutters of 8 px continue the
+    (kinds=color,data,normal), and tangent-space normals rotate with the texture. Gutters of 8 px continue the
     texture beyond the border of each chart. A mesh without UVs is unwrapped by xatlas: render the result on the mesh
     that unwrapped=FILE.obj writes. Requires `pip install oiiotex[atlas]`.
 
     Parameters
     ----------
     exemplar : ImageLike
-        Photo; of the n maps of a material, the first.
+        Photo; of the maps of a material, the first.
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
@@ -84,9 +83,10 @@ def atlas(
         pixel of the photo is a pixel of the atlas.
     unwrapped : FileName | None, default None
         File (.obj) for the mesh with the UV charts of the result.
-    n : int, default 1
-        Number of maps of one material, resynthesized together: the last n images. Expected: an integer
-        from 1 to 16.
+    kinds : Sequence[str] | None, default None
+        Kind of each map of a material: color, data, normal or height. As many images are used, the last
+        ones on the stack. Maps other than color are tagged as data in the result. Default: one map:
+        color; with data=1, data.
     label : int | None, default None
         Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
         Expected: an integer >= 1.
@@ -121,9 +121,6 @@ def atlas(
         of the first image, or a file name.
     convention : Literal['opengl', 'directx'], default 'opengl'
         Green channel of normal maps. opengl: up; directx: down.
-    kinds : Sequence[str] | None, default None
-        Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
-        data in the result. Default: color (with data=1, data) for the first map, data for the others.
     mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
@@ -160,7 +157,6 @@ def atlas(
     scale: float | None = None,
     unwrapped: FileName | None = None,
     convention: Literal['opengl', 'directx'] = 'opengl',
-    n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
@@ -188,7 +184,6 @@ def atlas(
     scale: float | None = None,
     unwrapped: FileName | None = None,
     convention: Literal['opengl', 'directx'] = 'opengl',
-    n: int = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
@@ -216,7 +211,6 @@ def atlas(
     scale: float | None = None,
     unwrapped: FileName | None = None,
     convention: Literal['opengl', 'directx'] = 'opengl',
-    n: int = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
@@ -236,7 +230,6 @@ def checkmaterial(
     source: ImageLike,
     /,
     *,
-    n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
     convention: Literal['opengl', 'directx'] = 'opengl',
     fail: Literal['errors', 'warnings', 'none'] = 'errors',
@@ -262,15 +255,13 @@ def checkmaterial(
     Parameters
     ----------
     source : ImageLike
-        Map to check. Of n maps of a material, the first.
+        Map to check; of the maps of a material, the first.
     maps : Sequence[ImageLike], default ()
         Other maps of the material. A string is the name of a part of the first image, or a file name.
-    n : int, default 1
-        Number of maps to check together: the last images on the stack. Expected: an integer from 1 to
-        16.
     kinds : Sequence[str] | None, default None
-        Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
-        data in the result. Default: color for the first map, data for the others.
+        Kind of each map of a material: color, data, normal or height. As many images are used, the last
+        ones on the stack. Maps other than color are tagged as data in the result. Default: one map:
+        color.
     convention : Literal['opengl', 'directx'], default 'opengl'
         Expected green channel of normals. opengl: up; directx: down.
     fail : Literal['errors', 'warnings', 'none'], default 'errors'
@@ -313,7 +304,6 @@ def checkmaterial(
     /,
     *,
     maps: Sequence[ImageLike] = (),
-    n: int = 1,
     kinds: Sequence[str] | None = None,
     convention: Literal['opengl', 'directx'] = 'opengl',
     fail: Literal['errors', 'warnings', 'none'] = 'errors',
@@ -330,7 +320,6 @@ def checkmaterial(
     /,
     *,
     maps: Sequence[ImageLike] = (),
-    n: int = 1,
     kinds: Sequence[str] | None = None,
     convention: Literal['opengl', 'directx'] = 'opengl',
     fail: Literal['errors', 'warnings', 'none'] = 'errors',
@@ -1709,7 +1698,6 @@ def fill(
     iterations: int = 30,
     uniformity: float = 0.01,
     relevel: bool = False,
-    n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
@@ -1735,7 +1723,7 @@ def fill(
     Parameters
     ----------
     exemplar : ImageLike
-        Photo; of the n maps of a material, the first.
+        Photo; of the maps of a material, the first.
     region : ImageLike | None
         Image that marks the pixels to replace (first channel above half its range, or a nonzero label
         id). It is not taken with label or matte.
@@ -1744,8 +1732,8 @@ def fill(
         its range, or a nonzero label id). A string is the name of a part of the first image, or a file
         name.
     source : ImageLike | None, default None
-        Another photo to fill from, of any size and color space. With n, its first n parts are the maps.
-        A string is the name of a part of the first image, or a file name.
+        Another photo to fill from, of any size and color space. With kinds, its first parts are the
+        maps. A string is the name of a part of the first image, or a file name.
     maps : Sequence[ImageLike], default ()
         Further maps, resynthesized from the same source pixels. A string is the name of a part of the
         first image, or a file name.
@@ -1767,9 +1755,10 @@ def fill(
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 11.
-    n : int, default 1
-        Number of maps of one material, resynthesized together: the last n images. Expected: an integer
-        from 1 to 16.
+    kinds : Sequence[str] | None, default None
+        Kind of each map of a material: color, data, normal or height. As many images are used, the last
+        ones on the stack. Maps other than color are tagged as data in the result. Default: one map:
+        color; with data=1, data.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
@@ -1789,7 +1778,7 @@ def fill(
     ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]
         A dict of parts by name if more than one part is requested.
         A list of these if several images are made.
-        - fill: The photo with the region replaced. One image for each of the n maps, in order. [pixels]
+        - fill: The photo with the region replaced. One image for each of the maps, in order. [pixels]
         - st: Source coordinates of every pixel; with source, B is 1 where they lie in it. [32-bit float
           coordinates; with stmap]
         - drift: Correction of the copied pixels: Lab x gain + offset. Channels as of `flatten`. [32-bit
@@ -1821,9 +1810,6 @@ def fill(
     relevel : bool, default False
         Raise or lower each copied piece of a height map so that pieces meet without steps. Set it if
         displaced heights show cliffs. Requires kinds=...,height.
-    kinds : Sequence[str] | None, default None
-        Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
-        data in the result. Default: color (with data=1, data) for the first map, data for the others.
     mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
@@ -1871,7 +1857,6 @@ def fill(
     iterations: int = 30,
     uniformity: float = 0.01,
     relevel: bool = False,
-    n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
@@ -1906,7 +1891,6 @@ def fill(
     iterations: int = 30,
     uniformity: float = 0.01,
     relevel: bool = False,
-    n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
@@ -1942,7 +1926,6 @@ def fill(
     iterations: int = 30,
     uniformity: float = 0.01,
     relevel: bool = False,
-    n: int = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
@@ -1978,7 +1961,6 @@ def fill(
     iterations: int = 30,
     uniformity: float = 0.01,
     relevel: bool = False,
-    n: int = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
@@ -3127,7 +3109,6 @@ def patchmatch(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
@@ -3150,7 +3131,7 @@ def patchmatch(
     Parameters
     ----------
     exemplar : ImageLike
-        Photo; of the n maps of a material, the first.
+        Photo; of the maps of a material, the first.
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
@@ -3174,9 +3155,10 @@ def patchmatch(
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
-    n : int, default 1
-        Number of maps of one material, resynthesized together: the last n images. Expected: an integer
-        from 1 to 16.
+    kinds : Sequence[str] | None, default None
+        Kind of each map of a material: color, data, normal or height. As many images are used, the last
+        ones on the stack. Maps other than color are tagged as data in the result. Default: one map:
+        color; with data=1, data.
     label : int | None, default None
         Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
         Expected: an integer >= 1.
@@ -3200,7 +3182,7 @@ def patchmatch(
         A dict of parts by name if more than one part is requested.
         A list of these if several images are made.
         - tile: Pixels copied from the photo, all channels together, in its color space and type. One
-          image for each of the n maps, in order, and for each variant. [pixels]
+          image for each of the maps, in order, and for each variant. [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
           with stmap]
         - report: Measures of the result, for programs. [JSON; with report]
@@ -3237,9 +3219,6 @@ def patchmatch(
     fail : Sequence[str] | None, default None
         Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is
         still written, but the exit code is 3.
-    kinds : Sequence[str] | None, default None
-        Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
-        data in the result. Default: color (with data=1, data) for the first map, data for the others.
     mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
@@ -3284,7 +3263,6 @@ def patchmatch(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
@@ -3320,7 +3298,6 @@ def patchmatch(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    n: int = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
@@ -3356,7 +3333,6 @@ def patchmatch(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    n: int = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
@@ -4248,7 +4224,6 @@ def stationarize(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
@@ -4275,7 +4250,7 @@ def stationarize(
     Parameters
     ----------
     exemplar : ImageLike
-        Photo; of the n maps of a material, the first.
+        Photo; of the maps of a material, the first.
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
@@ -4320,9 +4295,10 @@ def stationarize(
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
-    n : int, default 1
-        Number of maps of one material, resynthesized together: the last n images. Expected: an integer
-        from 1 to 16.
+    kinds : Sequence[str] | None, default None
+        Kind of each map of a material: color, data, normal or height. As many images are used, the last
+        ones on the stack. Maps other than color are tagged as data in the result. Default: one map:
+        color; with data=1, data.
     label : int | None, default None
         Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
         Expected: an integer >= 1.
@@ -4346,7 +4322,7 @@ def stationarize(
         A dict of parts by name if more than one part is requested.
         A list of these if several images are made.
         - tile: Pixels copied from the photo, all channels together, in its color space and type. One
-          image for each of the n maps, in order, and for each variant. [pixels]
+          image for each of the maps, in order, and for each variant. [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
           with stmap]
         - report: Measures of the result, for programs. [JSON; with report]
@@ -4405,9 +4381,6 @@ def stationarize(
     fail : Sequence[str] | None, default None
         Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is
         still written, but the exit code is 3.
-    kinds : Sequence[str] | None, default None
-        Kind of each map, in order: color, data, normal or height. Maps other than color are tagged as
-        data in the result. Default: color (with data=1, data) for the first map, data for the others.
     mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
@@ -4465,7 +4438,6 @@ def stationarize(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
@@ -4511,7 +4483,6 @@ def stationarize(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
@@ -4558,7 +4529,6 @@ def stationarize(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    n: int = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
@@ -4605,7 +4575,6 @@ def stationarize(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    n: int = 1,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,

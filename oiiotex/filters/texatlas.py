@@ -37,7 +37,7 @@ class Atlas(MaterialOp, Whole):
 
     The texture is oriented along the u axis of the charts, smoothed over the surface. The texture has the same scale
     everywhere, regardless of the scale of each chart. All maps of a material are synthesized together
-    (n=3:kinds=color,data,normal), and tangent-space normals rotate with the texture. Gutters of 8 px continue the
+    (kinds=color,data,normal), and tangent-space normals rotate with the texture. Gutters of 8 px continue the
     texture beyond the border of each chart. A mesh without UVs is unwrapped by xatlas: render the result on the mesh
     that unwrapped=FILE.obj writes. Requires `pip install oiiotex[atlas]`.
     """

@@ -14,7 +14,6 @@ from ..core.image import Image
 from ..core.op import Kind, Output, Space
 from ..core.parameters import Words, image, param
 from ..deferred import oiio
-from ..errors import ParameterError
 from ..exemplar.materials import KINDS_HELP, kinds_of
 from ..session import Session
 
@@ -62,12 +61,9 @@ class CheckMaterial(ScanThenMap):
         ),
     )  # fmt: skip
 
-    source: Image = image(help="Map to check. Of n maps of a material, the first.")
-    maps: tuple[Image, ...] = image((), help="Other maps of the material.", count="n")
-    n: int = param(1, ge=1, le=16, help="Number of maps to check together: the last images on the stack.")
-    kinds: Words | None = param(
-        None, help=KINDS_HELP, unset="color for the first map, data for the others", example="color,normal"
-    )
+    source: Image = image(help="Map to check; of the maps of a material, the first.")
+    maps: tuple[Image, ...] = image((), help="Other maps of the material.", count="kinds")
+    kinds: Words | None = param(None, help=KINDS_HELP, unset="one map: color", example="color,normal")
     convention: str = param(
         "opengl", choices=("opengl", "directx"), help="Expected green channel of normals. opengl: up; directx: down."
     )
@@ -84,8 +80,6 @@ class CheckMaterial(ScanThenMap):
     def compute(self, session: Session) -> tuple[dict[str, Any], ...]:
         """The maps; the first has the report on all of them."""
         images = (self.source, *self.maps)
-        if self.n != len(images):
-            raise ParameterError(parameter="n", value=self.n, expected=f"{len(images)}, the number of maps")
         kinds = kinds_of(self.kinds, len(images), data=False)
         first, *others = ({"map": one.first.respecced(_without_hash)} for one in images)
         return ({**first, "report": lambda: self._report(images, kinds, session)}, *others)

@@ -13,7 +13,7 @@ from ..core.op import Kind, Output, Space
 from ..core.parameters import Numbers, Parameter, image, param
 from ..core.source_map import ST
 from ..drift.flattening import DRIFT
-from ..errors import ParameterError, whole_budget
+from ..errors import ImageError, ParameterError, modifier, whole_budget
 from ..exemplar.exemplar_op import MaterialOp
 from ..exemplar.heights import RELEVEL
 from ..exemplar.patch_synthesis import PATCH_HELP, PATCHES
@@ -45,19 +45,19 @@ class Fill(MaterialOp, InBands):
 """
     name: ClassVar[str] = "fill"
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("fill", Kind.PIXELS, "The photo with the region replaced. One image for each of the n maps, in order."),
+        Output("fill", Kind.PIXELS, "The photo with the region replaced. One image for each of the maps, in order."),
         replace(ST, help="Source coordinates of every pixel; with source, B is 1 where they lie in it."),
         replace(DRIFT, help="Correction of the copied pixels: Lab x gain + offset. Channels as of `flatten`."),
     )
 
-    exemplar: Image = image(help="Photo; of the n maps of a material, the first.")
+    exemplar: Image = image(help="Photo; of the maps of a material, the first.")
     region: Image = image(
         help="Image that marks the pixels to replace (first channel above half its range, or a nonzero label id). It"
         " is not taken with label or matte."
     )
     source: Image | None = image(
         None,
-        help="Another photo to fill from, of any size and color space. With n, its first n parts are the maps.",
+        help="Another photo to fill from, of any size and color space. With kinds, its first parts are the maps.",
     )
     mattes: Image | None = image(None, help="Cryptomatte, if it is not in the photo's file.", advanced=True)
     mask: Image | None = image(  # type: ignore[misc]  # as in `ExemplarOp`
@@ -140,7 +140,7 @@ class Fill(MaterialOp, InBands):
         if self.label is None and self.sourcelabel is None and (self.level is not None or self.labels is not None):
             raise ParameterError("level and labels require label or sourcelabel")
         if self.relevel and "height" not in self.map_kinds:
-            raise ParameterError("relevel=1 requires kinds with a height")
+            raise ParameterError(f"{modifier(relevel=True)} requires kinds with a height")
         if self.relevel and self.source is not None:
             raise ParameterError("conflicts with source", parameter="relevel", value=1)
         self.source_maps()
@@ -153,9 +153,8 @@ class Fill(MaterialOp, InBands):
             return maps
         if len(self.source.parts) < len(maps):
             count = len(self.source.parts)
-            raise ParameterError(
-                f"{self.source.source} has {count} parts", parameter="n", value=self.n, expected=f"at most {count}"
-            )
+            expected = f"at least {len(maps)}, one for each map"
+            raise ImageError(f"{self.source.source} has {count} parts: expected {expected}")
         return tuple(Image((part,), self.source.source) for part in self.source.parts[: len(maps)])
 
     def weights(self) -> Numbers | None:
@@ -192,7 +191,7 @@ class Fill(MaterialOp, InBands):
 
     def holds_photo(self, resources: Resources) -> bool:
         """Whether photo and source are held in memory; otherwise they are read by rows."""
-        return self.holds(resources, _LAB_BYTES * self.n)
+        return self.holds(resources, _LAB_BYTES * len(self.all_maps()))
 
     def holds(self, resources: Resources, size: int) -> bool:
         """Whether `size` bytes per pixel of the photo and of the source fit into a quarter of the budget."""

@@ -18,7 +18,7 @@ from ..session import Session
 from . import op_named
 
 _FIXED = (
-    "seed", "data", "n", "variants", "report", "fail", "json", "plan", "render", "stmap", "keep", "grown", "graph",
+    "seed", "data", "kinds", "variants", "report", "fail", "json", "plan", "render", "stmap", "keep", "grown", "graph",
 )  # fmt: skip
 
 

@@ -161,8 +161,12 @@ class _Making:
         wang, side = self._documents(described, self._textures(tile.outputs), meters), 1
         if wang is not None:
             side, measures["tiles"] = wang.side, wang.side**2
-        looks = materials.Looks.of(maps, _session(job).resources, hand, side, wang and wang.plane)
-        for name, picture in looks.pictures(recipe.deliver.shape, lattice, self._photo()).items():
+        resources, shaded = _session(job).resources, None
+        if recipe.deliver.shader:
+            document, size_m = self.folder / f"{material.name}.mtlx", wang.size_m if wang else (1.0, 1.0)
+            shaded = materials.shaded_sphere(document, maps, resources, materials.LIT, size_m, side)
+        looks = materials.Looks.of(maps, resources, hand, side, wang and wang.plane)
+        for name, picture in looks.pictures(recipe.deliver.shape, lattice, self._photo(), shaded).items():
             materials.save(picture, self.folder / name)
         reasons += [
             f"{limit}: {measures[limit.measure]:.4g}"

@@ -28,7 +28,7 @@ td.n{text-align:right;font-variant-numeric:tabular-nums}th{cursor:pointer;positi
 th[data-way="1"]::after{content:" \\25B2"}th[data-way="-1"]::after{content:" \\25BC"}
 img{max-height:120px;max-width:26vw;display:block;border-radius:3px}.ok{color:#16703a}.review,.asked{color:#a05a00}.failed{color:#b00020}
 td.why{max-width:18em;overflow-wrap:anywhere}input{font:inherit;padding:4px 8px;margin-bottom:12px;width:24em}
-@media(max-width:1100px){
+@media(max-width:1500px){
  body{margin:12px}input{width:100%;box-sizing:border-box}thead{font-size:12px}table,thead,tbody{display:block}tr{display:flex;flex-wrap:wrap}
  th{position:static}td{border:0;padding:2px 8px}td:first-child{flex:0 0 100%}td{box-sizing:border-box}
  tr+tr{border-top:1px solid #ddd}

@@ -31,12 +31,15 @@ class WangFiles(NamedTuple):
         A tile of each map that repeats without seams, for readers without a shader.
     plane : (256, 256, 3) uint8
         The content of the index image.
+    size_m : (float, float)
+        Width and height of a tile in units of texture coordinates.
     """
 
     side: int
     index_file: str
     tiles: dict[str, str]
     plane: np.ndarray
+    size_m: tuple[float, float]
 
 
 def deliver_wang(
@@ -120,7 +123,7 @@ def write_wang(
     for shader in materials.SHADERS:
         (folder / shader).write_text(materials.shader(shader))
     _write_page(maps["color"], name, side, folder, folder / index)
-    return WangFiles(side, index, tiles, plane)
+    return WangFiles(side, index, tiles, plane, size_m)
 
 
 def _side_of(maps: Mapping[str, Image]) -> int:

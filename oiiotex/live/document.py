@@ -106,15 +106,19 @@ class _MasksRoom(TypedDict):
     inpaint: _File
 
 
+class _PhotoRoom(TypedDict):
+    space: _ShortText  # the color space that the page has asked for; "": that of the line or the file
+
+
 class _PaintingRoom(TypedDict):
     step: Annotated[int, Allowed(-1, 999_999)]
 
 
 _ROOMS: dict[str, Any] = {
     "tile": _TileRoom, "view": _ViewRoom, "variants": _VariantsRoom, "zoom": _ZoomRoom, "paint": _PaintRoom,
-    "masks": _MasksRoom, "painting": _PaintingRoom, "output": _OutputRoom,
+    "photo": _PhotoRoom, "masks": _MasksRoom, "painting": _PaintingRoom, "output": _OutputRoom,
 }  # fmt: skip
-INNER = "masks", "painting"  # rooms that only the server sets
+INNER = "photo", "masks", "painting"  # rooms that only the server sets
 # parameters with a history; places of a zoom, brushes and variants have none
 _UNDONE = {room: set(types_of(_ROOMS[room])) for room in ("tile", "zoom", "masks", "painting")}
 _UNDONE["zoom"] -= {"x", "y", "zoom"}
@@ -135,6 +139,7 @@ def default_state(display: str, view: str, side: int) -> Values:
         "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "jitter": None, "lock": 0, "keys": [], "frames": 96},
         "paint": {"width": 1024, "height": 1024, "layer": "coarse", "label": 1, "finer": 0, "brush": 64.0, "seed": 0},
         "output": {"tile": "", "painted": "", "type": ""},  # file names and pixel type; "": automatic
+        "photo": {"space": ""},
         "masks": {"mask": 0, "inpaint": 0},
         "painting": {"step": -1},  # the step of the painting that is shown; -1: the last
     }

@@ -32,6 +32,17 @@ log = logging.getLogger("oiiotex")
 
 
 @dataclass(frozen=True)
+class MaterialMap:
+    """A further map of the photo's material, which its tile copies in the same way."""
+
+    role: str  # as `read_name` gives it
+    kind: str  # as `kinds` of --texstationarize takes it
+    hand: str  # convention of normals: 'opengl', 'directx', or '' if unknown
+    image: Image
+    words: tuple[str, ...]  # of the line
+
+
+@dataclass(frozen=True)
 class PageSource:
     """The subject of the page: a photo or a graph."""
 
@@ -42,6 +53,8 @@ class PageSource:
     space: str | None  # Its color space, as named in the config; None if untagged
     side: int  # px; side of the square that zooms start from
     pixel_type: str  # of files made from it, as -d names it
+    maps: tuple[MaterialMap, ...] = ()  # of the same material, in the order of the line
+    asks: bool = False  # has no color space yet: the page asks for it
 
 
 class Hub(Pages):
@@ -64,6 +77,9 @@ class Hub(Pages):
         self._restarted = -_PATIENCE
         self.saved: dict[str, Path] = {}  # files that pages have saved, by name, which they can download
         self.rooms: dict[str, Any] = {}
+        self.strip: Pages | None = None  # answers messages about photos
+        self.further: Callable[[], dict[str, Any]] = dict  # facts for new pages
+        self.watch: Callable[[dict[str, Any]], None] = lambda message: None  # of all messages
 
     # --- the resident process ---
 
@@ -82,6 +98,13 @@ class Hub(Pages):
         """Start the resident process, and make what a page shows on opening; a page is told of errors later."""
         with contextlib.suppress(Error):
             await (self.client() if self.source.image is None else self.rooms["tile"].prepare())
+
+    def rest(self) -> None:
+        """Drop all images of the resident process, until they are needed again."""
+        if self._client is not None:
+            with contextlib.suppress(LinkError):
+                self._client.close()
+            self._client = None
 
     def tries_again(self) -> bool:
         """Whether to restart a resident process that has ended: not twice in quick succession."""
@@ -117,8 +140,10 @@ class Hub(Pages):
         name = chosen.get(what) or output_name(self.source.stem, what, pixel_type)
         return name, chosen["type"] or type_in(name, pixel_type)
 
-    async def save(self, made: dict[str, Any], name: str, pixel_type: str) -> None:
+    async def save(self, made: dict[str, Any], name: str, pixel_type: str) -> str:
         """Write an image of the resident process to the document's folder, in bands, at the lowest priority.
+
+        Returns the name of the file.
 
         Parameters
         ----------
@@ -147,6 +172,7 @@ class Hub(Pages):
                 client.drop(number)
         self.saved[path.name] = path
         self.tell({"do": "saved", "name": path.name})
+        return path.name
 
     def release(self, client: Client, number: int) -> None:
         """Drop an image of the resident process; if it is being saved, afterwards."""
@@ -173,14 +199,23 @@ class Hub(Pages):
         for room in self.rooms.values():
             self.begin(room.greet(page))
 
+    def tell(self, message: dict[str, Any], but: Page | None = None) -> None:
+        """Send a message to all pages."""
+        super().tell(message, but)
+        self.watch(message)
+
     def left(self, page: Page) -> None:
         """Tell the rooms that a page is gone."""
+        if self.strip is not None:
+            self.strip.left(page)
         for room in self.rooms.values():
             room.leave(page)
 
     def answer(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
         """Handle a message of a page."""
-        if asked["do"] in ("undo", "redo"):
+        if asked.get("room") == "photos" and self.strip is not None:
+            self.strip.answer(page, asked, data)
+        elif asked["do"] in ("undo", "redo"):
             self._go(asked["do"] == "redo", page)
         elif asked["do"] != "set":
             self.begin(self.rooms[asked["room"]].take(page, asked, data), page)
@@ -222,7 +257,8 @@ class Hub(Pages):
             "presets": {"": AUTOMATIC} | PRESETS,
             "unsaved": self.unsaved,
             "history": self.document.history.facts(),
-        }
+            "maps": [{"role": one.role, "kind": one.kind, "hand": one.hand} for one in self.source.maps],
+        } | self.further()
 
     # --- colors ---
 

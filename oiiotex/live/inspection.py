@@ -6,10 +6,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 from collections.abc import AsyncIterator, Mapping
 from typing import Any
 
-from ..api.images import Window, as_float, resized
+from ..api.images import TAG, Image, Window, as_float, channels_of, from_array, resized
 from ..api.measures import region_uses
 from ..api.painting import PRESETS
 from ..api.service import BRUSH, spec_of
@@ -24,7 +25,9 @@ _COARSE = 128  # px; longer side of the photo for a coarse tile: patches are tho
 # px; the same for `clean`. Its mask leaves few whole patches on coarse levels, so its synthesis starts on finer ones
 _COARSE_CLEAN = 512
 _MASK_STEPS = 32  # patches along the longer side that the mask of `clean` is found from
-_DECIDED = {"preset", "sigma", "amount", "patch", "contrast", "label", "size"}  # by presets, or without a coarse tile
+_WINDOW = 4  # half the width of a Gaussian window, in sigma
+# by presets, or without a coarse tile
+_DECIDED = {"preset", "sigma", "amount", "patch", "contrast", "label", "sourcelabel", "size"}
 
 Maps = dict[str, "np.ndarray"]  # (height, width) float32 of 'photo' and 'tile'
 
@@ -110,19 +113,22 @@ class Inspection:
     # --- values and maps ---
 
     async def sample(self, page: Page, asked: Mapping[str, Any], tile: dict[str, Any] | None) -> None:
-        """Tell a page the values of a pixel of the photo or the tile, in the file's space and as displayed."""
+        """Tell a page the values of a pixel of the photo or the tile, in the file's space and as displayed.
+
+        None are told of a tile that is not finished.
+        """
         x, y, what = int(asked["x"]), int(asked["y"]), asked["what"]
+        facts = {"do": "sample", "room": "tile", "what": what, "x": x, "y": y, "values": [], "shown": []}
         client, photo = await self._hub.client(), await self._hub.photo()
-        spec = self._photo_spec if tile is None else spec_of(tile["parts"][0])
-        if not (0 <= x < spec.width and 0 <= y < spec.height):
-            return
-        number = photo if tile is None else tile["number"]
-        window = Window(spec.x + x, spec.y + y, spec.x + x + 1, spec.y + y + 1)
-        _, (pixels,) = await asyncio.wrap_future(client.read(number, window, priority=BRUSH))
-        values = as_float(pixels)
-        shown = self._hub.picture(values, self._hub.shown())[0, 0].tolist()
-        named = list(zip(spec.channelnames, (f"{value:.5g}" for value in values[0, 0]), strict=True))
-        facts = {"do": "sample", "room": "tile", "what": what, "x": x, "y": y, "values": named, "shown": shown}
+        number, spec = photo, self._photo_spec
+        if what == "tile" and tile is not None:
+            number, spec = tile["number"], spec_of(tile["parts"][0])
+        if (what == "photo" or tile is not None) and 0 <= x < spec.width and 0 <= y < spec.height:
+            window = Window(spec.x + x, spec.y + y, spec.x + x + 1, spec.y + y + 1)
+            _, (pixels,) = await asyncio.wrap_future(client.read(number, window, priority=BRUSH))
+            values = as_float(pixels)
+            facts["values"] = list(zip(spec.channelnames, (f"{value:.5g}" for value in values[0, 0]), strict=True))
+            facts["shown"] = self._hub.picture(values, self._hub.shown())[0, 0].tolist()
         page.tell(json.dumps(facts))
 
     async def show_measure(self, name: str, tile: dict[str, Any] | None, measure: str) -> None:
@@ -138,9 +144,24 @@ class Inspection:
     async def _drift(self, tile: dict[str, Any] | None, measure: str) -> Maps:
         """Deviation of local statistics from those elsewhere, at one scale."""
         sigma = max(1.0, max(self._photo_size) / 32)
-        numbers = {"photo": await self._hub.photo()} | ({} if tile is None else {"tile": tile["number"]})
         values = {"sigma": sigma, "measure": measure}
-        return {what: (await self._made("stationarity", n, values))[..., 0] for what, n in numbers.items()}
+        maps = {"photo": (await self._made("stationarity", await self._hub.photo(), values))[..., 0]}
+        if tile is None:
+            return maps
+        client, spec = await self._hub.client(), spec_of(tile["parts"][0])
+        if spec.get_string_attribute("wrapmodes") != "periodic,periodic":
+            return maps | {"tile": (await self._made("stationarity", tile["number"], values))[..., 0]}
+        # the op knows no torus
+        _, (pixels,) = await asyncio.wrap_future(client.read(tile["number"], priority=BRUSH))
+        margin = math.ceil(_WINDOW * sigma)
+        around = np.pad(
+            pixels[..., list(channels_of(spec).color)], ((margin, margin), (margin, margin), (0, 0)), "wrap"
+        )
+        part = from_array(around).first.respecced(lambda new: new.attribute(TAG, spec.get_string_attribute(TAG)))
+        number = await asyncio.to_thread(client.put, Image((part,), "tile"))
+        wide = await self._made("stationarity", number, values)
+        client.drop(number)
+        return maps | {"tile": wide[margin:-margin, margin:-margin, 0]}
 
     async def _repetition(self, tile: dict[str, Any] | None) -> Maps:
         if tile is None:

@@ -3,23 +3,19 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import logging
 import signal
 import socket
 import threading
 import webbrowser
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..api.images import TAG, Image, Session, read, usual_view, views
-from ..api.painting import read_graph
-from ..api.service import reserved_folder
-from ..errors import Error, one_line
-from .document import LEAST_PAINTED, Document, default_state
+from ..api.images import Image, Session
+from ..errors import Error, ParameterError, one_line
 from .guard import LOOPBACK, Guard, token_for
 
 if TYPE_CHECKING:
@@ -27,28 +23,27 @@ if TYPE_CHECKING:
     from starlette.requests import Request
     from starlette.responses import Response
 
-    from .hub import Hub
+    from .photos.strip import PhotoStrip
 
 MOST_UPLOAD = 32 << 20  # bytes of a message from a page
 _MOST_CONNECTIONS = 64
-_PAINTED = 1024  # px, maximum side of a new painting
 _TYPES = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 
 
 def serve(
-    image: Image | None, session: Session, words: tuple[str, ...], *, host: str, port: int, token: str, open_page: bool,
-    graph: Path | None, document: Path | None, pixel_type: str = "",
+    photos: Sequence[tuple[Image, tuple[str, ...]]], words: tuple[str, ...], session: Session, *, host: str, port: int,
+    token: str, open_page: bool, graph: Path | None, document: Path | None, pixel_type: str = "",
 ) -> None:  # fmt: skip
-    """Serve the page of a photo or of an exemplar graph until the process is interrupted.
+    """Serve the page of photos or of an exemplar graph until the process is interrupted.
 
     Parameters
     ----------
-    image : Image or None
-        The photo; None with `graph`.
+    photos : sequence of (Image, tuple of str)
+        Photos, and for each the command line up to it. Without a photo and `graph`, the page asks for photos.
+    words : tuple of str
+        Options of the command line that apply throughout, for a graph and for photos that a page opens.
     session : Session
         Session of the command line.
-    words : tuple of str
-        The command line before --texlive.
     host : str
         Address to listen on. Other addresses than loopback require `token`.
     port : int
@@ -76,7 +71,8 @@ def serve(
         raise Error(f"{error.name} is not installed: pip install oiiotex[live]") from error
     token = token_for(host, token)
     listening = _listening(host, port)
-    guarded = Guard(_application(_hub(image, session, words, graph, document, pixel_type)), token, _names(host))
+    strip = _strip(photos, words, session, graph, document, pixel_type)
+    guarded = Guard(_application(strip), token, _names(host))
     for logger in ("uvicorn.error", "asyncio"):
         logging.getLogger(logger).addFilter(_in_one_line)
     config = uvicorn.Config(
@@ -102,41 +98,24 @@ def _in_one_line(record: logging.LogRecord) -> bool:
     return True
 
 
-def _hub(
-    image: Image | None, session: Session, words: tuple[str, ...], graph: Path | None, document: Path | None,
-    pixel_type: str,
-) -> Hub:  # fmt: skip
-    """The hub of the document, with its rooms."""
-    from .hub import Hub, PageSource
-    from .painting.room import PaintRoom
-    from .tile_room import TileRoom
-    from .zoom_room import ZoomRoom
+def _strip(
+    photos: Sequence[tuple[Image, tuple[str, ...]]], words: tuple[str, ...], session: Session, graph: Path | None,
+    document: Path | None, pixel_type: str,
+) -> PhotoStrip:  # fmt: skip
+    """The photos of the line, or its graph, in a strip."""
+    from .photos.opening import OpenPhoto, hub_of
+    from .photos.strip import PhotoStrip
 
-    first = image
+    folder = Path() if document is None else document.parent
+    strip = PhotoStrip(session, folder, words, pixel_type)
     if graph is not None:
-        described = read_graph(graph)
-        first = read(described.files[described.root], session.resources.cache)
-    assert first is not None
-    tag = first.first.spec.get_string_attribute(TAG)
-    space = session.resources.color.resolve(tag) if tag else None
-    name = str(graph) if graph is not None else first.source
-    stem = Path(name).stem
-    side = min(256, 1 << min(first.first.spec.width, first.first.spec.height).bit_length() - 1)
-    state = default_state(*usual_view(session.resources.color, space), side)
-    sides = first.first.spec.width, first.first.spec.height
-    state["paint"] |= dict(zip(("width", "height"), (min(max(n, LEAST_PAINTED), _PAINTED) for n in sides), strict=True))
-    state["zoom"]["zoom"] = float(side.bit_length() - 1)
-    pixel_type = pixel_type or ("float" if graph is not None else str(first.first.spec.format))
-    path = document or Path(f"{stem}.texlive.json")
-    spare = reserved_folder(path)
-    opened = Document(path, state, name, views(session.resources.color), spare / "document.json")
-    source = PageSource(image, "" if graph is None else str(graph), words, stem, space, side, pixel_type)
-    hub = Hub(source, opened, session, spare)
-    hub.rooms = {"tile": TileRoom(hub), "paint": PaintRoom(hub), "zoom": ZoomRoom(hub)}
-    return hub
+        strip.add(hub_of(None, session, folder, words=words, graph=graph, document=document, pixel_type=pixel_type))
+    elif len(strip.open([OpenPhoto(*photo) for photo in photos], document)) > 1 and document is not None:
+        raise ParameterError("document conflicts with several photos: each has its own")
+    return strip
 
 
-def _application(hub: Hub) -> Starlette:
+def _application(strip: PhotoStrip) -> Starlette:
     """The ASGI application: the page's files and its WebSocket."""
     from starlette.applications import Starlette
     from starlette.responses import FileResponse, Response
@@ -154,21 +133,19 @@ def _application(hub: Hub) -> Starlette:
     async def saved(request: Request) -> Response:
         """A file that a page has saved, as a download."""
         name = request.path_params["name"]
-        path = hub.saved.get(name)
+        path = strip.saved(name)
         return Response(status_code=404) if path is None or not path.is_file() else FileResponse(path, filename=name)
 
     @contextlib.asynccontextmanager
     async def while_it_runs(_: Starlette) -> AsyncIterator[None]:
-        tasks = [asyncio.create_task(work) for work in (hub.autosave(), hub.warm_up())]
+        strip.start()
         try:
             yield
         finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.to_thread(hub.close)
+            await strip.end()
 
     routes = [
-        WebSocketRoute("/wire", hub.attend),
+        WebSocketRoute("/wire", strip.attend_photo),
         Route("/", file),
         Route("/saved/{name}", saved),
         Route("/{name}", file),

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..api.images import Image, as_float, from_array, read, write
 from ..api.painting import codes_of, color_of
-from ..api.service import BRUSH, LOOKS, LinkError, Request, spec_of
+from ..api.service import BRUSH, LOOKS, Client, LinkError, Request, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ImageError
 from .hub import Hub, labels_of
@@ -18,6 +18,7 @@ from .inspection import MOST_SHOWN, Inspection, histogram, reduced
 from .lines import line, word_of
 from .numbered import make_folder, next_number
 from .pages import Page, gesture_of
+from .photos.material import MaterialMaps, Outputs
 
 THUMBNAIL = 128  # px
 MOST_THUMBNAILS = 12
@@ -34,8 +35,9 @@ class TileRoom:
         self._request: Request | None = None
         self._tile: tuple[np.ndarray, dict[str, Any]] | None = None  # the last preview, and its facts
         self._measures: dict[str, Any] | None = None
-        self._image: dict[str, Any] | None = None  # the finished tile: 'number' and 'parts'
-        self._saves: list[tuple[str, str]] = []  # names and pixel types of files to write when the tile is finished
+        self._images: list[dict[str, Any]] = []  # the finished tile, and its maps: 'number' and 'parts'
+        self._saves: list[Outputs] = []  # files to write when the tile is finished
+        self._material = MaterialMaps(hub)
         self._thumbnails: list[Request] = []
         self._numbers: dict[Path, int] = {}  # of masks in the resident process
         self._photo: np.ndarray | None = None
@@ -56,9 +58,10 @@ class TileRoom:
             self._hub.show(*self._framed(*self._tile), to=page)
         if self._measures is not None:
             self._hub.tell(self._measures)
+        self._material.show(page)
         self._tell_line()
         self._inspection.show_presets(page)
-        if self._turn == 0:
+        if self._turn == 0 and not self._hub.source.asks:
             self._turn = 1
             await self.prepare()
             if self._turn == 1:
@@ -67,7 +70,7 @@ class TileRoom:
     async def prepare(self) -> None:
         """Make the coarse tiles of the presets, once."""
         async with self._preparing:
-            if not self._prepared:
+            if not self._prepared and not self._hub.source.asks:
                 self._prepared = True
                 await self._inspection.find_presets(self._values())
 
@@ -100,20 +103,23 @@ class TileRoom:
         elif do == "brush":
             self._take_brush(asked["name"], data, gesture_of(page, asked))
         elif do == "save":
-            if self._image is not None:
-                await self._hub.save(self._image, *self._hub.output("tile"))
+            if self._images:
+                await self._material.save(self._images, self._material.outputs())
+            elif self._request is None or self._request.done():
+                await self._begin([self._material.outputs()])
             else:
-                self._saves.append(self._hub.output("tile"))
+                self._saves.append(self._material.outputs())
                 self._hub.tell({"do": "note", "text": "The tile will be saved when it is finished"})
         elif do == "seeds":
             await self._seeds(int(asked["first"]), int(asked["count"]))
         elif do == "presets":
             await self._inspection.find_presets(self._values())
         elif do == "sample":
-            if asked["what"] == "photo" or self._image is not None:
-                await self._inspection.sample(page, asked, self._image if asked["what"] == "tile" else None)
+            await self._inspection.sample(page, asked, self._tile_image)
         elif do == "measure":
-            await self._inspection.show_measure(asked["name"], self._image, self._hub.document.state["tile"]["measure"])
+            await self._inspection.show_measure(
+                asked["name"], self._tile_image, self._hub.document.state["tile"]["measure"]
+            )
         elif do == "overlay":
             await self._overlay(asked["name"])
         else:
@@ -125,11 +131,26 @@ class TileRoom:
     def forget(self) -> None:
         """Drop references to images of a resident process that has ended."""
         self._numbers.clear()
-        self._image = None
+        self._material.forget()
+        self._images = []
 
     # --- the tile ---
 
-    async def _begin(self, again: Sequence[tuple[str, str]] = ()) -> None:
+    async def deliver(self, changed: bool) -> None:
+        """Make the tile, unless it is there and not `changed`, and save its files."""
+        if self._images and not changed:
+            await self._material.save(self._images, self._material.outputs())
+        else:
+            await self._begin([self._material.outputs()])
+
+    def stop(self) -> None:
+        """Stop making the tile."""
+        self._turn += 1
+        self._saves = []
+        if self._request is not None:
+            self._request.stop()
+
+    async def _begin(self, again: Sequence[Outputs] = ()) -> None:
         """Synthesize the tile by the document's values; `again`: files of a synthesis whose process has ended."""
         self._turn += 1
         turn, hub = self._turn, self._hub
@@ -140,17 +161,18 @@ class TileRoom:
         self._measures = None
         hub.tell({"do": "busy", "room": "tile", "done": 0, "total": 1})
         client = await hub.client()
-        if self._image is not None:
-            hub.release(client, self._image["number"])
-            self._image = None
-        images, optional = await self._exemplar()
+        self._release(client, self._images)
+        self._images = []
+        given, optional = await self._exemplar()
+        given += await self._material.numbers(client)
         if turn != self._turn:
             if saves:
                 raise Error("not saved: the parameters have changed since")
             return
         loop = asyncio.get_running_loop()
         self._request = request = client.make(
-            self._op, images, self._values() | {"stmap": 1}, optional=optional, priority=BRUSH, measure=True,
+            self._op, given, self._values() | self._material.values | {"stmap": 1},
+            optional=optional, priority=BRUSH, measure=True,
             on_look=lambda pixels, whole: loop.call_soon_threadsafe(self._looked, turn, pixels, whole),
             on_progress=lambda done, total: loop.call_soon_threadsafe(self._advanced, turn, done, total),
         )  # fmt: skip
@@ -165,20 +187,27 @@ class TileRoom:
                 hub.tell({"do": "busy", "room": "tile", "done": 1, "total": 1})
                 raise
             return
-        made = facts["images"][0]
+        images = facts["images"]
+        made = images[0]
         if turn == self._turn:
-            self._image = made
-            lines = [[level, text.removeprefix(f"--tex{self._op}: ")] for level, text in facts["log"]]
+            self._images = images
+            own = f"--tex{self._op}: "  # and stmap=1 is the page's
+            lines = [[level, text.removeprefix(own).replace(":stmap=1", "")] for level, text in facts["log"]]
             chosen = spec_of(made["parts"][0]).get_string_attribute("oiiotex:chosen")
             self._measures = {"do": "measures", "room": "tile", "lines": lines, "chosen": chosen}
             hub.tell(self._measures)
             hub.tell({"do": "busy", "room": "tile", "done": 1, "total": 1})
+            await self._material.find(client, images)
         try:
-            for output in saves:
-                await hub.save(made, *output)
+            for outputs in saves:
+                await self._material.save(images, outputs)
         finally:
-            if made is not self._image:
-                hub.release(client, made["number"])
+            if images is not self._images:
+                self._release(client, images)
+
+    def _release(self, client: Client, images: list[dict[str, Any]]) -> None:
+        for image in images:
+            self._hub.release(client, image["number"])
 
     def _looked(self, turn: int, pixels: np.ndarray, whole: bool) -> None:
         if turn != self._turn:
@@ -262,9 +291,11 @@ class TileRoom:
             images["mask"] = str(self._mask("mask"))
         elif tile["mask"]:
             words.append("--texlabel:keep=1")
+        maps = [word for one in source.maps for word in one.words]
         if tile["inpaint"]:
-            words.append(str(self._mask("inpaint")))
-        return line([*words, word_of(f"--tex{self._op}", images | self._values())], *self._hub.output("tile"))
+            maps.append(str(self._mask("inpaint")))
+        words += [*maps, word_of(f"--tex{self._op}", images | self._values() | self._material.values)]
+        return line([*words, *self._material.written()], *self._hub.output("tile"))
 
     # --- seeds ---
 
@@ -296,6 +327,10 @@ class TileRoom:
         for request in self._thumbnails:
             request.stop()
         self._thumbnails = []
+
+    @property
+    def _tile_image(self) -> dict[str, Any] | None:
+        return self._images[0] if self._images else None
 
     # --- the photo and its overlays ---
 

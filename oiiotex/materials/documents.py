@@ -84,7 +84,7 @@ def write_materialx(described: Described, folder: Path) -> None:
     """
     mx = materialx()
     document = mx.createDocument()
-    document.setColorSpace(SPACES.get(described.space, described.space))
+    document.setColorSpace("acescg" if SPACES.get(described.space) == "acescg" else "lin_rec709")  # of shading
     library = loaded_libraries()
     document.setDataLibrary(library)
     _material(document, described, described.identifier, hex_tiled=False)

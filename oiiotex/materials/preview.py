@@ -22,15 +22,15 @@ from .documents import ROUGHNESS
 
 CARD = 160  # px; height of a card in the report
 _MOST = 512  # px; longest side of a map in previews
-_THUMBNAIL, _REPEATED, _LIT, _RIVALS = 256, 512, 320, 256  # px
+_THUMBNAIL, _REPEATED, LIT, _RIVALS = 256, 512, 320, 256  # px
 _ACROSS = 4  # tiles per side in the comparison with hex-tiling
 _PLANE = 8  # tiles per side of a picture of Wang tiles
 _PAPER = 0.93
-_LIGHTS = (
+LIGHTS = (
     ((-0.55, 0.65, 0.55), 3.6),
     ((0.8, 0.15, 0.35), 0.8),
 )  # direction (x right, y up, z near), intensity
-_SKY, _GROUND = 0.7, 0.25  # ambient light from above and below
+SKY, GROUND = 0.7, 0.25  # ambient light from above and below
 _QUALITY = 85  # JPEG quality
 
 
@@ -65,7 +65,7 @@ class Looks:
     ) -> Looks:
         """From delivered maps; missing maps get constant values. `hand`: convention of the normals."""
         part = maps["color"].first
-        color = _reduced(linear_of(part, resources), _MOST, side)
+        color = reduced(linear_of(part, resources), _MOST, side)
         size = color.shape[:2]
 
         def scalar(role: str, plain: float) -> np.ndarray:
@@ -87,7 +87,9 @@ class Looks:
         """The mean color, in CIE Lab D65."""
         return lab_of(self.color.reshape(-1, 3).mean(axis=0))
 
-    def pictures(self, shape: str, lattice: bool, photo: np.ndarray) -> dict[str, np.ndarray]:
+    def pictures(
+        self, shape: str, lattice: bool, photo: np.ndarray, shaded: np.ndarray | None = None
+    ) -> dict[str, np.ndarray]:
         """All preview images of an asset by file name, sRGB (h, w, 3).
 
         Parameters
@@ -98,8 +100,13 @@ class Looks:
             Whether the tile has a lattice; hex-tiling, which would break it, is then omitted.
         photo : (h, w, 3) float
             The photo, linear, for the card of the report.
+        shaded : (h, w, 4) float, optional
+            The lit preview by a renderer, linear, with its coverage.
         """
-        lit = self.sphere(_LIT) if shape == "sphere" else self.plane(_LIT)
+        if shaded is not None:
+            lit = shaded[..., :3] + (1 - shaded[..., 3:]) * decoded(np.float32(_PAPER))
+        else:
+            lit = self.sphere(LIT) if shape == "sphere" else self.plane(LIT)
         tile = self.color[: self.color.shape[0] // self.side, : self.color.shape[1] // self.side]
         ways = [repeated(tile, _ACROSS, _RIVALS)]
         if not lattice:
@@ -109,13 +116,13 @@ class Looks:
         else:
             small, plane, name = self._laid_out(_ACROSS), self._laid_out(_PLANE), "preview_plane.jpg"
             ways.append(repeated(small, 1, _RIVALS))
-        made = {"thumbnail.jpg": _reduced(small, _THUMBNAIL), name: _reduced(plane, _REPEATED), "lit.jpg": lit}
+        made = {"thumbnail.jpg": reduced(small, _THUMBNAIL), name: reduced(plane, _REPEATED), "lit.jpg": lit}
         card = [photo, lit, *([plane] if self.index is None else [])]
         if len(ways) > 1:
             made["compared.jpg"] = _side_by_side(ways, _RIVALS)
             card += ways
         made["card.jpg"] = _side_by_side(card, CARD)
-        return {name: _srgb(picture) for name, picture in made.items()}
+        return {name: encoded(picture) for name, picture in made.items()}
 
     def _laid_out(self, count: int) -> np.ndarray:
         """The color of `count` x `count` cells of the plane of an atlas."""
@@ -140,7 +147,7 @@ class Looks:
         u, v = (angle * (2 / np.pi / self.side) for angle in (np.arctan2(x, z), np.arccos(np.clip(y, -1, 1))))
         bumps = _bilinear(self.normal, u, v)
         normal = bumps[..., :1] * round_axis + bumps[..., 1:2] * upwards + bumps[..., 2:] * bulge
-        picture = np.full((fine, fine, 3), _linear(np.float32(_PAPER)))
+        picture = np.full((fine, fine, 3), decoded(np.float32(_PAPER)))
         picture[inside] = self._lit(u, v, normal, (0.0, 0.0, 1.0))
         return picture.reshape(side, 2, side, 2, 3).mean((1, 3))
 
@@ -153,7 +160,7 @@ class Looks:
         )  # fmt: skip
         lit = self._lit(u, v, _bilinear(self.normal, u, v), (0.0, -0.4, 0.9))
         picture = plane_in_perspective(lit, side, side)
-        picture[: round(side * HORIZON)] = _linear(np.float32(_PAPER))
+        picture[: round(side * HORIZON)] = decoded(np.float32(_PAPER))
         return picture
 
     def _lit(self, u: np.ndarray, v: np.ndarray, normal: np.ndarray, eye: tuple[float, float, float]) -> np.ndarray:
@@ -164,10 +171,10 @@ class Looks:
         alpha = np.maximum(rough, 0.05) ** 2
         reflected = 0.04 * (1 - metal) + base * metal  # at normal incidence
         n_v = np.maximum((normal @ view)[..., None], 1e-3)
-        from_all = _GROUND + (_SKY - _GROUND) * (0.5 + 0.5 * normal[..., 1:2])
+        from_all = GROUND + (SKY - GROUND) * (0.5 + 0.5 * normal[..., 1:2])
         gloss = 0.04 * (1 - metal) * (1 - rough) + base * metal  # rough surfaces reflect no sky
         seen = from_all * ao * (base * (1 - metal) + gloss)
-        for towards, strength in _LIGHTS:
+        for towards, strength in LIGHTS:
             light = np.array(towards, np.float32) / np.linalg.norm(towards)
             half = (light + view) / np.linalg.norm(light + view)
             n_l, n_h = (np.maximum((normal @ d)[..., None], 0) for d in (light, half))
@@ -221,13 +228,13 @@ def values(image: Image) -> np.ndarray:
 
 def vectors(normals: Image) -> np.ndarray:
     """A normal map as vectors; decoded from 0..1 if no value is negative."""
-    decoded = values(normals)
-    return decoded if decoded.min() < 0 else 2 * decoded - 1
+    pixels = values(normals)
+    return pixels if pixels.min() < 0 else 2 * pixels - 1
 
 
 def linear_of(part: Part, resources: Resources) -> np.ndarray:
     """The colors of a part as linear Rec. 709, (h, w, 3), 0 to 1."""
-    return _linear(shown_pixels(part.pixels(), part, resources))
+    return decoded(shown_pixels(part.pixels(), part, resources))
 
 
 def photo_linear(photo: Image, space: str, resources: Resources) -> np.ndarray:
@@ -240,7 +247,7 @@ def photo_linear(photo: Image, space: str, resources: Resources) -> np.ndarray:
 
 def srgb_of(part: Part, resources: Resources, size: Sequence[int]) -> np.ndarray:
     """The colors of a part as sRGB, 0 to 1, (height, width, 3), in a smaller size by area averages of linear values."""
-    return _srgb(_fitted(linear_of(part, resources), (size[0], size[1])))
+    return encoded(_fitted(linear_of(part, resources), (size[0], size[1])))
 
 
 def lab_of(linear: np.ndarray) -> np.ndarray:
@@ -254,7 +261,7 @@ def lab_of(linear: np.ndarray) -> np.ndarray:
 
 def lab_of_srgb(code: Sequence[float]) -> np.ndarray:
     """Convert an sRGB color, 0 to 1, to CIE Lab D65."""
-    return lab_of(_linear(np.asarray(code, np.float64)))
+    return lab_of(decoded(np.asarray(code, np.float64)))
 
 
 def save(picture: np.ndarray, path: Path) -> None:
@@ -298,7 +305,7 @@ def _smith(cosine: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     return 2 * cosine / np.maximum(cosine + np.sqrt(alpha**2 + (1 - alpha**2) * cosine**2), 1e-6)
 
 
-def _reduced(texels: np.ndarray, most: int, side: int = 1) -> np.ndarray:
+def reduced(texels: np.ndarray, most: int, side: int = 1) -> np.ndarray:
     """Texels whose longer side is at most about `most`, and whose sides are multiples of `side`."""
     longer = max(texels.shape[:2])
     height, width = (side * max(1, round(n * min(1, most / longer) / side)) for n in texels.shape[:2])
@@ -317,15 +324,17 @@ def _fitted(texels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 
 def _side_by_side(panels: list[np.ndarray], height: int, gap: int = 6) -> np.ndarray:
     """Place panels of equal height side by side."""
-    paper = np.full((height, gap, 3), _linear(np.float32(_PAPER)))
+    paper = np.full((height, gap, 3), decoded(np.float32(_PAPER)))
     row = [piece for panel in panels for piece in (repeated(panel, 1, height), paper)]
     return np.concatenate(row[:-1], axis=1)
 
 
-def _srgb(linear: np.ndarray) -> np.ndarray:
+def encoded(linear: np.ndarray) -> np.ndarray:
+    """Linear Rec. 709 as sRGB, 0 to 1."""
     linear = np.clip(linear, 0, 1)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
-def _linear(code: np.ndarray | np.float32) -> np.ndarray:
+def decoded(code: np.ndarray | np.float32) -> np.ndarray:
+    """The inverse of `encoded`."""
     return np.where(code <= 0.04045, code / 12.92, ((np.maximum(code, 0) + 0.055) / 1.055) ** 2.4).astype(np.float32)

@@ -9,10 +9,13 @@ from ..deferred import np
 CELL = 16  # px
 MOST_GAIN = 4.0
 _BLOCK = 32  # px; side of the blocks in which the spectrum of grain is measured
-_MOST_BLOCKS = 64
+_MOST_BLOCKS = 16
 _FEWEST = 4
-_MAD = 0.6745  # of a normal distribution's deviation
+_MEDIAN = 0.455  # of squares of normal numbers
 _OUTLIER = 3.0  # deviations: more is an edge that does not match, not grain
+_CLIPPED = 0.9915  # mean of squares of normal numbers, none above 3 squared
+_MOST_SAMPLES = 1 << 16
+_ROUNDS = 6
 
 
 def gains(frame: np.ndarray, plate: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -37,16 +40,19 @@ def gains(frame: np.ndarray, plate: np.ndarray, known: np.ndarray) -> np.ndarray
     return _enlarged(_continued(np.where(own > 1e-12, gain, 1.0), weight), known.shape)
 
 
-def grain(difference: np.ndarray, known: np.ndarray, number: int) -> np.ndarray:
+def grain(difference: np.ndarray, plate: np.ndarray, known: np.ndarray, number: int) -> np.ndarray:
     """New grain like that of the frame.
 
-    Its deviation and its correlation between channels and pixels are those of the known pixels: noise with their power
-    spectrum (Galerne, Gousseau and Morel 2011).
+    The variance of the difference is a constant, plus photon noise in proportion to the value, plus what does not match
+    in proportion to the plate's detail. The first two are grain. Its relation between channels and between pixels is
+    that of the known pixels: noise with their power spectrum (Galerne, Gousseau and Morel 2011).
 
     Parameters
     ----------
     difference : (h, w, c) float32
         The frame minus the matched plate.
+    plate : (h, w, c) float32
+        The matched plate.
     known : (h, w) bool
     number : int
         The frame's: the same number, the same grain.
@@ -56,26 +62,52 @@ def grain(difference: np.ndarray, known: np.ndarray, number: int) -> np.ndarray:
     (h, w, c) float32
     """
     height, width, count = difference.shape
-    if not known.any():
+    if np.count_nonzero(known) < CELL**2:
         return np.zeros_like(difference)
-    absolute = _cells(np.where(known[..., None], np.abs(difference), np.nan))
-    with np.errstate(all="ignore"):
-        full = np.isfinite(absolute).sum(2)
-        middle = np.nan_to_num(_medians(absolute)) / _MAD
-    deviation = _enlarged(_continued(middle, full / CELL**2), known.shape)
-    overall = np.maximum(np.median(np.abs(difference[known]), 0) / _MAD, 1e-12)
-    plain = np.clip(difference / np.maximum(deviation, 0.1 * overall), -_OUTLIER, _OUTLIER)
+    detail = _detail(plate)
+    deviation, plain = np.empty_like(difference), np.empty_like(difference)
+    for c in range(count):
+        terms = np.stack([np.ones(known.shape, np.float32), np.maximum(plate[..., c], 0), detail[..., c]], -1)
+        factors = _variance(difference[..., c][known] ** 2, terms[known])
+        deviation[..., c] = np.sqrt(terms[..., :2] @ factors[:2])
+        plain[..., c] = difference[..., c] / np.sqrt(np.maximum(terms @ factors, 1e-12))
+    plain = np.clip(plain, -_OUTLIER, _OUTLIER)
     noise = np.random.Generator(np.random.Philox(key=number)).standard_normal((height, width, count), np.float32)
-    noise = _colored(noise, plain, known)
-    values = plain[known]
-    relation = np.cov(values.T).reshape(count, count)
+    noise = _colored(noise, plain, known, detail.mean(2))
+    relation = np.cov(plain[known].T).reshape(count, count)
     spread = np.sqrt(np.maximum(np.diag(relation), 1e-12))
     mix = np.linalg.cholesky(relation / np.outer(spread, spread) + 1e-6 * np.eye(count))
     return (noise @ mix.T.astype(np.float32)) * deviation
 
 
-def _colored(noise: np.ndarray, plain: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Noise with the mean power spectrum of the channels of known blocks, of deviation 1."""
+def _detail(plate: np.ndarray) -> np.ndarray:
+    """Squared detail of the plate's pixels and their neighbors: where it is strong, a small misfit shows."""
+    steps = [np.abs(np.diff(plate, axis=axis, prepend=np.take(plate, [0], axis))) for axis in (0, 1)]
+    total = steps[0] ** 2 + steps[1] ** 2
+    for axis in (0, 1):
+        total = sum(np.roll(total, shift, axis) for shift in (-1, 0, 1)) / 3
+    return total
+
+
+def _variance(squares: np.ndarray, terms: np.ndarray) -> np.ndarray:
+    """Factors >= 0 by which terms, (n, 3), add up to the variance of differences with these squares, (n,)."""
+    from scipy.optimize import nnls
+
+    step = max(1, len(squares) // _MOST_SAMPLES)
+    squares, terms = squares[::step].astype(np.float64), terms[::step].astype(np.float64)
+    expected = np.full(len(squares), np.median(squares) / _MEDIAN)
+    scale = np.maximum(terms.mean(0), 1e-12)
+    factors = np.zeros(terms.shape[1])
+    for _ in range(_ROUNDS):  # the deviation of a square is in proportion to the variance
+        weight = 1 / np.maximum(expected, 1e-12)
+        kept = np.minimum(squares, _OUTLIER**2 * expected) / _CLIPPED
+        factors = nnls(terms / scale * weight[:, None], kept * weight)[0] / scale
+        expected = terms @ factors
+    return factors
+
+
+def _colored(noise: np.ndarray, plain: np.ndarray, known: np.ndarray, detail: np.ndarray) -> np.ndarray:
+    """Noise with the mean power spectrum of the known blocks with the least detail, of deviation 1."""
     from scipy.signal import fftconvolve
 
     corners = [
@@ -86,7 +118,8 @@ def _colored(noise: np.ndarray, plain: np.ndarray, known: np.ndarray) -> np.ndar
     ]
     if len(corners) < _FEWEST:
         return noise
-    corners = corners[:: -(-len(corners) // _MOST_BLOCKS)]
+    corners.sort(key=lambda at: float(detail[at[0] : at[0] + _BLOCK, at[1] : at[1] + _BLOCK].mean()))
+    corners = corners[:_MOST_BLOCKS]
     blocks = np.stack([plain[y : y + _BLOCK, x : x + _BLOCK] for y, x in corners])
     blocks = blocks - blocks.mean((1, 2), keepdims=True)
     amplitude = np.sqrt(np.mean(np.abs(np.fft.rfft2(blocks, axes=(1, 2))) ** 2, (0, 3)))
@@ -95,23 +128,13 @@ def _colored(noise: np.ndarray, plain: np.ndarray, known: np.ndarray) -> np.ndar
     return fftconvolve(noise, kernel[..., None], "same", axes=(0, 1)).astype(np.float32)
 
 
-def _cells(values: np.ndarray) -> np.ndarray:
-    """Values in cells: (down, across, pixels, c), NaN beyond the border."""
+def _sums(values: np.ndarray) -> np.ndarray:
+    """Sums in cells: (down, across, c)."""
     height, width, count = values.shape
     down, across = -(-height // CELL), -(-width // CELL)
-    padded = np.full((down * CELL, across * CELL, count), np.nan, np.float32)
+    padded = np.zeros((down * CELL, across * CELL, count), np.float32)
     padded[:height, :width] = values
-    return padded.reshape(down, CELL, across, CELL, count).swapaxes(1, 2).reshape(down, across, CELL**2, count)
-
-
-def _sums(values: np.ndarray) -> np.ndarray:
-    return np.nansum(_cells(values), 2)
-
-
-def _medians(cells: np.ndarray) -> np.ndarray:
-    """Medians of cells, NaN where they are empty."""
-    ordered, number = np.sort(cells, 2), np.isfinite(cells).sum(2, keepdims=True)  # NaN is last
-    return np.take_along_axis(ordered, np.maximum((number - 1) // 2, 0), 2)[:, :, 0]
+    return padded.reshape(down, CELL, across, CELL, count).sum((1, 3))
 
 
 def _continued(values: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ..capture.homography import through
 from ..deferred import np
 from ..errors import Error, ImageError
-from .frame_motion import FrameMotion
+from .frame_motion import FrameMotion, homography_of
 from .sampling import grown
 
 if TYPE_CHECKING:
@@ -24,6 +24,8 @@ _BACK = 0.5  # px; a feature tracked there and back must return this near
 _FEWEST = 24  # features
 _LEFT = 0.5  # of the key frame's features: with fewer, the frame becomes the next key frame
 _SHARE = 0.3  # of the features found again that must lie on one plane
+_PASSES = 3
+_SHIFT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.5, 0.5, 1.0))  # OpenCV: pixel centers at 0
 _ALONE = 3  # px around the region that its soft border may cover
 
 
@@ -109,29 +111,40 @@ def _features(cv2: Any, view: SeenFrame) -> np.ndarray:
 
 
 def _matrix(cv2: Any, key: _KeyFrame, view: SeenFrame, guess: np.ndarray) -> tuple[np.ndarray | None, float]:
-    """Key frame to this frame, from a guess, and the share of features found; None if they do not agree."""
-    how = {
-        "winSize": (_WINDOW, _WINDOW),
-        "maxLevel": _LEVELS,
-        "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 1e-3),
-        "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
-    }
-    first, count = key.points, len(key.points)
-    start = (through(guess, first[:, 0] + 0.5) - 0.5).astype(np.float32)[:, None]  # OpenCV: pixel centers at 0
-    second, good, _ = cv2.calcOpticalFlowPyrLK(key.view.gray, view.gray, first, start.copy(), **how)
-    again, back, _ = cv2.calcOpticalFlowPyrLK(view.gray, key.view.gray, second, first.copy(), **how)
-    good = (good & back)[:, 0].astype(bool) & (np.abs(again - first).max((1, 2)) < _BACK)
-    at = np.floor(second[:, 0]).astype(int)
-    height, width = view.gray.shape
-    good &= ((at >= 0) & (at < (width, height))).all(1)
-    good[good] = view.around[at[good, 1], at[good, 0]]
-    if good.sum() < _FEWEST:
-        return None, 0.0
-    pairs = first[good, 0].astype(float) + 0.5, second[good, 0].astype(float) + 0.5
-    matrix, agreed = cv2.findHomography(*pairs, cv2.USAC_MAGSAC, _NEAR, maxIters=5000, confidence=0.9999)
-    if matrix is None or agreed.sum() < max(_FEWEST, _SHARE * good.sum()):
-        return None, 0.0
-    return matrix.T, float(agreed.sum()) / count
+    """Key frame to this frame, from a guess, and the share of features found; None if they do not agree.
+
+    Patches are compared in the frame as it is seen through the last matrix: neither scale nor perspective bias them.
+    """
+    matrix, share, shift, (height, width) = guess, 0.0, np.array(_SHIFT), view.gray.shape
+    for _ in range(_PASSES):
+        inner = shift @ matrix @ np.linalg.inv(shift)
+        seen = cv2.warpPerspective(
+            view.gray, inner.T, (width, height), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        )  # fmt: skip
+        first = key.points
+        second, good, _ = cv2.calcOpticalFlowPyrLK(key.view.gray, seen, first, None, **_how(cv2))
+        again, back, _ = cv2.calcOpticalFlowPyrLK(seen, key.view.gray, second, None, **_how(cv2))
+        found = (good & back)[:, 0].astype(bool) & (np.abs(again - first).max((1, 2)) < _BACK)
+        from_, to = first[:, 0] + 0.5, through(matrix, second[:, 0] + 0.5)
+        at = np.floor(to).astype(int)
+        found &= ((at >= 0) & (at < (width, height))).all(1)
+        found[found] = view.around[at[found, 1], at[found, 0]]
+        if found.sum() < _FEWEST:
+            return None, 0.0
+        pairs = from_[found].astype(float), to[found]
+        better, agreed = cv2.findHomography(*pairs, cv2.USAC_MAGSAC, _NEAR, maxIters=5000, confidence=0.9999)
+        if better is None or agreed.sum() < max(_FEWEST, _SHARE * found.sum()):
+            return None, 0.0
+        inliers = agreed[:, 0].astype(bool)
+        matrix, share = homography_of(pairs[0][inliers], pairs[1][inliers]), float(agreed.sum()) / len(first)
+    return matrix, share
+
+
+def _how(cv2: Any) -> dict[str, Any]:
+    """Settings of Lucas and Kanade's method."""
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 1e-3)
+    return {"winSize": (_WINDOW, _WINDOW), "maxLevel": _LEVELS, "criteria": criteria}
 
 
 def gray_view(values: np.ndarray) -> np.ndarray:

@@ -207,7 +207,6 @@ class _Filler:
             return "$"
         name = match[2] or match[3]
         own = {
-            "n": str(len(self.maps)),
             "kinds": ",".join(_KINDS.get(role, "data") for role in self.maps),
             "folder": self.product,
             "output": f"{self.product}/{self.product}.exr",

@@ -90,8 +90,13 @@ class Deliver:
     materialx: bool = True
     usd: bool = False
     wang: bool = False
+    shader: bool = False
 
     def __post_init__(self) -> None:
+        if self.shader and (self.shape != "sphere" or not (self.materialx or self.wang)):
+            raise ParameterError(
+                'shader = true renders the MaterialX document: requires materialx = true, shape = "sphere"'
+            )
         if self.wang and self.format != "exr":
             raise ParameterError('wang = true requires format = "exr": TIFF files lose the number of tiles')
 

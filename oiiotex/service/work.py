@@ -112,7 +112,7 @@ class Bench:
         if len(declared) == 1 and declared[0].many:
             bound[declared[0].attribute] = tuple(given)
         else:
-            count = 1 if further is None else values.get(further.count) or 1
+            count = 1 + op.further_count(values)
             if len(given) != len(declared) + count - 1:
                 raise ParameterError(f"{name} takes {len(declared) + count - 1} image(s), not {len(given)}")
             if further is not None:

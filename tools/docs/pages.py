@@ -34,7 +34,7 @@ def page_text(op: type[Op], path: Path) -> str:
     lines += ["| input | |", "|---|---|", *(f"| {i.name} | {say(i.help)} |" for i in op.images())]
     further = op.further_images()
     if further is not None:
-        lines.append(f"| {further.name} | {further.help} With {further.count}=N: the N - 1 images above the first. |")
+        lines.append(f"| {further.name} | {further.help} One for each further value of {further.count}. |")
     lines.append("")
     lines += _table([p for p in op.modifiers() if not p.advanced], say)
     advanced = _table([p for p in op.modifiers() if p.advanced], say)

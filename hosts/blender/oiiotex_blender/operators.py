@@ -218,7 +218,7 @@ class MakeMaterial(Tiled, Making, bpy.types.Operator):
         images = self.maps(context, image)
         kinds = {node.image: _kind(node) for node in _nodes(context)}
         named = [kinds[one] if space_of(one) is None else "color" for one in images]
-        return super().values(context, image) | ({"n": len(images), "kinds": ",".join(named)} if images[1:] else {})
+        return super().values(context, image) | ({"kinds": ",".join(named)} if images[1:] else {})
 
     def finish(self, context, images, results, line):
         """Create the tiles, and replace the material's images by them."""

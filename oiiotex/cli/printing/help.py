@@ -21,7 +21,7 @@ usage: oiiotex IMAGE... --OP[:MODIFIER=VALUE...]... -o FILE
   oiiotex tile.png --texpreview:panels=3x3 -o view.png     the tile repeated
   oiiotex photo.png --texquilt:size=4096x4096 -o big.png   larger texture
   oiiotex photo.png --texsynth:size=4096x4096 -o all.png   unbounded texture
-  oiiotex color.png normal.png --texstationarize:n=2:kinds=color,normal \\
+  oiiotex color.png normal.png --texstationarize:kinds=color,normal \\
       -o normal_tile.png --pop -o color_tile.png           maps of a material
   oiiotex photo.png --texestimateheight -o height.exr      height from shading
   oiiotex photo.png --texlabel:keep=1 -o labels.exr        its textures, labeled

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...core.image import Image
 from ...core.parameters import param
 from ...errors import ParameterError
-from ..language.parse import Option, parse
+from ..language.parse import CommandLine, Option, parse
 from ..stack.chain import Chain
 
 
@@ -25,17 +27,14 @@ class LiveModifiers:
 
 
 def show(chain: Chain, given: LiveModifiers) -> None:
-    """Open a page in the browser to tune, paint and zoom the top image or a graph."""
-    if given.graph is None:
-        image = chain.top
-    elif chain.stack:
+    """Open a page in the browser to tune, paint and zoom the images on the stack or a graph."""
+    if given.graph is not None and chain.stack:
         raise ParameterError("graph conflicts with an image on the stack: remove one of them")
-    else:
-        image = None
     from ..vocabulary import LANGUAGE  # imports this module
 
     words = list(chain.session.settings.words)
     end = next(n for n, word in enumerate(words) if word.lstrip("-").split(":")[0] == "texlive")
+    photos, throughout = _photos(chain.stack, words[:end], parse(words[:end], LANGUAGE))
     for step in parse(words[end + 1 :], LANGUAGE).steps:
         if step.option is None or not (step.option.throughout or step.option.control):
             raise ParameterError(f"{step.word} after --texlive never runs: save results on the page")
@@ -45,10 +44,35 @@ def show(chain: Chain, given: LiveModifiers) -> None:
 
     pixel_type = str(chain.settings["-d"][0]) if "-d" in chain.settings else ""
     serve(
-        image, chain.session, tuple(words[:end]), host=given.host, port=given.port, token=given.token,
+        photos, throughout, chain.session, host=given.host, port=given.port, token=given.token,
         open_page=given.open, graph=given.graph, document=given.document,
         pixel_type=pixel_type,
     )  # fmt: skip
+
+
+def _photos(
+    stack: Sequence[Image], words: Sequence[str], before: CommandLine
+) -> tuple[list[tuple[Image, tuple[str, ...]]], tuple[str, ...]]:
+    """Every image of the stack, from the bottom, with the line that leaves it on top; options that apply throughout.
+
+    A line of files, of which some are tagged, is taken apart. Other lines are whole, and pop the images above.
+    """
+    steps = before.steps
+    files = [n for n, step in enumerate(steps) if step.op is None and step.option is None]
+    throughout = [word for name, arguments in before.settings.items() for word in (name, *arguments)]
+    own, plain = [list[str]() for _ in files], len(files) == len(stack)
+    for n, step in enumerate(steps):
+        if step.option is not None and step.option.throughout:
+            throughout += [step.word, *step.arguments]
+        elif n in files or (step.name == "--iscolorspace" and n > files[0]):
+            own[sum(first <= n for first in files) - 1] += [step.word, *step.arguments]
+        else:
+            plain = False
+    if plain:
+        lines = [(*throughout, *said) for said in own]
+    else:
+        lines = [(*words, *["--pop"] * above) for above in reversed(range(len(stack)))]
+    return list(zip(stack, lines, strict=True)), tuple(throughout)
 
 
 OPTIONS = (Option("--texlive", show, LiveModifiers),)

@@ -122,5 +122,4 @@ def skip(error: Error, frame: Frame, command: CommandLine) -> None:
     """Log the error of a frame if --skip-bad-frames or --each is set, else raise it."""
     if "--skip-bad-frames" not in command.settings and not frame.file:
         raise error
-    named = f"{frame.file}: " if frame.file and frame.file not in str(error) else ""
-    log.error("oiiotex ERROR: %s%s", named, error)
+    log.error("oiiotex ERROR: %s%s", f"{frame.file}: " if frame.file and error.op else "", error)

@@ -265,7 +265,7 @@ class Chain:
     def _bound(self, op: type[Op], operands: list[Image], values: dict[str, Any]) -> dict[str, Any]:
         """The values and the operands, by the names that the op declares.
 
-        Operands are, from the bottom up: the first image and those that a count adds, the other required ones, then
+        Operands are, from the bottom up: the first image and the further ones, the other required ones, then
         optional ones.
         """
         declared = op.images()
@@ -277,7 +277,7 @@ class Chain:
         for n, parameter in enumerate(declared):
             bound[parameter.name] = next(waiting) if parameter in taken else None
             if n == 0 and further is not None:
-                bound[further.attribute] = tuple(next(waiting) for _ in range((values.get(further.count) or 1) - 1))
+                bound[further.attribute] = tuple(next(waiting) for _ in range(op.further_count(values)))
         for parameter in op.optional_images():
             asked = values.get(parameter.attribute)
             if asked is not None:

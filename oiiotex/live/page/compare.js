@@ -57,7 +57,7 @@ export class Compare {
   setWipe(wipe) {
     this.wipe = wipe === null ? null : Math.min(1, Math.max(0, wipe));
     this.wipeButton.setAttribute("aria-pressed", String(wipe !== null));
-    this.divider.hidden = wipe === null || this.room.mode === "plane";
+    this.divider.hidden = wipe === null || !["1x1", "2x2"].includes(this.room.mode);
     if (wipe !== null) {
       this.divider.style.left = `${100 * this.wipe}%`;
       this.divider.setAttribute("aria-valuenow", String(Math.round(100 * this.wipe)));

@@ -82,7 +82,7 @@ export class Inspect {
 
   hear(message) {
     this.asked = 0;
-    this.tell(message);
+    if (message.shown.length) this.tell(message);
     if (this.wanted) this.askFor(this.wanted);
     this.wanted = null;
   }

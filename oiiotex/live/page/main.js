@@ -2,6 +2,7 @@
 // The page: its rooms (tabs), what they share (view, status, keys, commands), and a copy of the server's document state.
 
 import { button, choice, make } from "./controls.js";
+import { Photos, addressOf } from "./photos.js";
 import { connect, on, send } from "./wire.js";
 import { TileRoom } from "./tile.js";
 import { PaintRoom } from "./paint.js";
@@ -169,7 +170,7 @@ async function showLine(text) {
 }
 
 addEventListener("keydown", (event) => {
-  if (document.querySelector("dialog[open]")) return;
+  if (document.querySelector("dialog[open]") || !shell.state) return;
   const typing = event.target.matches("input[type=number], input[type=text], textarea, select");
   if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z" && !event.target.matches("input[type=text], textarea")) {
     event.preventDefault();
@@ -194,9 +195,16 @@ addEventListener("hashchange", () => {
 });
 addEventListener("keyup", (event) => rooms[current]?.keyUp?.(event.key.toLowerCase()));
 
+const photos = new Photos(shell);
+
 on("message", (message) => {
+  if (photos.hear(message)) return;
   if (message.do === "hello") {
     const first = shell.state === null;
+    if (message.state === null ? !first : !first && message.document !== shell.facts.document) return location.replace(addressOf(message.key)); // of another server
+    photos.greet(message);
+    $("copy").disabled = message.state === null;
+    if (message.state === null) return shell.status("");
     shell.state = message.state;
     shell.facts = message;
     if (first) build();
@@ -206,6 +214,7 @@ on("message", (message) => {
     showUnsaved(message.unsaved);
     showHistory(message.history);
     shell.status("");
+    photos.tellRefused();
   } else if (message.do === "set") {
     Object.assign(shell.state[message.room], message.values);
     if (message.room === "view") showLooking();
@@ -236,7 +245,7 @@ on("message", (message) => {
     rooms[message.room]?.hear?.(message);
   }
 });
-on("frame", (facts, bytes) => rooms[facts.room]?.frame(facts, bytes));
+on("frame", (facts, bytes) => (facts.room === "photos" ? photos : rooms[facts.room])?.frame(facts, bytes));
 on("link", (there) => {
   $("link").textContent = there ? "" : "Connection to the server lost. Reconnecting ...";
   $("link").classList.toggle("wrong", !there);

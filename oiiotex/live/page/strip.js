@@ -14,7 +14,9 @@ export class Strip {
     this.shell = room.shell;
     this.seeds = new Map(); // canvases
     this.presets = new Map(); // canvases by preset, "": none
+    this.clicked = ""; // text of the thumbnail that was clicked last, until the pointer leaves
     this.element = make("div", { className: "strip" });
+    this.element.addEventListener("pointerleave", () => { this.clicked = ""; });
   }
 
   askSeeds() {
@@ -69,9 +71,14 @@ export class Strip {
   /** A button with a picture, which the view shows while the pointer or the focus is on it. */
   thumb(title, canvas, text, click) {
     const { compare } = this.room;
-    const one = button("", title, () => { compare.peek(null); click(); }, { className: "thumb" });
+    const one = button("", title, () => { this.clicked = text; compare.peek(null); click(); }, { className: "thumb" });
     one.append(canvas, make("span", { textContent: text }));
-    for (const begin of ["pointerenter", "focus"]) one.addEventListener(begin, () => compare.peek(canvas));
+    const begins = () => {
+      if (text === this.clicked) return; // its tile is shown instead, although the pointer is still there
+      this.clicked = "";
+      compare.peek(canvas);
+    };
+    for (const begin of ["pointerenter", "focus"]) one.addEventListener(begin, begins);
     for (const end of ["pointerleave", "blur"]) one.addEventListener(end, () => compare.peek(null));
     return one;
   }

@@ -4,6 +4,7 @@
 import { Compare } from "./compare.js";
 import { button, choice, make, section, segments, slider, whole } from "./controls.js";
 import { Inspect } from "./inspect.js";
+import { Lit } from "./lit.js";
 import { measuresOf } from "./measures.js";
 import { Output } from "./output.js";
 import { Regions } from "./regions.js";
@@ -53,7 +54,10 @@ export class TileRoom {
     this.planeCanvas = make("canvas", { role: "img", ariaLabel: "Tile on a plane", hidden: true });
     this.tileView.element.append(this.planeCanvas);
     new ResizeObserver(() => this.drawPlane()).observe(this.tileView.element);
-    this.modes = segments("Layout", [["1x1", "1 × 1", "One tile (T)"], ["2x2", "2 × 2", "Two by two tiles (T)"], ["plane", "Plane", "Perspective plane, to judge repetition (T)"]], (mode) => this.setMode(mode));
+    const maps = this.shell.facts.maps.length ? [["maps", "Maps", "All maps of the material (T)"], ["lit", "Lit", "The material on a plane, lit from the pointer (T)"]] : [];
+    this.lit = maps.length ? new Lit(this) : null;
+    this.layouts = [["1x1", "1 × 1", "One tile (T)"], ["2x2", "2 × 2", "Two by two tiles (T)"], ["plane", "Plane", "Perspective plane, to judge repetition (T)"], ...maps];
+    this.modes = segments("Layout", this.layouts, (mode) => this.setMode(mode));
     this.fact = make("span", { className: "fact" });
     this.tileView.bar.append(this.modes, make("span", { className: "grow" }), this.fact);
     this.tileView.empty.textContent = "Synthesizing the tile ...";
@@ -132,7 +136,8 @@ export class TileRoom {
     this.modes.set(mode);
     const plane = mode === "plane";
     this.planeCanvas.hidden = !plane;
-    this.tileView.canvas.hidden = plane;
+    this.tileView.canvas.hidden = plane || mode === "maps" || mode === "lit";
+    this.lit?.show(mode);
     this.compare.setWipe(this.compare.wipe);
     if (plane) this.drawPlane();
     else this.tileView.fit();
@@ -201,6 +206,9 @@ export class TileRoom {
       this.element.dataset.tile = facts.whole ? "whole" : "coarse";
       if (this.strip.keeping) this.strip.keep();
       else if (facts.whole) this.strip.showThumbnail();
+    } else if (facts.kind === "map") {
+      this.lit.take(facts, bytes);
+      this.element.dataset.maps = String(this.lit.maps.size);
     } else if (facts.kind === "seed") {
       this.strip.seeds.set(facts.seed, canvasOf(facts, bytes));
       this.strip.show();
@@ -287,7 +295,7 @@ export class TileRoom {
     }
     else if (key === "s") this.nextSeed();
     else if (key === "v") this.strip.keep();
-    else if (key === "t") this.setMode({ "1x1": "2x2", "2x2": "plane", plane: "1x1" }[this.mode]);
+    else if (key === "t") this.setMode(this.layouts[(this.layouts.findIndex(([mode]) => mode === this.mode) + 1) % this.layouts.length][0]);
     else if (key === "m") this.regions.showOver(this.regions.shownOver === "dominant" ? "" : "dominant");
     else if (key === "p") this.regions.take("brush");
     else if (key === "e") this.regions.take("erase");

@@ -42,6 +42,7 @@ export function connect() {
   const url = new URL("wire", location.href);
   url.protocol = "ws:";
   url.hash = "";
+  url.search = location.search; // names the photo
   socket = new WebSocket(url);
   socket.binaryType = "arraybuffer";
   socket.onopen = () => { wait = 200; say("link", true); };

@@ -373,7 +373,7 @@ class PaintRoom:
         facts = {"room": "paint", "kind": "texture", "left": place.left, "top": place.top, "whole": list(whole.size)}
         self._hub.show(facts, picture, page)
 
-    async def _saving(self, times: int) -> Coroutine[Any, Any, None]:
+    async def _saving(self, times: int) -> Coroutine[Any, Any, object]:
         """A coroutine that saves the texture, `times` as large, around the patches that the page shows."""
         if self._layers is None or self._made is None:
             raise ImageError("there is no painting yet: open the Paint room first")

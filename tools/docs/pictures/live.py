@@ -29,17 +29,20 @@ def cut(name: str, folder: Path, window: oiio.ROI, width: int) -> str:
 
 
 def tile(browser: object, folder: Path) -> None:
-    """Pebbles and their tile, with seeds to choose from."""
+    """Pebbles and their tile, with a wipe, presets and seeds to choose from."""
     name = cut("pebbles_beach_shadow", folder, oiio.ROI(0, 1000, 0, 1000), 512)
     with served(folder, name, "--iscolorspace", SPACE) as url:
         page = opened(browser, url)
         page.wait_for_selector("[data-tile=whole]")
         page.keyboard.press("v")
+        page.keyboard.press("Shift+A")
         page.locator("select[title^=Keep]").select_option('"keep"')
         page.wait_for_timeout(500)
         page.wait_for_selector("[data-tile=whole]")
         page.wait_for_timeout(4000)
         page.keyboard.press("v")
+        page.keyboard.press("Shift+B")
+        page.keyboard.press("w")
         page.get_by_role("button", name="Show seeds").click()
         while page.locator(".strip .group:last-child .thumb").count() < 8:
             page.wait_for_timeout(100)

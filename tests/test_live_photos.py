@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Photos of the page: which lines and materials they are opened as, and what an upload may do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
+
+from oiiotex.api.images import from_array
+from oiiotex.cli.language.parse import parse
+from oiiotex.cli.running.living import _photos
+from oiiotex.cli.vocabulary import LANGUAGE
+from oiiotex.core.image import Image
+from oiiotex.errors import Error, MemoryBudgetError
+from oiiotex.live.photos.opening import OpenPhoto, hub_of, materials_of
+from oiiotex.live.photos.upload import MOST, Upload, photos_in
+from oiiotex.session import Session
+
+
+def image(name: str) -> Image:
+    return Image(from_array(np.zeros((64, 64, 3), np.float32)).parts, name)
+
+
+@pytest.mark.parametrize(
+    ("words", "lines"),
+    [
+        ("a.png b.png", ["a.png", "b.png"]),
+        ("--cache 99 a.png b.png --iscolorspace sRGB", ["--cache 99 a.png", "--cache 99 b.png --iscolorspace sRGB"]),
+        ("--cache 99", []),
+        ("a.png --flip b.png", ["a.png --flip b.png --pop", "a.png --flip b.png"]),
+        ("a.png b.png --over", ["a.png b.png --over"]),
+    ],
+)
+def test_each_image_of_the_line_is_a_photo_with_its_own_line(words, lines):
+    line = words.split()
+    photos, throughout = _photos([image("x")] * len(lines), line, parse(line, LANGUAGE))
+    assert [" ".join(said) for _, said in photos] == lines
+    assert throughout == (("--cache", "99") if "--cache" in line else ())
+
+
+def test_maps_of_one_material_are_opened_together():
+    names = [
+        "w_rough.png",
+        "w_color.png",
+        "w_nor_gl.png",
+        "b.png",
+        "x/w_height.png",
+        "c_color.png",
+        "d_nor.png",
+        "d_rough.png",
+    ]
+    photos = [OpenPhoto(image(name), ("--cache", "9", name)) for name in names]
+    opened = materials_of(photos)
+    assert [one.image.source for one in opened] == [
+        "w_color.png",
+        "b.png",
+        "x/w_height.png",
+        "c_color.png",
+        "d_nor.png",
+        "d_rough.png",
+    ]
+    assert [(one.role, one.kind, one.hand, one.words) for one in opened[0].maps] == [
+        ("roughness", "data", "", ("w_rough.png",)),
+        ("normal", "normal", "opengl", ("w_nor_gl.png",)),
+    ]
+    twice = [OpenPhoto(image(name), (name,)) for name in ("w_color.png", "w_albedo.png", "w_rough.png")]
+    assert [len(one.maps) for one in materials_of(twice)] == [0, 0, 0]  # which is the color? none is guessed
+
+
+def test_an_upload_replaces_no_file_and_leaves_nothing_when_it_fails(tmp_path):
+    def sent(name: str, data: bytes, size: int | None = None) -> str:
+        upload = Upload(tmp_path, name, len(data) if size is None else size)
+        return upload.take(data[:2]) or upload.take(data[2:])
+
+    assert [sent("a.png", b"first"), sent("a.png", b"other"), sent("a.png", b"first")] == ["a.png", "a_2.png", "a.png"]
+    assert (tmp_path / "a.png").read_bytes() == b"first"
+    (tmp_path / "link.png").symlink_to(tmp_path / "elsewhere")
+    assert sent("link.png", b"third") == "link_2.png" and not (tmp_path / "elsewhere").exists()
+    for name, size in (
+        ("../a.png", 5),
+        (".a.png", 5),
+        ("a.txt", 5),
+        ("a\n.png", 5),
+        ("b.png", MOST + 1),
+        ("b.png", 0),
+        ("b.png", 3),
+    ):
+        with pytest.raises(Error, match="expected"):
+            sent(name, b"12345", size)
+    unfinished = Upload(tmp_path, "c.png", 9)
+    assert unfinished.take(b"1") == ""
+    unfinished.discard()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "a_2.png", "link.png", "link_2.png"]
+    assert photos_in(tmp_path) == ["a.png", "a_2.png", "link_2.png"]
+
+
+def test_a_photo_beyond_the_memory_is_refused_before_it_is_read(tmp_path):
+    photo = OpenPhoto(image("p.png"), ("p.png",))
+    with pytest.raises(MemoryBudgetError, match=r"p\.png needs 1 MB"):
+        hub_of(photo, Session(budget=1000), tmp_path)
+
+
+def test_photos_of_one_name_have_a_document_each(tmp_path):
+    def opened(source: str) -> str:
+        hub = hub_of(OpenPhoto(image(source), (source,)), Session(), tmp_path, taken=taken)
+        hub.document.change("tile", {"seed": 1})
+        hub.document.save()
+        taken.append(hub.document.path)
+        return hub.document.path.name
+
+    taken: list[Path] = []
+    assert [opened("p/a.png"), opened("q/a.png")] == ["a.texlive.json", "a_2.texlive.json"]
