@@ -1831,8 +1831,9 @@ def fill(
     Examples
     --------
     >>> from oiiotex import filters
-    >>> clean = filters.fill("plate.exr", "mask.exr", seed=7)
-    >>> other = filters.fill("plate.exr", "mask.exr", source="grass.exr")
+    >>> import numpy as np
+    >>> region = np.tri(96, k=-60)  # the lower left corner
+    >>> clean = filters.fill("photo.png", region, seed=7)
     """
 @overload
 def fill(
