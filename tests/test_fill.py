@@ -214,7 +214,7 @@ def test_small_scattered_and_empty_regions(caplog):
     assert (filled != PHOTO.astype(np.float32))[dots[..., 0]].any(-1).all()
     with caplog.at_level(logging.WARNING):
         np.testing.assert_array_equal(pixels(made(STAIN & False)), PHOTO.astype(np.float32))
-    assert "the region has no pixel; the photo is unchanged" in caplog.text
+    assert "the region is empty; the photo is unchanged" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_small_scattered_and_empty_regions(caplog):
         (STAIN | True, {}, r"the region covers every pixel of .*: no source pixels remain"),
         (STAIN[:30, :40], {}, "region is 40x30, but the exemplar is 112x96"),
         (np.indices((96, 112)).sum(0)[..., None] % 5 > 0, {}, "no 7x7 patch of the exemplar of 112x96 px is free of"),
-        (STAIN, {"mask": mask(STAIN)}, "no pixel remains to fill from"),
+        (STAIN, {"mask": mask(STAIN)}, "no source pixels remain: all are transparent, or excluded"),
         (STAIN, {"source": buffer(OTHER[:5])}, "the exemplar of 64x5 px is smaller than a patch of 7x7"),
         (STAIN, {"level": 1}, "level and labels require label or sourcelabel"),
         (STAIN, {"relevel": True}, "relevel=True requires kinds with a height"),

@@ -23,7 +23,7 @@ from ..session.progress import Progress
 from ..session.resources import Resources
 from ..stationarity.grid_statistics import SplineSurface
 
-FADE = 4.0  # sigmas from the border to where its step is not corrected any more
+FADE = 4.0  # sigmas from the border, beyond which its step is no longer corrected
 _BLACK = 16.0  # L + 16 is proportional to the cube root of light
 
 

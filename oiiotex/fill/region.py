@@ -26,7 +26,7 @@ def marked_pixels(
     ImageError
         Sizes differ, or there is no label map or Cryptomatte.
     ParameterError
-        The label, or the name or id of the matte, has no pixel.
+        No pixel has the label, or the matte covers none.
     """
     if label is not None:
         return labeled_pixels(label_map(photo, labels, level), label)

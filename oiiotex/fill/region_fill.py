@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One use of --texfill: from the marked pixels to the photo in which they are replaced."""
+"""One run of --texfill: from the marked pixels to the filled photo."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from ..session.resources import Resources
 
 _SHARES = 1, 1, 8, 1  # of the time: reading, light, synthesis, cut
-_FINE = 4  # iterations of each finer level: at the border, patches have to fit pixels that do not give way
-_AROUND = 0.5  # longer sides of the region around it, in which the light is measured
+_FINE = 4  # iterations of each finer level: at the border, patches must fit pixels that do not change
+_AROUND = 0.5  # margin in which light is measured, in longer sides of the region
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Filling:
 
 
 class RegionFill:
-    """The inputs of a use of the op, and its results."""
+    """The inputs of one run of the op, and its results."""
 
     def __init__(self, op: Any, resources: Resources, progress: Progress):
         self._op, self._resources, self._stages = op, resources, progress.stages(*_SHARES)
@@ -71,7 +71,7 @@ class RegionFill:
         """One mapping for each map of the material."""
         op, progress = self._op, next(self._stages)
         if not self._marked.any():
-            op.warn("the region has no pixel; the photo is unchanged")
+            op.warn("the region is empty; the photo is unchanged")
             empty = np.zeros((0, 0), bool)
             return self._parts(Filling(Window(0, 0, 0, 0), SourceMap(np.zeros((0, 0), np.uint32)), empty))
         if self._marked.all() and not self._other:
@@ -172,8 +172,8 @@ class RegionFill:
         if not self._other:
             usable = both(usable, ~self._marked)
         if usable is not None and not usable.any():
-            raise ImageError("no pixel remains to fill from: mask, label and region exclude all of the photo")
-        why = "pixels that are transparent, outside mask or label" + ("" if self._other else ", or in the region")
+            raise ImageError("no source pixels remain: all are transparent, or excluded by mask, sourcelabel or region")
+        why = "pixels that are transparent, outside mask or sourcelabel" + ("" if self._other else ", or in the region")
         return ExemplarPixels(values, clear, usable, why), shown, opaque
 
     def _lights(self, seen: ExemplarPixels, progress: Progress) -> tuple[Light, Light] | None:

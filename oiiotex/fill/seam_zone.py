@@ -19,7 +19,7 @@ def grown(marked: np.ndarray, distance: int) -> np.ndarray:
 def replaced_pixels(
     marked: np.ndarray, zone: np.ndarray, kept: np.ndarray, exemplar: SomeRows, source: SourceMap
 ) -> np.ndarray:
-    """The pixels that show the fill: all marked ones, and those of the zone on that side of the cheapest cut.
+    """The pixels that show the fill: all marked ones, and those of the zone inside the minimum-error cut.
 
     Parameters
     ----------

@@ -1710,15 +1710,15 @@ def fill(
     session: Session | None = None,
     as_array: Literal[False] = False,
 ) -> ImageBuf:
-    """Replace a region of a photo by texture from the rest of it, or from another photo.
+    """Fill a region of a photo with texture from the rest of it, or from another photo.
 
-    Patches that fit the surroundings are found from coarse to fine levels by PatchMatch (BSFG09: Barnes, Shechtman,
-    Finkelstein, Goldman, PatchMatch, SIGGRAPH 2009; levels as in MJH17), and each pixel is a copy of one source pixel
-    with all channels. With `source`, gradients of light and the color level are taken from the surroundings. All
-    other pixels stay bit-identical, except in the zone of `cut`.
+    PatchMatch finds patches that fit the surroundings, from coarse to fine levels (BSFG09: Barnes, Shechtman,
+    Finkelstein, Goldman, PatchMatch, SIGGRAPH 2009; levels as in MJH17). Each filled pixel is a copy of one source
+    pixel with all channels. With `source`, the copies take lighting and color level from the surroundings. All other
+    pixels stay bit-identical, except in the zone of `cut`.
 
-    To keep pixels of the region that exist already, such as those carried from the previous frame, paste them into
-    the photo and mark only the rest: the fill continues them like all other pixels. `mask` excludes them as a source.
+    If some pixels of the region are already known, for example from the previous frame, paste them into the photo and
+    mark only the rest: the fill continues them like all other pixels. To exclude them as a source, use `mask`.
 
     Parameters
     ----------
@@ -1726,7 +1726,7 @@ def fill(
         Photo; of the maps of a material, the first.
     region : ImageLike | None
         Image that marks the pixels to replace (first channel above half its range, or a nonzero label
-        id). It is not taken with label or matte.
+        id). Not used with label or matte.
     mask : ImageLike | None, default None
         Image that marks the valid source pixels, of the photo or of source (first channel above half
         its range, or a nonzero label id). A string is the name of a part of the first image, or a file
@@ -1740,18 +1740,18 @@ def fill(
     label : int | None, default None
         Id of a label to replace, from the photo's label maps. Expected: an integer >= 1.
     matte : str | None, default None
-        Object to replace, from the photo's Cryptomatte: its name, or its id in hexadecimal. All pixels
-        that it covers are replaced, even partly covered ones.
+        Object to replace, from the photo's Cryptomatte: its name, or its id in hexadecimal. Pixels that
+        it covers partly are also replaced.
     sourcelabel : int | None, default None
-        Id of a label. Only pixels of that label are used as a source. Expected: an integer >= 1.
+        Id of the label whose pixels are used as a source. Expected: an integer >= 1.
     adapt : float | None, default None
-        Fraction of the difference in light gradient and color level that is corrected, and of the step
-        that remains at the border. Set it to 1 for sky or plain walls. 0: every pixel is a verbatim
-        copy. Expected: a number from 0 to 1. Default: 1 with source, else 0.
+        Fraction of the difference in lighting and color level that is corrected, including the step at
+        the border. Set it to 1 for sky or plain walls. 0: every pixel is a verbatim copy. Expected: a
+        number from 0 to 1. Default: 1 with source, else 0.
     cut : int, default 0
-        Width of a zone around the region in which the border follows the least visible seam (KSE03).
-        Pixels of the zone may be replaced. 0: only the region is replaced. Expected: an integer from 0
-        to 256 px.
+        Width of a zone around the region in which the fill's border follows a minimum-error seam
+        (KSE03). Pixels in the zone may be replaced. 0: only the region is replaced. Expected: an
+        integer from 0 to 256 px.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 11.
@@ -1778,10 +1778,10 @@ def fill(
     ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]
         A dict of parts by name if more than one part is requested.
         A list of these if several images are made.
-        - fill: The photo with the region replaced. One image for each of the maps, in order. [pixels]
-        - st: Source coordinates of every pixel; with source, B is 1 where they lie in it. [32-bit float
-          coordinates; with stmap]
-        - drift: Correction of the copied pixels: Lab x gain + offset. Channels as of `flatten`. [32-bit
+        - fill: The photo with the region filled. One image for each of the maps, in order. [pixels]
+        - st: Source coordinates of every pixel; with source, B is 1 where they refer to that photo.
+          [32-bit float coordinates; with stmap]
+        - drift: Correction of the copied pixels: Lab x gain + offset. Channels as in `flatten`. [32-bit
           float values; with drift]
 
     Other Parameters
@@ -1790,18 +1790,17 @@ def fill(
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
     mattes : ImageLike | None, default None
-        Cryptomatte, if it is not in the photo's file. A string is the name of a part of the first
+        Cryptomatte image, if the photo's file has none. A string is the name of a part of the first
         image, or a file name.
     drift : bool | FileName, default False
         Correction of the copied pixels. 1: append it as part 'drift'; a file name: write it to that
         file.
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
-        Axes along which the region continues.
+        Axes along which the photo tiles: the fill continues across these borders.
     structure : float, default 0.5
-        Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
-        does not hold complete repeats, the result gets the nearest size that does, unless size is set.
-        0: repeats are not preserved. No effect on photos without regular repeats. Expected: a number
-        from 0 to 1.
+        Strength with which the photo's regular repeats (tiles, courses, weaves) are continued. 0: not
+        continued. No effect with source, or on photos without regular repeats. Expected: a number from
+        0 to 1.
     iterations : int, default 30
         Number of iterations on the coarsest level. Expected: an integer from 1 to 1000.
     uniformity : float, default 0.01
@@ -3367,35 +3366,35 @@ def plate(
     """Assemble a clean plate of a shot: the surface that an object hides, from all frames that show it.
 
     The motion of the surface is tracked around the region (a homography for each frame), or given by `motion`. The
-    plate has the pixels of the given frame and grows by everything that other frames show. It has as many pixels as
-    the frame that shows the region the largest, and little grain, because it is a mean of frames.
+    plate is aligned with the reference frame, and extends to what other frames show. Its resolution is that of the
+    frame that shows the region largest. It has little grain, because it is a mean of frames.
 
-    Pixels that no frame shows are transparent, and white in part 'region': fill them once with `fill`, then render
-    the plate into every frame with `project`. All frames show the same fill, so it does not flicker, and each is
-    resampled once.
+    Pixels that no frame shows are transparent. Those that frames need are white in part 'region': fill them once with
+    `fill`, then render the plate into every frame with `project`. All frames show the same fill, so it does not
+    flicker, and each is resampled once.
 
     Parameters
     ----------
     source : ImageLike
-        A frame of the shot, whose pixels the plate continues.
+        Reference frame of the shot. The plate is aligned with it.
     region : ImageLike | None, default None
-        Mask of that frame: white is replaced, in all frames. A string is the name of a part of the
-        first image, or a file name.
+        Mask of the reference frame. White is replaced, in all frames. A string is the name of a part of
+        the first image, or a file name.
     frames : str, default ''
-        Frames of the shot, FIRST-LAST. Their files, and those of `region` and `motion`, are named like
-        those of the given frame, with other numbers. A mask without a number is used for all frames.
-        Default: the given frame alone.
+        Frames of the shot, FIRST-LAST. The files of other frames, masks and motion images are found by
+        the frame number in their names. A mask without a number is used for all frames. Default: the
+        reference frame alone.
     motion : FileName | None, default None
-        Motion of the surface: an image of the given frame's, in the convention of `vectors`, or a file
-        that `save` wrote. Default: tracked.
+        Motion of the surface: the image for the reference frame, in the convention of `vectors`, or a
+        file written by `save`. Default: tracked.
     vectors : Literal['st', 'backward', 'forward'], default 'st'
-        Meaning of `motion`. st: place in the given frame, from 0 to 1; backward, forward: vectors in
-        pixels to the previous or the next frame. Channels are s and t, or backward.u and backward.v, or
-        forward.u and forward.v, otherwise the first two.
+        Convention of `motion`. st: position in the reference frame, from 0 to 1; backward, forward:
+        vectors in pixels to the previous or the next frame. Channels are s and t, backward.u and
+        backward.v, or forward.u and forward.v, otherwise the first two.
     flip : bool, default False
         Read `motion` with t or v pointing up, as in Nuke and Blender.
     save : FileName | None, default None
-        File for the motion of all frames, for `project`.
+        File to write the motion of all frames to, for `project`.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
     roi : ROI | None, default None
@@ -3410,9 +3409,9 @@ def plate(
     Returns
     -------
     ImageBuf
-        - plate: The surface, in the frames' color space and type. Alpha is 0 where it is unknown.
+        - plate: The surface, in the frames' color space and type. Alpha is 0 where no frame shows it.
           [pixels]
-        - region: Pixels that frames need and none shows. [0 or 1, 32-bit floats]
+        - region: Pixels to fill: frames need them, and none shows them. [0 or 1, 32-bit floats]
         - motion: Frames and their matrices, from frame to plate, for `project`. [.npz; with save]
 
     Raises
@@ -3535,24 +3534,24 @@ def project(
     session: Session | None = None,
     as_array: Literal[False] = False,
 ) -> ImageBuf:
-    """Render a plate into a region of a frame, with the motion, the light and the grain of the shot.
+    """Render a clean plate into a region of a frame, with the motion, the light and the grain of the shot.
 
-    Each frame is sampled once from the plate (`plate`), so the fill moves with the surface and stays sharp. Its level
-    is matched to the frame's, as measured around the region, and it gets new grain like the frame's. Pixels outside
-    the region, and channels that the plate lacks, are unchanged. Frames do not depend on each other, so they can be
-    distributed, skipped and repeated.
+    Each frame is sampled once from the plate (`plate`), so the fill moves with the surface and stays sharp. Its light
+    level is matched to the frame around the region, and new grain like the frame's is added. Pixels outside the
+    region, and channels that the plate lacks, are unchanged. Frames are independent, so they can be distributed,
+    skipped and repeated.
 
     Parameters
     ----------
     source : ImageLike
         Frame of the shot.
     plate : ImageLike
-        Filled plate.
+        Clean plate, filled.
     region : ImageLike | None, default None
         Mask: white is replaced, gray is mixed. Without it, the whole frame is replaced. A string is the
         name of a part of the first image, or a file name.
     motion : FileName | None, default None
-        File that `plate` saved. Default: none: plate and frame have the same pixels.
+        Motion that `plate` saved. Default: none: plate and frame have the same pixels.
     frame : int | None, default None
         Number of the frame. Default: that of --frames, otherwise the only one.
     grain : float, default 1.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texfill: a region replaced by texture of the same photo or of another one."""
+"""--texfill: a region of a photo filled with texture from the same photo or from another one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from ..errors import ImageError, ParameterError, modifier, whole_budget
 from ..exemplar.exemplar_op import MaterialOp
 from ..exemplar.heights import RELEVEL
 from ..exemplar.patch_synthesis import PATCH_HELP, PATCHES
-from ..exemplar.photo_lattice import STRUCTURE
 from ..session import Session
 from ..session.resources import Resources
 
@@ -27,15 +26,15 @@ _LAB_BYTES = 12  # for each pixel of a map
 
 @dataclass(frozen=True, kw_only=True)
 class Fill(MaterialOp, InBands):
-    """Replace a region of a photo by texture from the rest of it, or from another photo.
+    """Fill a region of a photo with texture from the rest of it, or from another photo.
 
-    Patches that fit the surroundings are found from coarse to fine levels by PatchMatch (BSFG09: Barnes, Shechtman,
-    Finkelstein, Goldman, PatchMatch, SIGGRAPH 2009; levels as in MJH17), and each pixel is a copy of one source pixel
-    with all channels. With `source`, gradients of light and the color level are taken from the surroundings. All
-    other pixels stay bit-identical, except in the zone of `cut`.
+    PatchMatch finds patches that fit the surroundings, from coarse to fine levels (BSFG09: Barnes, Shechtman,
+    Finkelstein, Goldman, PatchMatch, SIGGRAPH 2009; levels as in MJH17). Each filled pixel is a copy of one source
+    pixel with all channels. With `source`, the copies take lighting and color level from the surroundings. All other
+    pixels stay bit-identical, except in the zone of `cut`.
 
-    To keep pixels of the region that exist already, such as those carried from the previous frame, paste them into
-    the photo and mark only the rest: the fill continues them like all other pixels. `mask` excludes them as a source.
+    If some pixels of the region are already known, for example from the previous frame, paste them into the photo and
+    mark only the rest: the fill continues them like all other pixels. To exclude them as a source, use `mask`.
     """
 
     example: ClassVar[str] = """\
@@ -45,21 +44,21 @@ class Fill(MaterialOp, InBands):
 """
     name: ClassVar[str] = "fill"
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("fill", Kind.PIXELS, "The photo with the region replaced. One image for each of the maps, in order."),
-        replace(ST, help="Source coordinates of every pixel; with source, B is 1 where they lie in it."),
-        replace(DRIFT, help="Correction of the copied pixels: Lab x gain + offset. Channels as of `flatten`."),
+        Output("fill", Kind.PIXELS, "The photo with the region filled. One image for each of the maps, in order."),
+        replace(ST, help="Source coordinates of every pixel; with source, B is 1 where they refer to that photo."),
+        replace(DRIFT, help="Correction of the copied pixels: Lab x gain + offset. Channels as in `flatten`."),
     )
 
     exemplar: Image = image(help="Photo; of the maps of a material, the first.")
     region: Image = image(
-        help="Image that marks the pixels to replace (first channel above half its range, or a nonzero label id). It"
-        " is not taken with label or matte."
+        help="Image that marks the pixels to replace (first channel above half its range, or a nonzero label id). Not"
+        " used with label or matte."
     )
     source: Image | None = image(
         None,
         help="Another photo to fill from, of any size and color space. With kinds, its first parts are the maps.",
     )
-    mattes: Image | None = image(None, help="Cryptomatte, if it is not in the photo's file.", advanced=True)
+    mattes: Image | None = image(None, help="Cryptomatte image, if the photo's file has none.", advanced=True)
     mask: Image | None = image(  # type: ignore[misc]  # as in `ExemplarOp`
         None,
         help="Image that marks the valid source pixels, of the photo or of source (first channel above half its range,"
@@ -71,20 +70,18 @@ class Fill(MaterialOp, InBands):
     matte: str | None = param(
         None,
         example="chair",
-        help="Object to replace, from the photo's Cryptomatte: its name, or its id in hexadecimal. All pixels that it"
-        " covers are replaced, even partly covered ones.",
+        help="Object to replace, from the photo's Cryptomatte: its name, or its id in hexadecimal. Pixels that it"
+        " covers partly are also replaced.",
     )
-    sourcelabel: int | None = param(
-        None, example="2", ge=1, help="Id of a label. Only pixels of that label are used as a source."
-    )
+    sourcelabel: int | None = param(None, example="2", ge=1, help="Id of the label whose pixels are used as a source.")
     adapt: float | None = param(
         None,
         example="0.5",
         ge=0,
         le=1,
         unset="1 with source, else 0",
-        help="Fraction of the difference in light gradient and color level that is corrected, and of the step that"
-        " remains at the border. Set it to 1 for sky or plain walls. 0: every pixel is a verbatim copy.",
+        help="Fraction of the difference in lighting and color level that is corrected, including the step at the"
+        " border. Set it to 1 for sky or plain walls. 0: every pixel is a verbatim copy.",
     )
     drift: bool | Path = param(
         False,
@@ -97,16 +94,26 @@ class Fill(MaterialOp, InBands):
         ge=0,
         le=256,
         unit="px",
-        help="Width of a zone around the region in which the border follows the least visible seam (KSE03). Pixels of"
-        " the zone may be replaced. 0: only the region is replaced.",
+        help="Width of a zone around the region in which the fill's border follows a minimum-error seam (KSE03). Pixels"
+        " in the zone may be replaced. 0: only the region is replaced.",
     )
     tile: str = param(
-        "none", choices=("none", "x", "y", "xy"), advanced=True, help="Axes along which the region continues."
+        "none",
+        choices=("none", "x", "y", "xy"),
+        advanced=True,
+        help="Axes along which the photo tiles: the fill continues across these borders.",
     )
     patch: int | None = param(
         None, example="21", choices=(*PATCHES, None), unit="px", unset=str(PATCH), help=PATCH_HELP
     )
-    structure: float = param(0.5, ge=0, le=1, help=STRUCTURE, advanced=True)
+    structure: float = param(
+        0.5,
+        ge=0,
+        le=1,
+        advanced=True,
+        help="Strength with which the photo's regular repeats (tiles, courses, weaves) are continued. 0: not continued."
+        " No effect with source, or on photos without regular repeats.",
+    )
     iterations: int = param(30, ge=1, le=1000, advanced=True, help="Number of iterations on the coarsest level.")
     uniformity: float = param(
         0.01,
@@ -160,7 +167,7 @@ class Fill(MaterialOp, InBands):
     def weights(self) -> Numbers | None:
         """Weights of the maps in the comparison of patches.
 
-        The ranges of data of two photos are not comparable, so with `source` these maps have no weight.
+        The ranges of data in two photos are not comparable, so with `source` these maps have no weight.
         """
         data = [kind in ("data", "height") for kind in self.map_kinds]
         if self.source is None or not any(data):
@@ -168,7 +175,7 @@ class Fill(MaterialOp, InBands):
         if all(data):
             raise ParameterError("source requires a map of kind color or normal, by which patches are compared")
         if self.mapweights is not None and any(w for w, one in zip(self.mapweights, data, strict=False) if one):
-            expected = "0 for data and heights, whose ranges differ between photos, with source"
+            expected = "0 for data and height maps with source, because their ranges differ between photos"
             raise ParameterError(parameter="mapweights", value=self.mapweights, expected=expected)
         return self.mapweights or Numbers(0.0 if one else 1.0 for one in data)
 

@@ -32,12 +32,12 @@ class Plate(Whole):
     """Assemble a clean plate of a shot: the surface that an object hides, from all frames that show it.
 
     The motion of the surface is tracked around the region (a homography for each frame), or given by `motion`. The
-    plate has the pixels of the given frame and grows by everything that other frames show. It has as many pixels as
-    the frame that shows the region the largest, and little grain, because it is a mean of frames.
+    plate is aligned with the reference frame, and extends to what other frames show. Its resolution is that of the
+    frame that shows the region largest. It has little grain, because it is a mean of frames.
 
-    Pixels that no frame shows are transparent, and white in part 'region': fill them once with `fill`, then render
-    the plate into every frame with `project`. All frames show the same fill, so it does not flicker, and each is
-    resampled once.
+    Pixels that no frame shows are transparent. Those that frames need are white in part 'region': fill them once with
+    `fill`, then render the plate into every frame with `project`. All frames show the same fill, so it does not
+    flicker, and each is resampled once.
     """
 
     example: ClassVar[str] = '>>> plate = filters.plate("photo.png")'
@@ -45,39 +45,43 @@ class Plate(Whole):
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
         Output(
-            "plate", Kind.PIXELS, "The surface, in the frames' color space and type. Alpha is 0 where it is unknown."
+            "plate",
+            Kind.PIXELS,
+            "The surface, in the frames' color space and type. Alpha is 0 where no frame shows it.",
         ),
-        Output("region", Kind.MASK, "Pixels that frames need and none shows."),
+        Output("region", Kind.MASK, "Pixels to fill: frames need them, and none shows them."),
         Output(
             "motion", Kind.ARRAYS, "Frames and their matrices, from frame to plate, for `project`.", asked_by="save"
         ),
     )
 
-    source: Image = image(help="A frame of the shot, whose pixels the plate continues.")
-    region: Image | None = image(None, help="Mask of that frame: white is replaced, in all frames.")
+    source: Image = image(help="Reference frame of the shot. The plate is aligned with it.")
+    region: Image | None = image(None, help="Mask of the reference frame. White is replaced, in all frames.")
     frames: str = param(
         "",
-        unset="the given frame alone",
+        unset="the reference frame alone",
         example="1001-1200",
-        help="Frames of the shot, FIRST-LAST. Their files, and those of `region` and `motion`, are named like those of"
-        " the given frame, with other numbers. A mask without a number is used for all frames.",
+        help="Frames of the shot, FIRST-LAST. The files of other frames, masks and motion images are found by the frame"
+        " number in their names. A mask without a number is used for all frames.",
     )
     motion: Path | None = param(
         None,
         unset="tracked",
         example="st.1001.exr",
-        help="Motion of the surface: an image of the given frame's, in the convention of `vectors`, or a file that"
-        " `save` wrote.",
+        help="Motion of the surface: the image for the reference frame, in the convention of `vectors`, or a file"
+        " written by `save`.",
     )
     vectors: str = param(
         "st",
         choices=("st", "backward", "forward"),
-        help="Meaning of `motion`. st: place in the given frame, from 0 to 1; backward, forward: vectors in pixels to"
-        " the previous or the next frame. Channels are s and t, or backward.u and backward.v, or forward.u and"
+        help="Convention of `motion`. st: position in the reference frame, from 0 to 1; backward, forward: vectors in"
+        " pixels to the previous or the next frame. Channels are s and t, backward.u and backward.v, or forward.u and"
         " forward.v, otherwise the first two.",
     )
     flip: bool = param(False, help="Read `motion` with t or v pointing up, as in Nuke and Blender.")
-    save: Path | None = param(None, example="shot.npz", help="File for the motion of all frames, for `project`.")
+    save: Path | None = param(
+        None, example="shot.npz", help="File to write the motion of all frames to, for `project`."
+    )
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The plate, the pixels to fill, and the motion."""
@@ -96,7 +100,7 @@ class Plate(Whole):
         return {**self._assembled(layout, shown, regions, display, session), "motion": lambda: stored(layout.shot)}
 
     def _frames(self) -> dict[int, tuple[str, str]]:
-        """Files of the frame and of the region by number, the given frame first, then outwards; '': as given."""
+        """Files of the frame and of the region by number, the reference frame first; '': as on the stack."""
         from ..motion.frame_files import files, frame_range, numbered
 
         number = numbered(self.source.source)
@@ -147,11 +151,11 @@ class Plate(Whole):
             saved = read_shot(self.motion, session.resources.budget)
             missing = sorted(set(numbers) - set(saved))
             if missing:
-                raise ImageError(f"{self.motion} has no motion of frame {missing[0]}")
+                raise ImageError(f"{self.motion} contains no motion for frame {missing[0]}")
             return {n: saved[n] for n in numbers}
         if self.vectors != "st" and given != (min if self.vectors == "backward" else max)(numbers):
             side = "first" if self.vectors == "backward" else "last"
-            expected = f"frames of which {given}, the given one, is the {side}: {self.vectors} vectors lead to it"
+            expected = f"a range with {given}, the reference frame, as its {side}: {self.vectors} vectors lead to it"
             raise ParameterError(parameter="frames", value=self.frames, expected=expected)
         named = siblings(str(self.motion), numbers, given, "motion")
         shot: Shot = {}
@@ -169,7 +173,7 @@ class Plate(Whole):
         return shot
 
     def _tracked(self, numbers: list[int], regions: dict[int, np.ndarray], display: Window, session: Session) -> Shot:
-        """The motion tracked from the given frame on, forward and backward in time."""
+        """The motion tracked from the reference frame, forward and backward in time."""
         from ..motion.frame_motion import FrameMotion
         from ..motion.tracking import SeenFrame, gray_view, surroundings, tracked
 
@@ -208,7 +212,7 @@ class Plate(Whole):
         first, window = self.source.first, layout.window
         need = _COPIES * 4 * (first.spec.nchannels + 2) * window.width * window.height
         session.resources.require(
-            need, f"a plate of {window.width}x{window.height} px", "give a shorter range of frames"
+            need, f"a plate of {window.width}x{window.height} px", "choose a shorter range of frames"
         )
         frames = ((n, self._values(part, n, display), regions[n]) for n, (part, _) in self._read(shown, display))
         colors, count = channels_of(first.spec), len(shown)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texproject: a plate rendered into a region of a frame, with the motion of the shot."""
+"""--texproject: a clean plate rendered into a region of a frame, with the motion of the shot."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _COPIES = 6  # of frame and plate in memory
 
 @dataclass(frozen=True, kw_only=True)
 class Project(Whole):
-    """Render a plate into a region of a frame, with the motion, the light and the grain of the shot.
+    """Render a clean plate into a region of a frame, with the motion, the light and the grain of the shot.
 
-    Each frame is sampled once from the plate (`plate`), so the fill moves with the surface and stays sharp. Its level
-    is matched to the frame's, as measured around the region, and it gets new grain like the frame's. Pixels outside
-    the region, and channels that the plate lacks, are unchanged. Frames do not depend on each other, so they can be
-    distributed, skipped and repeated.
+    Each frame is sampled once from the plate (`plate`), so the fill moves with the surface and stays sharp. Its light
+    level is matched to the frame around the region, and new grain like the frame's is added. Pixels outside the
+    region, and channels that the plate lacks, are unchanged. Frames are independent, so they can be distributed,
+    skipped and repeated.
     """
 
     example: ClassVar[str] = '>>> frame = filters.project("photo.png", "photo.png")'
@@ -42,12 +42,12 @@ class Project(Whole):
     )
 
     source: Image = image(help="Frame of the shot.")
-    plate: Image = image(help="Filled plate.")
+    plate: Image = image(help="Clean plate, filled.")
     region: Image | None = image(
         None, help="Mask: white is replaced, gray is mixed. Without it, the whole frame is replaced."
     )
     motion: Path | None = param(
-        None, unset="none: plate and frame have the same pixels", example="shot.npz", help="File that `plate` saved."
+        None, unset="none: plate and frame have the same pixels", example="shot.npz", help="Motion that `plate` saved."
     )
     frame: int | None = param(
         None, example="1001", frame=True, unset="that of --frames, otherwise the only one", help="Number of the frame."
@@ -64,7 +64,9 @@ class Project(Whole):
         names, colors = part.spec.channelnames, channels_of(part.spec)
         lacking = [names[c] for c in colors.color if names[c] not in plate.spec.channelnames]
         if lacking:
-            raise ImageError(f"plate {self.plate.source} has no channel {lacking[0]}: expected the frame's colors")
+            raise ImageError(
+                f"plate {self.plate.source} has no channel {lacking[0]}: expected the frame's color channels"
+            )
         pixels = part.spec.width * part.spec.height + plate.spec.width * plate.spec.height
         session.resources.require(_COPIES * 4 * len(names) * pixels, self.flag())
         display = Window.display(part.spec)
@@ -89,7 +91,9 @@ class Project(Whole):
                 tuple(shared.index(c) for c in colors.color), self.grain, self.frame or 0,
             )  # fmt: skip
         if missing:
-            self.warn("frame %s: %d pixels of the region are not on the plate: unchanged", self.frame, missing)
+            self.warn(
+                "frame %s: the plate does not cover %d pixels of the region: they are unchanged", self.frame, missing
+            )
         place, dtype = window.shifted(display.left, display.top), np.dtype(dtype_of(part.spec))
         at = window.inside(Window(0, 0, *display.size))
         changed, stored = region[at] > 0, values[at].copy()

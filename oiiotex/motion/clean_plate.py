@@ -13,12 +13,12 @@ from ..errors import ImageError
 from .frame_motion import FrameMotion, Shot
 from .sampling import REACH, at_points, centers, grown
 
-MOST_SCALE = 4.0  # plate pixels per pixel of the given frame
+MOST_SCALE = 4.0  # plate pixels per pixel of the reference frame
 _MOST_SIDE = 1 << 15  # px
 _MARGIN = REACH + 1  # px of a frame around its region that rendering may read
 _EVERY = 8  # px between points that decide on size and scale
 _SHARP = 4  # power of a frame's resolution in its weight: the sharpest frame decides
-_WHOLE = 1e-3  # difference of the filter's weight from 1, where a pixel outside or in the region is involved
+_WHOLE = 1e-3  # a filter weight farther from 1 includes pixels of the region or outside the frame
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class PlateLayout:
     shot : Shot
         From frames to the plate's pixels.
     window : Window
-        The plate's data window; the given frame's top left pixel is at 0,0.
+        The plate's data window; the reference frame's top left pixel is at 0,0.
     scale : float
-        Plate pixels per pixel of the given frame.
+        Plate pixels per pixel of the reference frame.
     """
 
     shot: Shot
@@ -52,7 +52,7 @@ def laid_out(shot: Shot, regions: dict[int, np.ndarray], size: tuple[int, int], 
     size : (int, int)
         Width and height of the frames.
     given : int
-        The frame whose pixels the plate continues.
+        The reference frame, with which the plate is aligned.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def laid_out(shot: Shot, regions: dict[int, np.ndarray], size: tuple[int, int], 
     if max(window.size) > _MOST_SIDE:
         raise ImageError(
             f"the plate would be {window.width}x{window.height} px: expected sides of at most {_MOST_SIDE} px",
-            hint="give a shorter range of frames",
+            hint="choose a shorter range of frames",
         )
     sized = np.diag([scale, scale, 1.0])
     return PlateLayout({n: motion.then(sized) for n, motion in shot.items()}, window, scale)
@@ -119,7 +119,7 @@ def assembled(
     matched: int,
     advance: Callable[[int], object],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The plate from all frames, its known pixels, and those that are needed and not known.
+    """The plate from all frames, its known pixels, and the unknown ones that frames need.
 
     Each pixel is the mean of the frames that show it, the sharpest with the largest weight, so it has little grain. The
     level of each frame is matched to that of the frames before it.
@@ -128,7 +128,7 @@ def assembled(
     ----------
     layout : PlateLayout
     frames : iterable of (number, (h, w, c) float32, (h, w) bool)
-        Values and region of each frame, the given frame first, then outwards.
+        Values and region of each frame, the reference frame first, then outward.
     matched : int
         Number of leading channels whose level is matched.
     advance : callable

@@ -14,7 +14,7 @@ from ..errors import ImageError, ParameterError
 from ..io.reading import read
 
 _MOST = 10_000
-_LEAST = 0.01  # values of a mask that are not 0: JPEG files are never quite black
+_LEAST = 0.01  # smaller values of a mask count as 0: JPEG files are never quite black
 
 
 def numbered(name: str) -> int | None:
@@ -24,7 +24,7 @@ def numbered(name: str) -> int | None:
 
 
 def frame_range(text: str, number: int | None) -> list[int]:
-    """The frames of FIRST-LAST, which must include the frame that is given.
+    """The frames of FIRST-LAST, which must include the reference frame.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def files(image: Image, frames: list[int], number: int, name: str, still: bool =
     Parameters
     ----------
     image : Image
-        An image as it is in its file, apart from metadata.
+        An image identical to its file, apart from metadata.
     name : str
         For messages.
     still : bool
@@ -55,15 +55,15 @@ def files(image: Image, frames: list[int], number: int, name: str, still: bool =
     Raises
     ------
     ImageError
-        The image is not that of its file, its name has no number, or files are missing.
+        The image differs from its file, its name has no number, or files are missing.
     """
     named = siblings(image.source, frames, number, name, still)
     own = read(named[number]).first if os.path.isfile(named[number]) else None
     same = own is not None and (own.window, own.spec.nchannels) == (image.first.window, image.first.spec.nchannels)
     if own is None or not same or not np.array_equal(own.pixels(), image.first.pixels(), equal_nan=True):
         raise ImageError(
-            f"{name} {image.source} is not as in its file: other frames cannot be changed alike",
-            hint="write them first",
+            f"{name} {image.source} differs from its file: the other frames are read from files, without these changes",
+            hint="write the changed frames first",
         )
     return named
 
@@ -73,7 +73,7 @@ def siblings(path: str, frames: list[int], number: int, name: str, still: bool =
     if numbered(path) != number:
         if still:
             return dict.fromkeys(frames, path)
-        raise ImageError(f"{name} {path}: expected {number} in the file name, the number of the given frame")
+        raise ImageError(f"{name} {path}: expected {number} in the file name, the number of the reference frame")
     folder, base = os.path.split(path)
     stem, suffix = os.path.splitext(base)
     before, digits, after = re.fullmatch(r"(.*?)([0-9]+)(\D*)", stem).groups()  # type: ignore[union-attr]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion that the shot provides: ST maps, or motion vectors that are chained from frame to frame."""
+"""Motion from files: ST maps, or motion vectors that are chained from frame to frame."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .frame_motion import STEP, FrameMotion, fitted, nodes
 
 
 def of_st_map(part: Part, flip: bool, name: str) -> FrameMotion:
-    """The motion of a frame from its ST map: for each pixel, the place in the given frame, 0 to 1."""
+    """The motion of a frame from its ST map: for each pixel, its position in the reference frame, 0 to 1."""
     st = _sampled(part, ("s", "t"), name)
     if flip:
         st[..., 1] = 1 - st[..., 1]
@@ -18,7 +18,7 @@ def of_st_map(part: Part, flip: bool, name: str) -> FrameMotion:
 
 
 def after(motion: FrameMotion, part: Part, convention: str, flip: bool, name: str) -> FrameMotion:
-    """The motion of a frame, from that of the frame to which its vectors, px, lead."""
+    """The motion of a frame from its vectors, px, and the motion of the frame that they lead to."""
     vectors = _sampled(part, (f"{convention}.u", f"{convention}.v"), name)
     if flip:
         vectors[..., 1] *= -1

@@ -19,8 +19,8 @@ _FEATURES = 1500
 _APART = 6.0  # px between features
 _WINDOW = 21  # px; side of the patches that are compared
 _LEVELS = 4  # of the pyramid: motion up to about 100 px a frame beyond what is predicted
-_NEAR = 1.0  # px; farther from the common homography, a feature does not belong to the surface
-_BACK = 0.5  # px; a feature tracked there and back must return this near
+_NEAR = 1.0  # px; features farther from the common homography do not belong to the surface
+_BACK = 0.5  # px; largest error of a feature that is tracked forward and back
 _FEWEST = 24  # features
 _LEFT = 0.5  # of the key frame's features: with fewer, the frame becomes the next key frame
 _SHARE = 0.3  # of the features found again that must lie on one plane
@@ -78,7 +78,7 @@ def tracked(views: Iterable[SeenFrame]) -> Iterator[tuple[int, FrameMotion]]:
             raise ImageError(
                 f"frame {view.number} does not show the surface of frame {previous.number}: expected one shot without"
                 " a cut",
-                hint="give a shorter range of frames, or the motion",
+                hint="choose a shorter range of frames, or set motion",
             )
         yield view.number, FrameMotion(np.linalg.inv(found) @ key.matrix)
         step = np.linalg.inv(last) @ found
@@ -91,7 +91,7 @@ def _opencv() -> Any:
     try:
         import cv2  # optional: only tracking needs it
     except ImportError as error:
-        hint = "pip install oiiotex[track], or give the motion"
+        hint = "run pip install oiiotex[track], or set motion"
         raise Error("tracking requires OpenCV, which is not installed", hint=hint) from error
     cv2.setRNGSeed(0)
     return cv2
@@ -105,7 +105,7 @@ def _features(cv2: Any, view: SeenFrame) -> np.ndarray:
     if count < _FEWEST:
         raise ImageError(
             f"frame {view.number} has {count} features to track around the region: expected {_FEWEST} or more",
-            hint="give the motion",
+            hint="set motion",
         )
     return points
 
