@@ -331,14 +331,14 @@ def test_photos_are_added_asked_for_their_color_space_and_get_the_settings_of_an
     page.wait_for_selector("[data-tile=whole]")
     wait(page, "document.querySelector('.line').value.includes('loose.tif --iscolorspace ACEScg --tex')")
     chosen(page, tmp_path / "loose.tif")  # the same again
-    wait(page, "document.getElementById('status').textContent === 'This photo is open already'")
+    wait(page, "document.getElementById('status').textContent === 'This photo is already open'")
     assert [path.name for path in folder.glob("loose*.tif")] == ["loose.tif"]
     page.select_option("select[title^='Keep:']", '"keep"')
     page.get_by_role("button", name="Apply to all").click()
     wait(page, "document.querySelector('.photo small')?.textContent.startsWith('saved: ')")
     made = folder / page.locator(".photo small").first.inner_text().removeprefix("saved: ")
     page.click(".photo >> nth=0")
-    wait(page, "document.getElementById('undo').title === 'Undo: Settings of loose (Ctrl Z)'")
+    wait(page, "document.getElementById('undo').title === 'Undo: Parameters of loose (Ctrl Z)'")
     assert state(page, "tile.preset") == "keep"
     line = shlex.split(page.input_value(".line >> nth=0"))
     pixels = load(made)

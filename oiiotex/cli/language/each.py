@@ -13,8 +13,8 @@ from .parse import settings_of
 OPTIONS = settings_of(
     (
         "--each PATTERN",
-        "Run the line for each file, such as 'photos/*.jpg', as its input here. {name}: its name without extension,"
-        " {dir}: its folder",
+        "Run the line for each matching file, such as 'photos/*.jpg', and read it here. {name}: the file's name"
+        " without extension, {dir}: its folder",
     ),
 )
 
@@ -32,13 +32,15 @@ def lines_of(words: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
     Raises
     ------
     ParameterError
-        No file matches, or a name would be read as an expression or a modifier.
+        No file matches, or a file name would be parsed as an expression or a modifier.
     """
     place = present(_place_of(words))
     pattern = words[place + 1]
     files = sorted(file for file in glob.glob(pattern, recursive=True) if os.path.isfile(file))
     if not files:
-        raise ParameterError(f"--each: no files match {pattern!r}; quote the pattern, so that the shell keeps it")
+        raise ParameterError(
+            f"--each: no files match {pattern!r}; quote the pattern, so that the shell does not expand it"
+        )
     return [(file, _line(words, place, file)) for file in files]
 
 

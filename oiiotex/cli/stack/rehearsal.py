@@ -268,13 +268,13 @@ class _Rehearsal(Chain):
         self._files[os.path.realpath(path)] = as_foreseen(image)
 
     def _own(self, path: str) -> None:
-        """Refuse a file that belongs to another file of --each."""
+        """Refuse an input or output that is also one of another file of --each."""
         if self.frame is None or not self.frame.file:
             return
         owner = self._owners.setdefault(os.path.realpath(path), self.frame.file)
         if owner != self.frame.file:
             raise CollisionError(
-                f"{path} of {self.frame.file} is also an output of {owner}, or that file itself",
+                f"{path} is an input or output of both {owner} and {self.frame.file}",
                 hint="use {name} or {dir} of --each in the names of outputs",
             )
 

@@ -29,13 +29,13 @@ export class Compare {
       this.setWipe(to);
     });
     this.linkButton = button("Link", "Pan and zoom the photo and the tile together (L)", () => this.setLinked(!photoView.linked), { ariaPressed: "false" });
-    this.wipeButton = button("Wipe", "Photo left of the divider, tile right of it (W). While A or B is shown: the other one left", () => this.setWipe(this.wipe === null ? 0.5 : null), { ariaPressed: "false" });
+    this.wipeButton = button("Wipe", "Photo left of the divider, tile right of it (W). While A or B is shown, the other one is on the left", () => this.setWipe(this.wipe === null ? 0.5 : null), { ariaPressed: "false" });
     this.picker = segments("Shown", [["", "Tile", "The current tile"], ["A", "A", "The tile stored as A (A)"], ["B", "B", "The tile stored as B (B)"]], (name) => this.show(name));
     this.picker.set("");
     this.use = button("Use", "Set the parameters to those of the tile that is shown", () => room.set({ ...this.stored[this.showing].tile }), { disabled: true });
     this.text = make("span", { className: "fact", ariaLive: "polite", hidden: true });
     tileView.element.append(make("div", { className: "bar low" }, this.text,
-      button("Fit", "Fit the images into the views (F)", () => this.fit()), button("1:1", "One pixel of the file is one of the screen (0)", () => this.oneToOne()), this.linkButton, this.wipeButton,
+      button("Fit", "Fit the images into the views (F)", () => this.fit()), button("1:1", "One pixel of the file for one pixel of the screen (0)", () => this.oneToOne()), this.linkButton, this.wipeButton,
       this.picker, button("Set A", "Store the tile as A (Shift A)", () => this.store("A")), button("Set B", "Store the tile as B (Shift B)", () => this.store("B")), this.use));
   }
 
@@ -70,7 +70,7 @@ export class Compare {
   /** Store the current tile. A coarse one is replaced when it is finished. */
   store(name) {
     const { room } = this;
-    if (!room.tile) return room.shell.status(`${name} can be stored when the first preview is there`);
+    if (!room.tile) return room.shell.status(`Wait for the first preview, then store ${name}`);
     this.stored[name] = { canvas: room.tile, size: room.size, whole: room.whole, tile: { ...room.shell.state.tile } };
     room.shell.status(`Stored as ${name}. Press ${name} to see it`);
     this.describe();

@@ -5,7 +5,7 @@ import { make } from "./controls.js";
 
 const PATIENCE = 500; // ms until a sample that was not answered is asked again
 const RAMP = [[0, 0, 4], [87, 16, 110], [188, 55, 84], [249, 142, 9], [252, 255, 164]]; // dark to bright
-const MEASURES = { drift: ["Drift", "Deviation of the statistics of a place from the rest, in units of Lab (--texstationarity)"], repetition: ["Repetition", "Number of uses of the region of the photo around a pixel, 32 px wide"] };
+const MEASURES = { drift: ["Drift", "Deviation of local statistics from those of the rest, in Lab units (--texstationarity)"], repetition: ["Repetition", "Number of uses of the 32 px region of the photo around a pixel"] };
 
 export class Inspect {
   constructor(room) {

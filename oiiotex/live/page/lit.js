@@ -127,7 +127,7 @@ export class Lit {
 
   drawLit() {
     this.gl ??= this.opened();
-    if (!this.gl) return this.room.shell.status("This browser has no WebGL 2: the material cannot be lit. Choose Maps", true);
+    if (!this.gl) return this.room.shell.status("This browser has no WebGL 2, so Lit cannot be shown. Choose Maps", true);
     const { gl, program } = this;
     if (this.stale) this.fill();
     this.stale = false;

@@ -26,7 +26,7 @@ export class Photos {
     this.element.append(this.list, this.apply, this.cancel);
     this.opening = make("dialog", { ariaLabel: "Open photos" });
     this.asking = make("dialog", { ariaLabel: "Color space" });
-    this.welcome = make("div", { className: "welcome", hidden: true }, make("p", { textContent: "Drop photos here, or open them." }), button("Open photos", "Open photos of this computer or of the server's folder", () => this.open()), this.said = make("p", { className: "hint" }));
+    this.welcome = make("div", { className: "welcome", hidden: true }, make("p", { textContent: "Drop photos here, or open them." }), button("Open photos", "Open photos from this computer or from the server's folder", () => this.open()), this.said = make("p", { className: "hint" }));
     document.body.append(this.input, this.opening, this.asking);
     document.getElementById("stage").append(this.welcome);
     document.getElementById("open").addEventListener("click", () => this.open());
@@ -91,7 +91,7 @@ export class Photos {
     if (text) sessionStorage.setItem("refused", `Not opened: ${text}`);
     if (photo !== null && photo !== this.key) location.href = addressOf(photo);
     else if (text) this.tellRefused();
-    else this.shell.status("This photo is open already");
+    else this.shell.status("This photo is already open");
   }
 
   tellRefused() {
@@ -149,11 +149,11 @@ export class Photos {
     const close = () => this.opening.close();
     this.opening.replaceChildren(
       make("h2", { textContent: "Open photos" }),
-      make("p", { textContent: `Photos in ${this.facts.folder}${names.length ? ":" : ": none."} Photos of one material are opened together, for example wall_color.png and wall_normal.png.` }),
+      make("p", { textContent: `Photos in ${this.facts.folder}${names.length ? ":" : ": none."} Maps of one material are opened together, for example wall_color.png and wall_normal.png.` }),
       make("div", { className: "files" }, ...boxes),
       make("p", { className: "hint", textContent: "Photos from this computer are copied into this folder. You can also drop them on the page." }),
       make("form", { className: "buttons" },
-        button("From this computer", "Choose photos of this computer", () => { close(); this.input.click(); }),
+        button("From this computer", "Choose photos from this computer", () => { close(); this.input.click(); }),
         button("Open", "Open the chosen photos", () => { close(); if (chosen().length) this.ask({ do: "open", names: chosen() }); }),
         button("Close", "Close without opening a photo", close)));
     this.opening.showModal();
@@ -211,10 +211,10 @@ export class Photos {
     }, { disabled: true });
     select.addEventListener("change", () => { use.disabled = !select.value; });
     this.asking.replaceChildren(make("h2", { textContent: `Color space of ${one.name}` }),
-      make("p", { textContent: "The file does not say in which color space it is. Photos of cameras and of the web are mostly sRGB; renders are mostly linear; normals and roughness are raw data." }),
+      make("p", { textContent: "The file does not name its color space. Photos from cameras and from the web are usually sRGB, renders are usually linear, and normal and roughness maps are raw data." }),
       make("div", { className: "row" }, select),
       ...(untagged > 1 ? [make("label", {}, all, ` For all ${untagged} photos without a color space`)] : []),
-      make("form", { className: "buttons" }, use, button("Later", "Close. The button Color space asks again", () => this.asking.close())));
+      make("form", { className: "buttons" }, use, button("Later", "Close. To choose later, press Color space", () => this.asking.close())));
     this.asking.showModal();
   }
 }

@@ -13,7 +13,7 @@ export class Regions {
     this.shownOver = "";
     this.overlay = null;
     this.overlays = segments("Overlay", [["", "Photo", "Photo without overlay"], ["dominant", "Dominant", "Overlay of the dominant texture (LDR09) (M)"], ["label", "Labels", "Overlay of the coarsest label map (LSA16)"],
-      ["drift", "Drift", "False color: how much the statistics of a place differ from the rest, as in gradients and stains (D)"], ["repetition", "Repetition", "False color: how often a region of the photo is used (R)"]], (name) => this.showOver(name));
+      ["drift", "Drift", "False color: how much local statistics differ from the rest, as in gradients and stains (D)"], ["repetition", "Repetition", "False color: how often a region of the photo is used (R)"]], (name) => this.showOver(name));
     this.overlays.set("");
     this.room.photoView.bar.append(this.overlays);
     this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Source", "Paint the valid source pixels (P)"], ["inpaint", "Replace", "Paint the area to replace"]], (name) => this.setBrush(name));

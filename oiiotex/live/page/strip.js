@@ -29,7 +29,7 @@ export class Strip {
   /** Add a variant with what is shown. A coarse picture is replaced when the tile is finished. */
   keep() {
     this.keeping = !this.room.tile;
-    if (this.keeping) return this.shell.status("The variant will be kept when its first preview is there");
+    if (this.keeping) return this.shell.status("The variant is kept as soon as its first preview is shown");
     const list = [...this.shell.state.variants.list, { tile: { ...this.shell.state.tile }, thumbnail: this.thumbnail() }].slice(-64);
     this.shell.set("variants", { list });
     this.show();
@@ -104,7 +104,7 @@ export class Strip {
       return one;
     });
     const group = (caption, what, none) => make("div", { className: "group" }, make("span", { className: "caption", textContent: caption }), ...(what.length ? what : [make("span", { className: "hint", textContent: none })]));
-    this.element.replaceChildren(group("Presets", presets, "Coarse tiles of the presets ..."), group("Variants", variants, "Press V to keep a variant"), group("Seeds", seeds, "Show seeds previews eight more seeds"));
+    this.element.replaceChildren(group("Presets", presets, "Coarse tiles of the presets ..."), group("Variants", variants, "Press V to keep a variant"), group("Seeds", seeds, "Press Show seeds to preview eight more"));
     this.element.querySelectorAll("button")[focused]?.focus();
     this.room.compare.peek(null);
   }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The strip of open photos: opening, color spaces, and a batch with the settings of one photo."""
+"""The strip of open photos: opening, color spaces, and a batch with the parameters of one photo."""
 
 from __future__ import annotations
 
@@ -239,15 +239,15 @@ class PhotoStrip(Pages):
     def _apply(self, hub: Hub) -> None:
         """Use the tile parameters of a photo for all others, and save their tiles next to their documents."""
         if self._batch is not None:
-            raise Error("the settings are being applied already: wait, or cancel it")
+            raise Error("parameters are already being applied: wait, or cancel")
         values = {name: value for name, value in hub.document.state["tile"].items() if name not in _OWN}
         if isinstance(hub.document.state["tile"]["mask"], str):
             values["mask"] = "dominant" if hub.document.state["tile"]["mask"] == "dominant" else ""
         others = [key for key, one in self.hubs.items() if one is not hub and one.source.image is not None]
         if not others:
-            raise Error("there is no other photo: open some first")
+            raise Error("no other photo is open: add one first")
         self._canceled = False
-        self._batch = asyncio.create_task(self._make_all(others, values, f"Settings of {hub.source.stem}"))
+        self._batch = asyncio.create_task(self._make_all(others, values, f"Parameters of {hub.source.stem}"))
 
     async def _make_all(self, keys: Sequence[str], values: dict[str, Any], text: str) -> None:
         for key in keys:
@@ -268,7 +268,7 @@ class PhotoStrip(Pages):
     async def _make(self, hub: Hub, values: dict[str, Any], text: str) -> list[str]:
         """Make and save the tile of a photo. Returns the names of its files."""
         if hub.source.asks:
-            raise Error("has no color space: open the photo, and choose one")
+            raise Error("no color space: open the photo, and choose one")
         before, room = set(hub.saved), hub.rooms["tile"]
         changed = hub.document.change("tile", values, text)
         if changed:
@@ -277,7 +277,7 @@ class PhotoStrip(Pages):
         await room.deliver(bool(changed))
         names = [name for name in hub.saved if name not in before]
         if not names and not self._canceled:
-            raise Error("not saved: the settings were changed meanwhile")
+            raise Error("not saved: the parameters were changed meanwhile")
         if not hub.pages:
             hub.rest()
         return names
