@@ -311,7 +311,7 @@ def test_houdini_builds_a_material(host, monkeypatch):
     monkeypatch.setattr(module, "run", mock.Mock(side_effect=RuntimeError("too small")))
     assert module.shelf() is None and hou.ui.displayMessage.call_args.args == ("too small",)
     hou.ui.selectFile.return_value = "/m/a.png ; /m/b.png"
-    assert module.shelf() is None and "end with a role" in hou.ui.displayMessage.call_args.args[0]
+    assert module.shelf() is None and "end with different roles" in hou.ui.displayMessage.call_args.args[0]
 
 
 def test_the_input_names_of_houdini_are_those_of_materialx(host):
@@ -357,7 +357,7 @@ def test_maya_builds_a_material(host, monkeypatch):
     assert values["a_color.filename"] == "/m/a_tile_color.tx" and values["a_normal.colorSpace"] == "Raw"
     assert values["a_color.autoTx"] is False and "seed=3" in values["a_SG.oiiotex"]
     cmds.fileDialog2.return_value = ["/m/a.png", "/m/b.png"]
-    assert module.make_material() is None and "end with a role" in cmds.warning.call_args.args[0]
+    assert module.make_material() is None and "end with different roles" in cmds.warning.call_args.args[0]
 
 
 # --- Gaffer ---

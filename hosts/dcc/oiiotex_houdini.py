@@ -32,7 +32,9 @@ def shelf():
         return None
     maps = {"color": files[0]} if len(files) == 1 else {role_of(path): path for path in files}
     if None in maps or len(maps) < len(files):
-        hou.ui.displayMessage("expected names that end with a role, each once, such as wall_color.png, wall_normal.png")
+        hou.ui.displayMessage(
+            "expected file names that end with different roles, such as wall_color.png, wall_normal.png"
+        )
         return None
     first = Path(files[0])
     name = first.stem if len(files) == 1 else first.stem.rpartition("_")[0]

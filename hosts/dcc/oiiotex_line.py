@@ -17,7 +17,7 @@ _LINEAR = "lin_rec709_scene"
 
 
 def role_of(path):
-    """The role of a map by the end of its name, such as `wall_roughness.png`; None if there is none."""
+    """The role of a map from the end of its name, such as `wall_roughness.png`; None if there is none."""
     words = Path(path).stem.lower().replace("-", "_").replace(".", "_").split("_")
     known = {"albedo": "color", "basecolor": "color", "diffuse": "color", "rough": "roughness", "metalness": "metal"}
     known |= {"metallic": "metal", "displacement": "height", "bump": "height", "nrm": "normal"}
@@ -34,7 +34,7 @@ def tile_line(maps, out, kind="exr", space=None, **modifiers):
     maps : dict of str to path
         Files by role: color, normal, roughness, metal, height, opacity, emission. A photo is `{"color": path}`.
     out : path
-        The files' names without `_ROLE.exr`.
+        The file names without `_ROLE.exr`.
     kind : {"exr", "tx"}
         Half-float EXR, or MIP-mapped textures for a renderer.
     space : str, optional
@@ -68,7 +68,7 @@ def tile_line(maps, out, kind="exr", space=None, **modifiers):
 
 
 def run(words):
-    """Run a line; its environment has nothing of the program that runs this.
+    """Run a line, without the Python and library paths of the program that runs this.
 
     Raises
     ------

@@ -13,7 +13,7 @@ _BLINK = Path(__file__).with_name("wang_plane.blink")
 
 
 def make_tile():
-    """Make a tile of the selected Read node, and nodes that show it and repeat it."""
+    """Make a tile of the selected Read node's file, and nodes that show and repeat it."""
     read = nuke.selectedNode()
     photo = _file_of(read)
     if photo is None:
@@ -41,8 +41,8 @@ def make_tile():
 def apply_coordinates(picture, path):
     """The tile of another picture of the photo's size, by the source coordinates of a tile.
 
-    The coordinates count from the top; STMap counts from the bottom. Neighbors are not neighbors in the picture, so no
-    filter may mix them.
+    The coordinates count from the top; STMap counts from the bottom. Neighboring coordinates can be far apart in the
+    picture, so no filter may interpolate between them.
     """
     coordinates = nuke.nodes.Read(file=path, raw=True)
     flipped = nuke.nodes.Expression(inputs=[coordinates], expr0="r", expr1="1 - g")
@@ -50,7 +50,7 @@ def apply_coordinates(picture, path):
 
 
 def pick_labels():
-    """Write the labels of the selected Read node as a Cryptomatte, and make a node to pick from it."""
+    """Write the labels of the selected Read node's file as a Cryptomatte, and make a node to pick from it."""
     photo = _file_of(nuke.selectedNode())
     if photo is None:
         return None

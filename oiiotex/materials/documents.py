@@ -128,7 +128,7 @@ def materialx() -> Any:
     try:
         import MaterialX
     except ImportError as error:
-        advice = "pip install oiiotex[library]; recipes with materialx = false do without it"
+        advice = "run pip install oiiotex[library], or set materialx = false in the recipe"
         raise Error(f"MaterialX is not installed: {advice}") from error
     return MaterialX
 

@@ -11,7 +11,7 @@ import bpy
 from .images import SPACES, name_of_space, pixels_of
 from .process import CANCELED, CHANNELS, Failed, Process
 
-running = {}  # what the panel shows: label and job of the operator that runs
+running = {}  # label and job of the running operator, for the panel
 
 
 class Making:
@@ -54,7 +54,7 @@ class Making:
     def invoke(self, context, event):
         """Start in the background."""
         if running:
-            self.report({"WARNING"}, f"{running['label']} has not ended")
+            self.report({"WARNING"}, f"{running['label']} is still running")
             return {"CANCELLED"}
         if not self._begun(context):
             return {"CANCELLED"}
@@ -128,7 +128,7 @@ class Making:
 
 
 class Cancel(bpy.types.Operator):
-    """Cancel what runs"""
+    """Cancel the running operation"""
 
     bl_idname = "oiiotex.cancel"
     bl_label = "Cancel"
@@ -146,7 +146,7 @@ def shown(context):
 
 
 def space_of(image) -> str | None:
-    """Its color space, as oiiotex calls it; None for data."""
+    """The color space of an image, as oiiotex names it; None for data."""
     if not image.size[0] or image.channels not in CHANNELS:
         raise Failed(f"{image.name} has no readable pixels; its file may be missing")
     name = name_of_space(image)

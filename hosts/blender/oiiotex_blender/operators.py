@@ -33,8 +33,12 @@ class _OneImage(Making):
 class Sized:
     """Properties of an operator, or of the panel: size and seed."""
 
-    width: bpy.props.IntProperty(name="Width", default=0, min=0, max=16384, description="In pixels; 0: as the image")
-    height: bpy.props.IntProperty(name="Height", default=0, min=0, max=16384, description="In pixels; 0: as the image")
+    width: bpy.props.IntProperty(
+        name="Width", default=0, min=0, max=16384, description="In pixels; 0: same as the image"
+    )
+    height: bpy.props.IntProperty(
+        name="Height", default=0, min=0, max=16384, description="In pixels; 0: same as the image"
+    )
     seed: bpy.props.IntProperty(name="Seed", default=0, min=0, description="Same seed, same pixels")
 
     def values(self, context, image):
@@ -43,12 +47,12 @@ class Sized:
 
 
 class Tiled(Sized):
-    """Those of an operator that makes tiles."""
+    """Properties of an operator that makes tiles, or of the panel."""
 
     preset: bpy.props.EnumProperty(
         name="Preset",
         items=(
-            ("AUTOMATIC", "Automatic", "Values that depend on the photo"),
+            ("AUTOMATIC", "Automatic", "Values depend on the photo"),
             ("EVEN", "Even", "Large structures are also evened out"),
             ("CLEAN", "Clean", "As Even, and objects are removed"),
             ("KEEP", "Keep", "Large structures are preserved"),
@@ -59,7 +63,7 @@ class Tiled(Sized):
         default=0.0,
         min=0.0,
         soft_max=512.0,
-        description="Scale in pixels above which the result is statistically uniform; 0: by the preset",
+        description="Scale in pixels above which the result is statistically uniform; 0: chosen by the preset",
     )
     structure: bpy.props.FloatProperty(
         name="Structure",
@@ -98,7 +102,7 @@ class NextSeed(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Available if the editor shows an image, and nothing runs."""
+        """Available if the editor shows an image, and no operator is running."""
         return MakeTile.poll(context) and not running
 
     def invoke(self, context, event):
@@ -296,7 +300,7 @@ def _nodes(context) -> list:
 
 
 def _kind(node) -> str:
-    """The kind of a data map, by the links of its color output."""
+    """The kind of a data map, from the links of its color output."""
     goes = {link.to_node.type for link in node.outputs["Color"].links}
     return "normal" if "NORMAL_MAP" in goes else "height" if goes & {"DISPLACEMENT", "BUMP"} else "data"
 

@@ -29,7 +29,7 @@ class WangMaterial(ImportHelper, bpy.types.Operator):
     eevee: bpy.props.BoolProperty(
         name="For EEVEE",
         default=False,
-        description="No MIP levels, which draw lines between tiles in EEVEE. Render with 16 samples or more",
+        description="Turn MIP levels off: in EEVEE they draw lines between tiles. Render with 16 samples or more",
     )
 
     def execute(self, context):
@@ -39,7 +39,7 @@ class WangMaterial(ImportHelper, bpy.types.Operator):
         files = {path.stem: path for path in sorted(index.parent.iterdir()) if path.suffix != ".mtlx"}
         maps = {role: files[f"{name}{role}"] for role in _ROLES if f"{name}{role}" in files}
         if not index.name.endswith(_INDEX) or "color" not in maps:
-            self.report({"ERROR"}, f"{index.name}: expected NAME_index.png next to NAME_color, of oiiotex-library")
+            self.report({"ERROR"}, f"{index.name}: expected NAME_index.png next to NAME_color, from oiiotex-library")
             return {"CANCELLED"}
         material = bpy.data.materials.new(name.rstrip("_") or index.parent.parent.name)
         material.use_nodes = True

@@ -55,7 +55,8 @@ def _photos(
 ) -> tuple[list[tuple[Image, tuple[str, ...]]], tuple[str, ...]]:
     """Every image of the stack, from the bottom, with the line that leaves it on top; options that apply throughout.
 
-    A line of files, of which some are tagged, is taken apart. Other lines are whole, and pop the images above.
+    A line that only reads and tags files is split into one line per file. Other lines are kept whole, and pop the
+    images above.
     """
     steps = before.steps
     files = [n for n, step in enumerate(steps) if step.op is None and step.option is None]
