@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Connections of pages: messages to all or one, and requests, each answered on its own or refused in words."""
+"""Connections of pages: messages to all or one, and requests, each handled separately or refused with an error."""
 
 from __future__ import annotations
 

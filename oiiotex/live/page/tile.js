@@ -86,7 +86,7 @@ export class TileRoom {
       width: whole("Width", { title: "Width of the tile, in pixels. Empty: the photo's width", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[0], change: (width) => set({ width }) }),
       height: whole("Height", { title: "Height of the tile, in pixels. Empty: the photo's height", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[1], change: (height) => set({ height }) }),
       mask: choice("Source", { title: "Valid source pixels: the part of the photo that patches are copied from", options: [["", "Whole photo"], ["dominant", "Dominant texture"], ["brush", "Painted mask"]], change: (mask) => this.setMask(mask) }),
-      inpaint: choice("Replace", { title: "Painted area: only this part is replaced (--texfill), by patches from Source; patch, structure and seed apply", options: [["", "Everything"], ["brush", "Painted area"]], change: (inpaint) => set({ inpaint }) }),
+      inpaint: choice("Replace", { title: "Area to replace. A painted area is filled from Source (--texfill), with Patch, Structure and Seed", options: [["", "Everything"], ["brush", "Painted area"]], change: (inpaint) => set({ inpaint }) }),
     };
     this.measures = make("div", { className: "measures", ariaLive: "polite" }, make("p", { className: "stale", textContent: "Measured when the tile is finished." }));
     this.output = new Output(this.shell, "tile", [button("Save", "Write the tile to the document's folder, in the background", () => { this.tell(); this.shell.ask("tile", { do: "save" }); })]);

@@ -229,7 +229,7 @@ class PaintRoom:
     async def _stroke(self, asked: dict[str, Any], data: bytes, page: Page) -> None:
         """Paint a label where the page's mask is set. Previews of one stroke become one step."""
         if self._layers is None or self._pixels is None or self._palette is None:
-            raise ImageError("there is no painting yet: open the Paint room first")
+            raise ImageError("there is no painting yet: open the Paint tab first")
         layer, label = asked["layer"], int(asked["value"])
         whole, box = self._whole, Window.sized(*(int(asked[name]) for name in ("left", "top", "width", "height")))
         if layer not in LAYERS or box.empty or len(data) != box.width * box.height or not 0 <= label < 256:
@@ -376,7 +376,7 @@ class PaintRoom:
     async def _saving(self, times: int) -> Coroutine[Any, Any, object]:
         """A coroutine that saves the texture, `times` as large, around the patches that the page shows."""
         if self._layers is None or self._made is None:
-            raise ImageError("there is no painting yet: open the Paint room first")
+            raise ImageError("there is no painting yet: open the Paint tab first")
         if not 1 <= times <= _MOST_TIMES:
             raise ParameterError(f"times={times}: expected an integer from 1 to {_MOST_TIMES}")
         if times == 1:
@@ -390,7 +390,7 @@ class PaintRoom:
         """The command that renders this texture, from its plan, which fixes all patches."""
         source = self._hub.source
         if self._step < 0 or source.image is None:
-            raise ParameterError("there is no painting yet: open the Paint room first")
+            raise ParameterError("there is no painting yet: open the Paint tab first")
         values: dict[str, Any] = {"table": self._sewing.table, "previous": self._steps.plan(self._step)}
         values |= {"seed": self._seed} if self._seed else {}
         if self._steps.fine(self._step).exists():
