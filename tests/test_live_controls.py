@@ -305,6 +305,8 @@ def test_axe_finds_nothing_serious(page):
         found = page.evaluate("axe.run().then((all) => all.violations)")
         serious = {one["id"]: one["nodes"][0]["html"] for one in found if one["impact"] in ("serious", "critical")}
         assert not serious, (tab, serious)
+    for key in ("Escape", "w", "d"):
+        page.keyboard.press(key)
 
 
 def chosen(page, *paths: Path) -> None:
