@@ -96,6 +96,22 @@ def test_files_of_wang_tiles_are_not_taken_for_those_of_a_line(library, tmp_path
     assert "tile/color.exr" in names and not {"tile/index.png", "tile/tile_color.exr", "wall.html"} & names
 
 
+def test_a_shader_renders_the_delivered_document(library, tmp_path, monkeypatch):
+    asked = []
+
+    def render(document, maps, resources, side, tile, columns):
+        asked.append((document.is_file(), document.name, sorted(maps), tile, columns))
+        return np.concatenate([np.zeros((side, side, 3)), np.ones((side, side, 1))], -1)
+
+    monkeypatch.setattr("oiiotex.api.materials.shaded_sphere", render)
+    deliver = "[deliver]\nwang = true\nshader = true\n[assets.wall]\nsize_m = [2, 1]\n"
+    told = recipe('[[product]]\nname = "tile"\nline = "$maps $outputs"\n' + deliver)
+    tally, _ = brought_in(tmp_path / "photos", library, told)
+    assert tally.counts == {"ok": 1}
+    assert asked == [(True, "wall.mtlx", ["color", "roughness"], (0.5, 0.25), 4)]
+    assert min(load(path).max() for path in library.glob("assets/wall/*/lit.jpg")) <= 4 / 255  # the new one is black
+
+
 def test_pictures_show_the_plane():
     index = index_image(16, 0)
     color = np.kron(np.arange(16, dtype=np.float32).reshape(4, 4, 1) / 16, np.ones((4, 4, 3), np.float32))
