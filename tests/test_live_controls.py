@@ -316,6 +316,7 @@ def chosen(page, *paths: Path) -> None:
 
 def test_photos_are_added_asked_for_their_color_space_and_get_the_settings_of_another(page, folder, tmp_path):
     page.set_viewport_size({"width": 800, "height": 600})
+    page.keyboard.press("Escape")
     page.click("#tab-tile")
     save(pictures.bricks(48, 64, seed=1), tmp_path / "loose.tif", "uint8")
     (tmp_path / "note.txt").write_text("text")
