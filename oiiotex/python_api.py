@@ -19,7 +19,7 @@ from .core.parameters import nearest
 from .core.window import Window
 from .errors import PYTHON, Error, ImageError, ParameterError, ParameterTypeError, QualityError
 from .io.reading import read
-from .python_types import ImageLike, ResultBuf, docstring, signature, takes_none
+from .python_types import ImageLike, ResultBuf, docstring, replaceable, signature
 from .run import Result, run
 from .session import Session
 from .session.resources import Resources
@@ -73,8 +73,8 @@ def _bound(
 ) -> Op:
     declared = op.taken(values)
     many = declared[0] if len(declared) == 1 and declared[0].many else None
-    if takes_none(op) and len(images) == 1 and images[0] is None:
-        images = ()
+    if replaceable(op) and images and images[-1] is None:
+        images = images[:-1]
     if not images if many else len(images) != len(declared):
         count = "one image or more" if many else f"{len(declared)} image{'s' * (len(declared) != 1)}"
         names = f" ({', '.join(i.name for i in declared)})" if declared else ""

@@ -142,8 +142,8 @@ def signature(op: type[Op], form: Form | None = None, arrays: bool | None = None
         kinds(
             i.name,
             kinds.VAR_POSITIONAL if i.many else kinds.POSITIONAL_ONLY,
-            annotation=form.narrowed.get(i.name, annotation(i)) + (" | None" if takes_none(op) else ""),
-            default=None if takes_none(op) else kinds.empty,
+            annotation=form.narrowed.get(i.name, annotation(i)) + (" | None" if i in replaceable(op) else ""),
+            default=None if i in replaceable(op) else kinds.empty,
         )
         for i in op.images()
     ]
@@ -167,9 +167,10 @@ def signature(op: type[Op], form: Form | None = None, arrays: bool | None = None
     return inspect.Signature([*first, *keywords, *common], return_annotation=returns)
 
 
-def takes_none(op: type[Op]) -> bool:
-    """Whether a parameter can replace the only image, which is then optional."""
-    return len(op.images()) == 1 and not op.images()[0].many and not op.taken({"graph": "g"})
+def replaceable(op: type[Op]) -> tuple[Parameter, ...]:
+    """The images that a graph or a label can replace, which are then optional."""
+    taken = op.taken({"graph": "g", "label": 1})
+    return tuple(i for i in op.images() if i not in taken and not i.many)
 
 
 def _keywords(op: type[Op]) -> tuple[Parameter, ...]:

@@ -31,7 +31,7 @@ MASK = np.ones(LAB.shape[:2], bool)
 MASK[20:44, 30:56] = False
 KEPT = np.zeros((HEIGHT, WIDTH), bool)
 KEPT[:, :26], KEPT[60:] = True, True
-FIXED = FixedPixels(KEPT, SourceMap.of(np.arange(HEIGHT)[:, None] % 80, np.arange(WIDTH) % 76), is_goal=True)
+FIXED = FixedPixels(KEPT, SourceMap.of(np.arange(HEIGHT)[:, None] % 80, np.arange(WIDTH) % 76))
 SIGMAS = np.geomspace(4, 9, WIDTH)[None].repeat(HEIGHT, 0).astype(np.float32)
 WEIGHT = np.random.default_rng(0).random(LAB.shape[:2]).astype(np.float32)
 REPEATED = np.tile(LAB[:20, :19], (4, 4, 1))  # patches of one distance lie in many places

@@ -29,6 +29,7 @@ PAGES = {
 }
 ELSEWHERE = {  # run by a test that knows what comes out
     "how-to/farm": "test_farm.py",
+    "how-to/fills-in-moving-shots": "test_motion.py",
     "how-to/studio": "test_library_faults.py",
     "how-to/your_own_filter": "test_plugins.py",
 }
@@ -45,6 +46,8 @@ SLOW = {  # more than two seconds of an idle machine
 } | {"how-to/udim-mesh", "how-to/wang-tiles", "start/first-material"}
 NOT_RUN = {  # by what stands in a line
     "--texlive": "serves a page until it is ended",
+    "matte=chair": "needs a render with a chair",
+    "sources.png": "needs a painted mask",
     "--device gpu": "there may be no GPU",
     "dask=tcp": "asks a cluster",
     "dask=tls": "asks a cluster",

@@ -205,6 +205,24 @@ def test_a_painted_mask_is_in_the_line(page, folder):
 
 
 @pytest.mark.slow
+def test_a_painted_area_is_filled(page, folder):
+    page.keyboard.press("p")
+    page.locator("button", has_text="Replace").click()
+    view = page.locator("canvas[aria-label=Photo]").bounding_box()
+    page.mouse.move(view["x"] + view["width"] / 2, view["y"] + view["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(view["x"] + view["width"] / 2 + 40, view["y"] + view["height"] / 2, steps=3)
+    page.mouse.up()
+    page.evaluate("delete document.querySelector('[data-tile]').dataset.tile")
+    page.evaluate("import('./main.js').then(({ shell }) => shell.set('tile', { inpaint: 'brush' }))")
+    page.wait_for_selector("[data-tile=whole]")
+    wait(page, "document.body.dataset.busy === 'false'")
+    words = copied_line(page)
+    assert "--texfill" in words and any("photo.masks" in word for word in words), words
+    np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("values", "said"),
     [

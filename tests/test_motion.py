@@ -55,7 +55,8 @@ def shot(tmp_path_factory):
 
 def plate(folder, *more: str, modifiers: str = ":motion=st.1001.exr"):
     words = f"--texplate:region=1:frames=1001-{1000 + COUNT}:save=shot.npz{modifiers}"
-    return oiiotex("plate.1001.exr", "mask.1001.exr", words, *more, "-o", "open.exr", cwd=folder)
+    first = "plate.1001.exr", "--iscolorspace", "lin_rec709_scene", "mask.1001.exr"
+    return oiiotex(*first, words, "-o", "open.exr", *more, cwd=folder)
 
 
 @pytest.fixture(scope="module")
@@ -126,6 +127,16 @@ def test_a_frame_is_the_same_alone_and_in_the_sequence(filled):
     np.testing.assert_array_equal(load(folder / "again.exr"), load(folder / "out.1003.exr"))
 
 
+def test_the_line_of_the_page_fills_the_hole_of_the_plate(filled):
+    folder, _ = filled
+    done = plate(folder, "--sisplit", "--texfill:iterations=2:patch=7", "-o", "clean.exr")
+    assert done.returncode == 0, done.stderr
+    clean, hole = (oiio.ImageBuf(str(folder / name), part, 0) for name, part in (("clean.exr", 0), ("open.exr", 1)))
+    pixels = clean.get_pixels(oiio.FLOAT)[hole.get_pixels(oiio.FLOAT)[..., 0] > 0]
+    assert (pixels[:, 3] == 1).all() and not (pixels[:, 0] > pixels[:, 1] + 0.5).any()  # nothing of the red object
+    assert (clean.spec().x, clean.spec().y) == (hole.spec().x, hole.spec().y)
+
+
 def test_vectors_are_chained_to_the_motion_of_st_maps(filled):
     folder, motion = filled
     done = plate(folder, modifiers=":motion=mv.1001.exr:vectors=backward:flip=1")
@@ -187,6 +198,12 @@ def test_bad_input_is_one_line(shot, words, message):
     done = oiiotex("plate.1001.exr", "mask.1001.exr", f"--texplate:region=1{words}", "-o", "x.exr", cwd=shot)
     assert done.returncode == 1
     assert message in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+def test_a_changed_frame_is_refused(shot):
+    words = "--texplate:frames=1001-1002:motion=st.1001.exr", "-o", "x.exr"
+    done = oiiotex("plate.1001.exr", "--mulc", "2", *words, cwd=shot)
+    assert done.returncode == 1 and "is not as in its file" in done.stderr
 
 
 def test_a_region_without_surroundings_is_refused(shot):

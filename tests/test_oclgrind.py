@@ -43,7 +43,7 @@ recipe = Recipe(width=8, height=7, wrap_x=True, wrap_y=True, sigma=3.0, patch=5,
 made(recipe)
 recipe = replace(recipe, wrap_x=False, wrap_y=False)
 exemplar = (np.random.default_rng(0).random((15, 9, 4)) * 100).astype(np.float32)
-fixed = FixedPixels(np.indices((7, 8)).sum(0) < 5, SourceMap(np.zeros((7, 8), np.uint32)), is_goal=True)
+fixed = FixedPixels(np.indices((7, 8)).sum(0) < 5, SourceMap(np.zeros((7, 8), np.uint32)))
 made(recipe, exemplar, fixed=fixed, sigmas=np.geomspace(2, 5, 56).astype(np.float32).reshape(7, 8))
 lattice = Lattice(np.array([[0.2, 0.05], [-0.03, 0.3]]), 9.0, np.eye(64))
 recipe = replace(recipe, in_step=InStep(lattice, lattice.frequencies, 0.5))

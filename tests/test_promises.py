@@ -54,7 +54,7 @@ def test_every_filter_is_a_function_with_its_declared_parameters(op):
         set(function.__signature__.parameters)
         == {i.name for i in (*op.images(), *op.optional_images())}
         | {p.name for p in op.parameters()}
-        | {"session", "roi", "nthreads", "colorspace"}
+        | {"session", "roi", "nthreads", "colorspace", "as_array"}
         | further
     )
     for name in (p.name for p in op.parameters()):

@@ -1679,7 +1679,7 @@ def estimateroughness(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1724,7 +1724,7 @@ def fill(
     ----------
     exemplar : ImageLike
         Photo; of the maps of a material, the first.
-    region : ImageLike
+    region : ImageLike | None
         Image that marks the pixels to replace (first channel above half its range, or a nonzero label
         id). It is not taken with label or matte.
     mask : ImageLike | None, default None
@@ -1831,13 +1831,14 @@ def fill(
     Examples
     --------
     >>> from oiiotex import filters
-    >>> clean = filters.fill("plate.exr", "mask.exr", seed=7)
-    >>> other = filters.fill("plate.exr", "mask.exr", source="grass.exr")
+    >>> import numpy as np
+    >>> region = np.tri(96, k=-60)  # the lower left corner
+    >>> clean = filters.fill("photo.png", region, seed=7)
     """
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1871,7 +1872,7 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1905,7 +1906,7 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1940,7 +1941,7 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,

@@ -39,8 +39,9 @@ class Fill(MaterialOp, InBands):
     """
 
     example: ClassVar[str] = """\
->>> clean = filters.fill("plate.exr", "mask.exr", seed=7)
->>> other = filters.fill("plate.exr", "mask.exr", source="grass.exr")
+>>> import numpy as np
+>>> region = np.tri(96, k=-60)  # the lower left corner
+>>> clean = filters.fill("photo.png", region, seed=7)
 """
     name: ClassVar[str] = "fill"
     outputs: ClassVar[tuple[Output, ...]] = (

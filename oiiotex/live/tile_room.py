@@ -164,7 +164,7 @@ class TileRoom:
         self._release(client, self._images)
         self._images = []
         given, optional = await self._exemplar()
-        given[1:1] = await self._material.numbers(client)
+        given[1:1] = await self._material.numbers(client)  # maps follow the photo, before a painted area
         if turn != self._turn:
             if saves:
                 raise Error("not saved: the parameters have changed since")

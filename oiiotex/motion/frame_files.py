@@ -11,6 +11,7 @@ from ..core.image import Image, Part, channels_of, cropped
 from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError, ParameterError
+from ..io.reading import read
 
 _MOST = 10_000
 _LEAST = 0.01  # values of a mask that are not 0: JPEG files are never quite black
@@ -45,7 +46,7 @@ def files(image: Image, frames: list[int], number: int, name: str, still: bool =
     Parameters
     ----------
     image : Image
-        An unchanged file.
+        An image as it is in its file, apart from metadata.
     name : str
         For messages.
     still : bool
@@ -54,11 +55,17 @@ def files(image: Image, frames: list[int], number: int, name: str, still: bool =
     Raises
     ------
     ImageError
-        The image is not a file, its name has no number, or files are missing.
+        The image is not that of its file, its name has no number, or files are missing.
     """
-    if any(part.depth for part in image.parts) or not os.path.isfile(image.source):
-        raise ImageError(f"{name} {image.source} is not an unchanged file, so other frames cannot be read like it")
-    return siblings(image.source, frames, number, name, still)
+    named = siblings(image.source, frames, number, name, still)
+    own = read(named[number]).first if os.path.isfile(named[number]) else None
+    same = own is not None and (own.window, own.spec.nchannels) == (image.first.window, image.first.spec.nchannels)
+    if own is None or not same or not np.array_equal(own.pixels(), image.first.pixels(), equal_nan=True):
+        raise ImageError(
+            f"{name} {image.source} is not as in its file: other frames cannot be changed alike",
+            hint="write them first",
+        )
+    return named
 
 
 def siblings(path: str, frames: list[int], number: int, name: str, still: bool = False) -> dict[int, str]:

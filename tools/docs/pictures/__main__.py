@@ -8,7 +8,7 @@ import sys
 
 ALL = (
     "gallery", "photos", "decompose", "stationarize", "comparison", "dominant", "atlas", "capture", "structure",
-    "measures", "multiscale", "synth", "library", "live", "hosts",
+    "measures", "motion", "multiscale", "synth", "library", "live", "hosts",
 )  # fmt: skip
 
 
