@@ -343,6 +343,7 @@ def test_photos_are_added_asked_for_their_color_space_and_get_the_settings_of_an
     page.click(".photo >> nth=0")
     wait(page, "document.getElementById('undo').title === 'Undo: Settings of loose (Ctrl Z)'")
     assert state(page, "tile.preset") == "keep"
+    wait(page, "document.querySelector('.line').value.includes('preset=keep')")
     line = shlex.split(page.input_value(".line >> nth=0"))
     pixels = load(made)
     made.unlink()
