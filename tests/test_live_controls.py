@@ -305,6 +305,8 @@ def test_axe_finds_nothing_serious(page):
         found = page.evaluate("axe.run().then((all) => all.violations)")
         serious = {one["id"]: one["nodes"][0]["html"] for one in found if one["impact"] in ("serious", "critical")}
         assert not serious, (tab, serious)
+    for key in ("Escape", "w", "d"):
+        page.keyboard.press(key)
 
 
 def chosen(page, *paths: Path) -> None:
@@ -314,6 +316,7 @@ def chosen(page, *paths: Path) -> None:
 
 def test_photos_are_added_asked_for_their_color_space_and_get_the_settings_of_another(page, folder, tmp_path):
     page.set_viewport_size({"width": 800, "height": 600})
+    page.keyboard.press("Escape")
     page.click("#tab-tile")
     save(pictures.bricks(48, 64, seed=1), tmp_path / "loose.tif", "uint8")
     (tmp_path / "note.txt").write_text("text")
@@ -340,6 +343,7 @@ def test_photos_are_added_asked_for_their_color_space_and_get_the_settings_of_an
     page.click(".photo >> nth=0")
     wait(page, "document.getElementById('undo').title === 'Undo: Parameters of loose (Ctrl Z)'")
     assert state(page, "tile.preset") == "keep"
+    wait(page, "document.querySelector('.line').value.includes('preset=keep')")
     line = shlex.split(page.input_value(".line >> nth=0"))
     pixels = load(made)
     made.unlink()

@@ -32,7 +32,7 @@ class MaterialMaps:
     def values(self) -> dict[str, Any]:
         """Modifiers of --texstationarize for these maps."""
         maps = self._hub.source.maps
-        return {"n": 1 + len(maps), "kinds": ",".join(["color", *(one.kind for one in maps)])} if maps else {}
+        return {"kinds": ",".join(["color", *(one.kind for one in maps)])} if maps else {}
 
     def outputs(self) -> Outputs:
         """Files of the tile and its maps. Maps keep their own pixel types, unless one is chosen."""
