@@ -8,11 +8,15 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.capture.homography import through
+from oiiotex.core.image import channels_of
 from oiiotex.core.window import Window
-from oiiotex.motion.clean_plate import laid_out
+from oiiotex.errors import ImageError
+from oiiotex.motion.clean_plate import assembled, laid_out
+from oiiotex.motion.frame_files import numbered
 from oiiotex.motion.frame_motion import STEP, FrameMotion, fitted, homography_of, nodes, read_shot
 from oiiotex.motion.light import gains, grain
 from oiiotex.motion.sampling import at_points, centers, grown
+from oiiotex.motion.tracking import gray_view
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 
@@ -188,6 +192,7 @@ def test_the_plate_has_the_pixels_of_the_closest_frame():
         (":frames=all", "frames=all: expected FIRST-LAST"),
         (":frames=1001-1002:motion=small.1001.exr", "motion small.1001.exr is 64x48, but the frame is 128x96"),
         (":frames=1001-1002:motion=full.npz", "full.npz: cannot read arrays"),
+        (":frames=1001-1002:motion=mv.1001.exr", "motion mv.1001.exr maps pixels to a line or a point"),
         (":frames=1001-1002:motion=mv.1001.exr:vectors=forward", "forward vectors lead to it"),
     ],
 )
@@ -198,6 +203,38 @@ def test_bad_input_is_one_line(shot, words, message):
     done = oiiotex("plate.1001.exr", "mask.1001.exr", f"--texplate:region=1{words}", "-o", "x.exr", cwd=shot)
     assert done.returncode == 1
     assert message in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+def test_motion_that_cannot_be_inverted_is_refused(tmp_path):
+    path, matrices = tmp_path / "shot.npz", np.stack([np.eye(3), np.diag([1e9, 1, 1e-9])])
+    np.savez(path, frames=np.array([1, 2]), matrices=matrices)
+    with pytest.raises(ImageError, match="frame 2 maps pixels to a line or a point"):
+        read_shot(path, 1 << 20)
+    np.savez(path, frames=np.array([1]), matrices=matrices[:1].astype(np.float16))
+    assert read_shot(path, 1 << 20)[1].matrix.dtype == np.float64
+    bent = {1: FrameMotion(np.eye(3), np.full((2, 2, 2), 1e30, np.float32))}
+    with pytest.raises(ImageError, match="the motion of frame 1 maps pixels to a line or a point"):
+        laid_out(bent, {1: np.array([[3.0, 3], [5, 5]])}, (16, 12), 1)
+
+
+def test_pixels_that_are_nan_come_from_other_frames():
+    frames = [np.full((12, 16, 3), 0.5, np.float32) for _ in range(2)]
+    frames[0][5, 5, 1] = np.nan
+    layout = laid_out({n: FrameMotion(np.eye(3)) for n in range(2)}, {}, (16, 12), 0)
+    seen = ((n, frame, np.zeros((12, 16), bool)) for n, frame in enumerate(frames))
+    values, known, _ = assembled(layout, seen, 3, lambda _: None)
+    assert known.all()
+    np.testing.assert_allclose(values, 0.5, rtol=1e-5)
+    assert np.ptp(gray_view(frames[0] + np.linspace(0, 0.3, 16, dtype=np.float32)[:, None])) > 200  # still tracked
+
+
+def test_a_date_is_no_frame_number_and_a_mask_may_be_an_alpha_channel():
+    assert numbered("plate.0000001001.exr") == 1001 and numbered("scan_20260101120000.exr") is None
+    spec = oiio.ImageSpec(4, 3, 1, "float")
+    spec.channelnames = ("A",)
+    assert channels_of(spec).first == 0
+    flat = np.ones((32, 32, 1), np.float32)
+    assert not grain(0 * flat, flat, flat[..., 0] > 0, -3).any()  # a frame before 0
 
 
 def test_a_changed_frame_is_refused(shot):

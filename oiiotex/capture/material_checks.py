@@ -302,7 +302,7 @@ def _slopes(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _handedness(normal: _Map, height: _Map | None, convention: str) -> Iterator[Fault]:
     """Sign of the green channel, from the curl of slopes and from heights."""
     part, vectors, measures = normal.image.first, _decoder(normal), normal.measures
-    channel = None if height is None else channels_of(height.image.first.spec).color[0]
+    channel = None if height is None else channels_of(height.image.first.spec).first
     low, high = (0.0, 1.0) if height is None else _limits(height)
     sums = np.zeros((3, 3), np.int64)
     for band in bands(part):
@@ -354,7 +354,7 @@ def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, resources: Re
         if normal is not None and vectors is not None:
             layers[2:4] = np.moveaxis(vectors(normal.image.first.read(band))[..., :2], -1, 0)
         if height is not None:
-            layers[4] = as_float(height.image.first.read(band)[..., channels_of(height.image.first.spec).color[0]])
+            layers[4] = as_float(height.image.first.read(band)[..., channels_of(height.image.first.spec).first])
         values = np.rint((layers.reshape(5, -1) if opaque is None else layers[:, opaque]) * steps)
         sums += values @ values.T
     count = max(sums[0, 0], 1.0)

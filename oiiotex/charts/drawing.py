@@ -94,7 +94,7 @@ def shown_pixels(pixels: np.ndarray, part: Part, resources: Resources) -> np.nda
     if pixels.dtype.kind in "ui":
         values = values / np.iinfo(pixels.dtype).max
     space = part.spec.get_string_attribute(TAG)
-    three = list(channels.color) if len(channels.color) == 3 else [channels.color[0]] * 3
+    three = list(channels.color) if len(channels.color) == 3 else [channels.first] * 3
     color = np.nan_to_num(np.ascontiguousarray(values[..., three]))
     if space and not resources.color.is_data(space):
         resources.color.to_lab(space)(color)

@@ -167,6 +167,11 @@ class Channels:
     color: tuple[int, ...]
     alpha: int | None
 
+    @property
+    def first(self) -> int:
+        """The channel of a mask or of ids: the first color, or the alpha of an image without color."""
+        return (*self.color, 0)[0]
+
 
 def channels_of(spec: oiio.ImageSpec) -> Channels:
     """Color is R, G, B or Y by name, otherwise the first up to three channels other than alpha."""

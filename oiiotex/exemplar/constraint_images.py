@@ -53,4 +53,4 @@ def sigmas_of(sigmamap: Image, width: int, height: int) -> np.ndarray:
 
 
 def _channel(part: Part) -> np.ndarray:
-    return as_float(part.pixels()[..., channels_of(part.spec).color[0]])
+    return as_float(part.pixels()[..., channels_of(part.spec).first])

@@ -70,7 +70,7 @@ def laid_over(part: Part, exemplar: Image, name: str) -> Part:
 
 def mask_pixels(part: Part) -> np.ndarray:
     """A mask as (height, width) bool."""
-    channel, inside = channels_of(part.spec).color[0], []
+    channel, inside = channels_of(part.spec).first, []
     for window in bands(part):
         values = part.read(window)[..., channel]
         inside.append(values != 0 if part.exact or values.dtype == np.uint32 else as_float(values) > 0.5)

@@ -57,7 +57,7 @@ class EstimateAO(Gather):
         said = said if 1e-6 <= said <= 1e6 else 0.0
         scale = self.relief or said or max(part.spec.width, part.spec.height) * _RELIEF
         self.inform("a height of 1 is %g px", scale)
-        near, channel = cached(part, session.resources.cache), channels_of(part.spec).color[0]
+        near, channel = cached(part, session.resources.cache), channels_of(part.spec).first
         wraps = "x" in self.tile, "y" in self.tile
 
         def look(heights: np.ndarray) -> np.ndarray:

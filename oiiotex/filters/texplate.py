@@ -91,6 +91,8 @@ class Plate(Whole):
         shown = self._frames()
         display = Window.display(self.source.first.spec)
         given = next(iter(shown))
+        size, advice = display.width * display.height, "give a shorter range of frames"
+        session.resources.require(len(shown) * size, f"masks of {len(shown)} frames", advice)
         regions = {number: region for number, (_, region) in self._read(shown, display)}
         if all(region.all() for region in regions.values()):
             raise ImageError(f"region covers every pixel of {self.source.source}: expected some surface around it")
@@ -211,6 +213,7 @@ class Plate(Whole):
 
         first, window = self.source.first, layout.window
         need = _COPIES * 4 * (first.spec.nchannels + 2) * window.width * window.height
+        need += sum(region.nbytes for region in regions.values())
         session.resources.require(
             need, f"a plate of {window.width}x{window.height} px", "choose a shorter range of frames"
         )

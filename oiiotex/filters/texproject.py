@@ -91,9 +91,8 @@ class Project(Whole):
                 tuple(shared.index(c) for c in colors.color), self.grain, self.frame or 0,
             )  # fmt: skip
         if missing:
-            self.warn(
-                "frame %s: the plate does not cover %d pixels of the region: they are unchanged", self.frame, missing
-            )
+            which = "" if self.frame is None else f"frame {self.frame}: "
+            self.warn("%sthe plate does not cover %d pixels of the region: they are unchanged", which, missing)
         place, dtype = window.shifted(display.left, display.top), np.dtype(dtype_of(part.spec))
         at = window.inside(Window(0, 0, *display.size))
         changed, stored = region[at] > 0, values[at].copy()
@@ -119,5 +118,5 @@ class Project(Whole):
         number = self.frame if self.frame is not None else next(iter(shot)) if len(shot) == 1 else None
         if number is None or number not in shot:
             expected = f"a frame of {self.motion}, {min(shot)} to {max(shot)}"
-            raise ParameterError(parameter="frame", value=self.frame, expected=expected)
+            raise ParameterError(parameter="frame", value=... if number is None else number, expected=expected)
         return shot[number]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError
-from .frame_motion import FrameMotion, Shot
+from .frame_motion import NO_SURFACE, FrameMotion, Shot
 from .sampling import REACH, at_points, centers, grown
 
 MOST_SCALE = 4.0  # plate pixels per pixel of the reference frame
@@ -74,10 +74,14 @@ def laid_out(shot: Shot, regions: dict[int, np.ndarray], size: tuple[int, int], 
             )
         quads.append(motion.onto(corners))
         points = regions.get(number, np.empty((0, 2)))
+        steps = np.ones(1)
         if len(points):
             inside.append(motion.onto(points))
             steps = _steps(motion, points)
-            finest, widest = min(finest, float(np.quantile(steps, 0.05))), max(widest, float(steps.max()))
+        fine, wide = float(np.quantile(steps, 0.05)), float(steps.max())
+        if not (np.isfinite(quads[-1]).all() and 0 < fine <= wide < np.inf):
+            raise ImageError(f"the motion of frame {number} {NO_SURFACE}")
+        finest, widest = min(finest, fine), max(widest, wide)
     scale = min(MOST_SCALE, 1.0 / finest)
     shown = np.concatenate(quads)
     low, high = shown.min(0), shown.max(0)
@@ -151,7 +155,8 @@ def assembled(
             points = motion.back(centers(place).reshape(-1, 2)).reshape(place.height, place.width, 2)
             at = place.inside(whole)
             asked = at_points(_margin(region), _inside(points, region.shape))[..., 0] > 0
-            layers = np.concatenate([np.where(region[..., None], 0, values), ~region[..., None]], 2, dtype=np.float32)
+            hidden = (region | ~np.isfinite(values).all(2))[..., None]  # other frames may have these pixels
+            layers = np.concatenate([np.where(hidden, 0, values), ~hidden], 2, dtype=np.float32)
             sampled = at_points(layers, points)
             here = np.abs(sampled[..., -1] - 1) < _WHOLE
             here &= ((points >= 0.5) & (points <= np.array(region.shape[::-1]) - 0.5)).all(2)

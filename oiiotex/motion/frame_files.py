@@ -14,13 +14,14 @@ from ..errors import ImageError, ParameterError
 from ..io.reading import read
 
 _MOST = 10_000
+_DIGITS = 10  # of what is not a frame number, but a date and time
 _LEAST = 0.01  # smaller values of a mask count as 0: JPEG files are never quite black
 
 
 def numbered(name: str) -> int | None:
-    """The frame number in a file name: the last digits before its suffix; None if there are none."""
+    """The frame number in a file name: the last digits before its suffix; None if there are none or too many."""
     found = re.search(r"([0-9]+)\D*\Z", os.path.splitext(os.path.basename(name))[0])
-    return int(found[1]) if found else None
+    return int(found[1]) if found and len(found[1].lstrip("0")) < _DIGITS else None
 
 
 def frame_range(text: str, number: int | None) -> list[int]:
@@ -102,5 +103,5 @@ def values_of(part: Part, display: Window, name: str) -> np.ndarray:
 
 def region_of(part: Part, display: Window, name: str) -> np.ndarray:
     """A mask as (height, width) float32, 0 to 1; raises as `values_of` does."""
-    values = values_of(part, display, name)[..., channels_of(part.spec).color[0]]
+    values = values_of(part, display, name)[..., channels_of(part.spec).first]
     return np.where(values > _LEAST, np.minimum(values, 1), 0)

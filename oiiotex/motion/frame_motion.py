@@ -17,6 +17,8 @@ from ..errors import ImageError
 from ..io.documents import read_arrays
 
 STEP = 8  # px between the nodes of a bend
+NO_SURFACE = "maps pixels to a line or a point: expected the motion of a surface"
+_MOST_CONDITION = 1e12  # of a matrix that can be inverted
 _ROUNDS = 8  # of the inverse of a bend, which is smooth: each reduces the error by its slope
 
 
@@ -72,10 +74,12 @@ def nodes(width: int, height: int) -> np.ndarray:
     return np.stack(np.broadcast_arrays(x[None], y[:, None]), -1)
 
 
-def fitted(points: np.ndarray, targets: np.ndarray) -> FrameMotion:
-    """The motion that maps nodes, (rows, columns, 2), to points of the plate."""
+def fitted(points: np.ndarray, targets: np.ndarray, name: str = "motion") -> FrameMotion:
+    """The motion that maps nodes, (rows, columns, 2), to points of the plate; raises as `require_plane` does."""
     flat, goal = points.reshape(-1, 2), targets.reshape(-1, 2)
-    matrix = homography_of(flat, goal)
+    with np.errstate(all="ignore"):
+        matrix = homography_of(flat, goal)
+    require_plane(matrix, name)
     bend = through(np.linalg.inv(matrix), goal) - flat
     return FrameMotion(matrix, bend.reshape(points.shape).astype(np.float32))
 
@@ -101,6 +105,12 @@ def _normalized(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     scale = np.sqrt(2) / max(float(np.linalg.norm(points - center, axis=1).mean()), 1e-9)
     matrix = np.array([[scale, 0, 0], [0, scale, 0], [*(-scale * center), 1]])
     return (points - center) * scale, matrix
+
+
+def require_plane(matrix: np.ndarray, name: str) -> None:
+    """Raise ImageError if a matrix cannot be inverted: it maps the frame to a line or a point."""
+    if not np.isfinite(matrix).all() or np.linalg.cond(matrix / (np.abs(matrix).max() or 1)) > _MOST_CONDITION:
+        raise ImageError(f"{name} {NO_SURFACE}")
 
 
 def stored(shot: Shot) -> dict[str, np.ndarray]:
@@ -130,7 +140,8 @@ def read_shot(path: Path, budget: int) -> Shot:
         count and shapes and frames.dtype.kind in "iu" and np.isfinite(matrices).all() and np.isfinite(bends).all()
     ):
         raise ImageError(f"{path}: expected the arrays frames (n) and matrices (n, 3, 3) of a shot's motion")
-    if (np.abs(np.linalg.det(matrices)) < 1e-12).any():
-        raise ImageError(f"{path}: a matrix is singular: expected invertible matrices")
-    each = zip(frames, matrices.astype(np.float64), bends, strict=True)
+    matrices = matrices.astype(np.float64)
+    for number, matrix in zip(frames, matrices, strict=True):
+        require_plane(matrix, f"{path}: frame {number}")
+    each = zip(frames, matrices, bends, strict=True)
     return {int(number): FrameMotion(matrix, bend if bend.size else None) for number, matrix, bend in each}

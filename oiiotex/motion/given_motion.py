@@ -14,7 +14,7 @@ def of_st_map(part: Part, flip: bool, name: str) -> FrameMotion:
     st = _sampled(part, ("s", "t"), name)
     if flip:
         st[..., 1] = 1 - st[..., 1]
-    return fitted(nodes(part.spec.width, part.spec.height), st * (part.spec.width, part.spec.height))
+    return fitted(nodes(part.spec.width, part.spec.height), st * (part.spec.width, part.spec.height), name)
 
 
 def after(motion: FrameMotion, part: Part, convention: str, flip: bool, name: str) -> FrameMotion:
@@ -23,7 +23,7 @@ def after(motion: FrameMotion, part: Part, convention: str, flip: bool, name: st
     if flip:
         vectors[..., 1] *= -1
     at = nodes(part.spec.width, part.spec.height)
-    return fitted(at, motion.onto((at + vectors).reshape(-1, 2)).reshape(at.shape))
+    return fitted(at, motion.onto((at + vectors).reshape(-1, 2)).reshape(at.shape), name)
 
 
 def _sampled(part: Part, channels: tuple[str, str], name: str) -> np.ndarray:

@@ -72,7 +72,8 @@ def grain(difference: np.ndarray, plate: np.ndarray, known: np.ndarray, number: 
         deviation[..., c] = np.sqrt(terms[..., :2] @ factors[:2])
         plain[..., c] = difference[..., c] / np.sqrt(np.maximum(terms @ factors, 1e-12))
     plain = np.clip(plain, -_OUTLIER, _OUTLIER)
-    noise = np.random.Generator(np.random.Philox(key=number)).standard_normal((height, width, count), np.float32)
+    random = np.random.Generator(np.random.Philox(key=number % (1 << 64)))  # frames before 0 also have a key
+    noise = random.standard_normal((height, width, count), np.float32)
     noise = _colored(noise, plain, known, detail.mean(2))
     relation = np.cov(plain[known].T).reshape(count, count)
     spread = np.sqrt(np.maximum(np.diag(relation), 1e-12))

@@ -152,7 +152,8 @@ def gray_view(values: np.ndarray) -> np.ndarray:
 
     The square root evens out the contrast of linear values: HDR frames otherwise have few gray levels.
     """
-    gray = np.sqrt(np.maximum(values.mean(2), 0))
+    gray = values.mean(2)
+    gray = np.sqrt(np.where(np.isfinite(gray), np.maximum(gray, 0), 0))
     low, high = np.percentile(gray, (0.5, 99.0))
     return np.clip((gray - low) * (255.0 / max(float(high - low), 1e-6)), 0, 255).astype(np.uint8)
 

@@ -92,7 +92,7 @@ class Meaning:
     def codes_of(self, pixels: np.ndarray, channels: Channels) -> np.ndarray:
         """The codes of pixels of a guide, int64."""
         if not self.colors:
-            ids = pixels[..., channels.color[0]]
+            ids = pixels[..., channels.first]
             if ids.dtype.kind == "f":  # NaN and values beyond int64 have no label
                 ids = np.rint(np.clip(np.nan_to_num(ids.astype(np.float64), nan=-1), -_FAR, _FAR))
             return ids.astype(np.int64)
