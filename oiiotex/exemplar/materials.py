@@ -21,8 +21,8 @@ log = logging.getLogger("oiiotex")
 
 KINDS = ("color", "data", "normal", "height")
 KINDS_HELP = (
-    "Kind of each map of a material: color, data, normal or height. As many images are used, the last ones on the"
-    " stack. Maps other than color are tagged as data in the result."
+    "Kind of each map of a material: color, data, normal or height. The last images on the stack are used, one for"
+    " each kind, in order. Maps other than color are tagged as data in the result."
 )
 _MOST_MAPS = 16
 MATCH_HELP = (

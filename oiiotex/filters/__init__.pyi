@@ -84,9 +84,9 @@ def atlas(
     unwrapped : FileName | None, default None
         File (.obj) for the mesh with the UV charts of the result.
     kinds : Sequence[str] | None, default None
-        Kind of each map of a material: color, data, normal or height. As many images are used, the last
-        ones on the stack. Maps other than color are tagged as data in the result. Default: one map:
-        color; with data=1, data.
+        Kind of each map of a material: color, data, normal or height. The last images on the stack are
+        used, one for each kind, in order. Maps other than color are tagged as data in the result.
+        Default: one map: color; with data=1, data.
     label : int | None, default None
         Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
         Expected: an integer >= 1.
@@ -259,9 +259,9 @@ def checkmaterial(
     maps : Sequence[ImageLike], default ()
         Other maps of the material. A string is the name of a part of the first image, or a file name.
     kinds : Sequence[str] | None, default None
-        Kind of each map of a material: color, data, normal or height. As many images are used, the last
-        ones on the stack. Maps other than color are tagged as data in the result. Default: one map:
-        color.
+        Kind of each map of a material: color, data, normal or height. The last images on the stack are
+        used, one for each kind, in order. Maps other than color are tagged as data in the result.
+        Default: one map: color.
     convention : Literal['opengl', 'directx'], default 'opengl'
         Expected green channel of normals. opengl: up; directx: down.
     fail : Literal['errors', 'warnings', 'none'], default 'errors'
@@ -1726,7 +1726,7 @@ def fill(
         Photo; of the maps of a material, the first.
     region : ImageLike | None
         Image that marks the pixels to replace (first channel above half its range, or a nonzero label
-        id). Not used with label or matte.
+        id). Not used with label or matte. On the stack, it comes after the maps.
     mask : ImageLike | None, default None
         Image that marks the valid source pixels, of the photo or of source (first channel above half
         its range, or a nonzero label id). A string is the name of a part of the first image, or a file
@@ -1756,9 +1756,9 @@ def fill(
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 11.
     kinds : Sequence[str] | None, default None
-        Kind of each map of a material: color, data, normal or height. As many images are used, the last
-        ones on the stack. Maps other than color are tagged as data in the result. Default: one map:
-        color; with data=1, data.
+        Kind of each map of a material: color, data, normal or height. The last images on the stack are
+        used, one for each kind, in order. Maps other than color are tagged as data in the result.
+        Default: one map: color; with data=1, data.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
@@ -3155,9 +3155,9 @@ def patchmatch(
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
     kinds : Sequence[str] | None, default None
-        Kind of each map of a material: color, data, normal or height. As many images are used, the last
-        ones on the stack. Maps other than color are tagged as data in the result. Default: one map:
-        color; with data=1, data.
+        Kind of each map of a material: color, data, normal or height. The last images on the stack are
+        used, one for each kind, in order. Maps other than color are tagged as data in the result.
+        Default: one map: color; with data=1, data.
     label : int | None, default None
         Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
         Expected: an integer >= 1.
@@ -4295,9 +4295,9 @@ def stationarize(
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 13.
     kinds : Sequence[str] | None, default None
-        Kind of each map of a material: color, data, normal or height. As many images are used, the last
-        ones on the stack. Maps other than color are tagged as data in the result. Default: one map:
-        color; with data=1, data.
+        Kind of each map of a material: color, data, normal or height. The last images on the stack are
+        used, one for each kind, in order. Maps other than color are tagged as data in the result.
+        Default: one map: color; with data=1, data.
     label : int | None, default None
         Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
         Expected: an integer >= 1.

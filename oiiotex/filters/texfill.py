@@ -52,7 +52,7 @@ class Fill(MaterialOp, InBands):
     exemplar: Image = image(help="Photo; of the maps of a material, the first.")
     region: Image = image(
         help="Image that marks the pixels to replace (first channel above half its range, or a nonzero label id). Not"
-        " used with label or matte."
+        " used with label or matte. On the stack, it comes after the maps."
     )
     source: Image | None = image(
         None,

@@ -91,7 +91,7 @@ class Plate(Whole):
         shown = self._frames()
         display = Window.display(self.source.first.spec)
         given = next(iter(shown))
-        size, advice = display.width * display.height, "give a shorter range of frames"
+        size, advice = display.width * display.height, "choose a shorter range of frames"
         session.resources.require(len(shown) * size, f"masks of {len(shown)} frames", advice)
         regions = {number: region for number, (_, region) in self._read(shown, display)}
         if all(region.all() for region in regions.values()):

@@ -14,7 +14,7 @@ from ..errors import ImageError, ParameterError
 from ..io.reading import read
 
 _MOST = 10_000
-_DIGITS = 10  # of what is not a frame number, but a date and time
+_DIGITS = 10  # from here on it is a date and time, not a frame number
 _LEAST = 0.01  # smaller values of a mask count as 0: JPEG files are never quite black
 
 
