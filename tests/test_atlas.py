@@ -312,7 +312,7 @@ def test_normals_turn_with_the_texture(convention, tmp_path):
         path.write_text(flat + f"f {a} {b} {c}\nf {a} {c} {d}\n")
         color, made = filters.atlas(
             buffer(PHOTO[:64, :64]), maps=[buffer(normals)], mesh=path, size=(48, 48), kinds=("color", "normal"),
-            match=(1, 0), convention=convention,
+            mapweights=(1, 0), convention=convention,
         )  # fmt: skip
         mesh = read_mesh(path, 48, 48)
         right = Frames.of(mesh, 1.0).step[0, :, 0]

@@ -40,6 +40,13 @@ def test_each_file_is_the_input_of_a_line_of_its_own(folder, caplog, parallel):
     ]
 
 
+def test_the_error_of_an_option_names_the_file(folder, caplog):
+    save(np.zeros((8, 8, 4)), folder / "photos/b.png")
+    assert run(["--each", "photos/[ab].png", "photos/b.png", "--over", "-o", "out/{name}.png"]) == 1
+    (said,) = [record.getMessage() for record in caplog.records]
+    assert said.startswith("oiiotex ERROR: photos/a.png: --over : images must have alpha")
+
+
 def test_files_of_folders_keep_their_folder(folder):
     assert run(["--each", "photos/**/a.png", "--flip", "--create-dir", "-o", "out/{dir}/{name}.png"]) == 0
     assert sorted(str(path.relative_to(folder / "out")) for path in (folder / "out").rglob("*.png")) == [

@@ -87,10 +87,11 @@ def test_what_leaves_nothing_is_refused():
 
 def test_every_op_that_copies_from_a_photo_declares_it_there():
     names = {op.name for op in filters.FILTERS if issubclass(op, LabeledExemplar)}
-    assert names == {"stationarize", "patchmatch", "quilt", "cut", "composite", "palette", "paint", "atlas"}
+    assert names == {"stationarize", "patchmatch", "quilt", "cut", "composite", "palette", "paint", "atlas", "fill"}
     assert {op.name for op in filters.FILTERS if issubclass(op, ExemplarOp)} == {
         "stationarize",
         "patchmatch",
         "cut",
         "atlas",
+        "fill",
     }

@@ -126,7 +126,7 @@ def test_a_composite_is_filled_as_it_was_grown(caplog):
             patch=16,
             tries=1,
             grown=True,
-            keep=True,
+            keeplabels=True,
         )
     assert list(made) == ["composite", "label.1", "grown"]
     wanted, filled = pixels(made["grown"])[..., 0], pixels(made["label.1"])[..., 0]

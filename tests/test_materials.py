@@ -55,12 +55,12 @@ def test_all_maps_come_from_the_same_places():
 
 def test_match_says_which_maps_patches_are_compared_by():
     alone = filters.stationarize(buffer(ALBEDO), **QUICK)
-    np.testing.assert_array_equal(pixels(made(match=(1, 0, 0))[0]), pixels(alone))
+    np.testing.assert_array_equal(pixels(made(mapweights=(1, 0, 0))[0]), pixels(alone))
     assert (pixels(made()[0]) != pixels(alone)).any()
     rough = filters.stationarize(images()[2], data=True, **QUICK)
-    by_rough = made(match=(0, 0, 1))
+    by_rough = made(mapweights=(0, 0, 1))
     assert pixels(by_rough[2]).shape == pixels(rough).shape
-    jumps = [np.abs(np.diff(pixels(m[2]).astype(float), axis=1)).mean() for m in (made(match=(1, 0, 0)), by_rough)]
+    jumps = [np.abs(np.diff(pixels(m[2]).astype(float), axis=1)).mean() for m in (made(mapweights=(1, 0, 0)), by_rough)]
     assert jumps[1] < jumps[0]  # what is compared by hangs together
 
 

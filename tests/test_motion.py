@@ -132,6 +132,7 @@ def test_a_frame_is_the_same_alone_and_in_the_sequence(filled):
 
 
 def test_the_line_of_the_page_fills_the_hole_of_the_plate(filled):
+    """That of docs/how-to/fills-in-moving-shots.md."""
     folder, _ = filled
     done = plate(folder, "--sisplit", "--texfill:iterations=2:patch=7", "-o", "clean.exr")
     assert done.returncode == 0, done.stderr

@@ -24,7 +24,7 @@ from oiiotex.session import Session
 from tests.any_filter import PHOTO, buffer, of, operands, settings
 from tests.conftest import oiiotex, save
 
-READ = {"names", "graph", "table", "before", "mesh", "motion"}  # parameters that name a file which the op reads
+READ = {"names", "graph", "table", "previous", "mesh", "motion"}  # parameters that name a file which the op reads
 TYPES = {
     Kind.IDS: "uint", Kind.MASK: "float", Kind.COORDINATES: "float", Kind.MEASURE: "float", Kind.CRYPTOMATTE: "float",
     Kind.PICTURE: "uint8", Kind.PIXELS: "half",

@@ -30,7 +30,9 @@ ROOT = Path(__file__).parents[1]
 PLACES = {  # who may start processes, and by what
     "oiiotex/machine.py": {"subprocess.Popen"},  # for all of the package; tests/test_isolation.py runs each use
     "oiiotex/live/server.py": {"webbrowser"},  # the user's browser, of $PATH as `forget_current_folder` leaves it
+    "hosts/blender/oiiotex_blender/__init__.py": {"context.preferences.system"},  # a setting of that name
     "hosts/blender/oiiotex_blender/process.py": {"subprocess.run", "subprocess.Popen"},  # has none of the package
+    "hosts/dcc/oiiotex_line.py": {"subprocess.run"},  # the user's oiiotex, which has none of the package either
     "hosts/openimageio/build.py": {"subprocess.run"},  # whoever builds names the folder
 }
 WORDS = {"PIPE", "DEVNULL", "STDOUT", "TimeoutExpired", "CalledProcessError"}  # of subprocess, that start nothing

@@ -156,9 +156,10 @@ WRITES = re.compile(
     r"write_text\(|write_bytes\(|open\([^)]*[\"'][wax]|os\.open\(|makedirs\(|\.mkdir\(|np\.save|\.tofile\("
     r"|make_texture\(|os\.link\(|copyfile|\.symlink_to\(|mkstemp|NamedTemporaryFile"
 )
-# Rooms that no line of a recipe reaches, or that keep what is the user's cache; of modules: standard streams, scratch.
+# Rooms that no line of a recipe reaches, or that keep what is the user's cache; of modules: standard streams, scratch,
+# a temporary folder.
 ROOMS = ("library/", "recipes/", "farm/", "live/", "service/", "opencl/")
-ELSEWHERE = (*ROOMS, "cli/running/streams.py", "core/scratch.py")
+ELSEWHERE = (*ROOMS, "cli/running/streams.py", "core/scratch.py", "materials/shaded.py")
 
 
 def test_whoever_opens_a_file_does_it_where_the_folder_is_looked_at():

@@ -55,7 +55,7 @@ def test_an_atlas_has_the_tiles_of_the_set_and_all_maps_together(atlas):
     tiles = [pixels(tile) for tile in filters.stationarize(buffer(PHOTO), **SMALL)]
     packed = np.concatenate([np.concatenate([tiles[n] for n in row], axis=1) for row in atlas_numbers(16).tolist()])
     np.testing.assert_array_equal(packed.astype(np.float32), load(atlas))
-    two = {"maps": [buffer(PHOTO[..., :1], space="data")], "match": (1, 0)}
+    two = {"maps": [buffer(PHOTO[..., :1], space="data")], "mapweights": (1, 0)}
     color, gray = filters.stationarize(buffer(PHOTO), pack="atlas", flatten=0, **two, **SMALL)
     np.testing.assert_array_equal(pixels(color)[..., :1], pixels(gray))
     assert color.spec().get_string_attribute("oiiotex:atlas") == "4x4"

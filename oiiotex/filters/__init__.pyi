@@ -3352,7 +3352,7 @@ def plate(
     /,
     *,
     region: ImageLike | None = None,
-    frames: str = '',
+    frames: str | None = None,
     motion: FileName | None = None,
     vectors: Literal['st', 'backward', 'forward'] = 'st',
     flip: bool = False,
@@ -3380,7 +3380,7 @@ def plate(
     region : ImageLike | None, default None
         Mask of the reference frame. White is replaced, in all frames. A string is the name of a part of
         the first image, or a file name.
-    frames : str, default ''
+    frames : str | None, default None
         Frames of the shot, FIRST-LAST. The files of other frames, masks and motion images are found by
         the frame number in their names. A mask without a number is used for all frames. Default: the
         reference frame alone.
@@ -3430,7 +3430,7 @@ def plate(
     /,
     *,
     region: ImageLike | None = None,
-    frames: str = '',
+    frames: str | None = None,
     motion: FileName | None = None,
     vectors: Literal['st', 'backward', 'forward'] = 'st',
     flip: bool = False,

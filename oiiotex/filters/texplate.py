@@ -57,8 +57,8 @@ class Plate(Whole):
 
     source: Image = image(help="Reference frame of the shot. The plate is aligned with it.")
     region: Image | None = image(None, help="Mask of the reference frame. White is replaced, in all frames.")
-    frames: str = param(
-        "",
+    frames: str | None = param(
+        None,
         unset="the reference frame alone",
         example="1001-1200",
         help="Frames of the shot, FIRST-LAST. The files of other frames, masks and motion images are found by the frame"

@@ -197,7 +197,9 @@ def _seen(motion: FrameMotion, shape: tuple[int, ...], whole: Window) -> Window:
 
 
 def _density(points: np.ndarray) -> np.ndarray:
-    """Pixels of the frame per pixel of the plate, along one axis."""
+    """Pixels of the frame per pixel of the plate, along one axis; 1 for a single row or column."""
+    if min(points.shape[:2]) < 2:
+        return np.ones(points.shape[:2])
     down, across = (np.gradient(points, axis=axis) for axis in (0, 1))
     return np.sqrt(np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0]))
 

@@ -122,4 +122,5 @@ def skip(error: Error, frame: Frame, command: CommandLine) -> None:
     """Log the error of a frame if --skip-bad-frames or --each is set, else raise it."""
     if "--skip-bad-frames" not in command.settings and not frame.file:
         raise error
-    log.error("oiiotex ERROR: %s%s", f"{frame.file}: " if frame.file and error.op else "", error)
+    which = frame.file or (f"frame {frame.number}" if frame.number is not None else "")
+    log.error("oiiotex ERROR: %s%s", f"{which}: " if which and (error.op or error.step) else "", error)
