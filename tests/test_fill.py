@@ -164,6 +164,8 @@ def test_a_label_of_the_photo_is_replaced_from_a_label_of_the_source():
     columns = np.floor(found[..., 0] * 112).astype(int)
     assert (columns[:, 41:81] > 80).all()
     np.testing.assert_array_equal(columns[:, :41], x[:, :41])
+    with pytest.raises(errors.ParameterError, match="sourcelabel=9: not in"):
+        filters.fill(buffer(PHOTO), labels=labels, label=2, sourcelabel=9, **QUICK)
     with pytest.raises(errors.ParameterTypeError, match=r"takes 2 images \(exemplar, region\), not 1"):
         filters.fill(buffer(PHOTO), None)
 

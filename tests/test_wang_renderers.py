@@ -313,6 +313,9 @@ def test_wgsl_compiles_in_a_browser(folder):
         (["normal=normal.png"], "normal: expected color=FILE"),
         (["color"], "color: expected ROLE=FILE, once for each of color, normal"),
         (["color=color.png", "--size", "2x0"], "--size 2x0: expected WIDTHxHEIGHT"),
+        (["color=color.png", "--relief", "nan"], "--relief nan: expected a number >= 0"),
+        (["color=color.png", "--seed", "4294967296"], "--seed 4294967296: expected an integer from 0 to 4294967295"),
+        (["color=color.png", "--name", "../up"], "--name ../up: expected at most 100 printable characters"),
     ],
 )
 def test_what_cannot_be_delivered_is_one_line(folder, monkeypatch, words, says):

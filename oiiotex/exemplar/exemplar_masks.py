@@ -77,7 +77,7 @@ def mask_pixels(part: Part) -> np.ndarray:
     return np.concatenate(inside)
 
 
-def labeled_pixels(labels: LabelMap, label: int) -> np.ndarray:
+def labeled_pixels(labels: LabelMap, label: int, parameter: str = "label") -> np.ndarray:
     """The pixels of a label, (height, width) bool; raises ParameterError if the map does not contain it."""
     inside, most = [], 0
     for window in bands(labels.part):
@@ -85,7 +85,7 @@ def labeled_pixels(labels: LabelMap, label: int) -> np.ndarray:
         most = max(most, int(ids.max()))
         inside.append(ids == label)
     if not any(one.any() for one in inside):
-        raise ParameterError(f"not in {labels.part.name}, whose ids are 1 to {most}", parameter="label", value=label)
+        raise ParameterError(f"not in {labels.part.name}, whose ids are 1 to {most}", parameter=parameter, value=label)
     return np.concatenate(inside)
 
 

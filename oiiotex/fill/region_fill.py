@@ -167,7 +167,7 @@ class RegionFill:
         allowed = None if op.mask is None else masked_pixels(op.mask, self._sources[0])
         if op.sourcelabel is not None:
             labels = label_map(op.source or op.exemplar, None if self._other else op.labels, op.level)
-            allowed = both(labeled_pixels(labels, op.sourcelabel), allowed)
+            allowed = both(labeled_pixels(labels, op.sourcelabel, "sourcelabel"), allowed)
         usable = both(clear, allowed)
         if not self._other:
             usable = both(usable, ~self._marked)

@@ -7,6 +7,7 @@ import argparse
 import contextlib
 import json
 import logging
+import math
 import re
 import sys
 from collections.abc import Iterator
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 _SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
 _LENGTHS = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)x(\d{1,6}(?:\.\d{1,9})?)", re.ASCII)
+_LONGEST = 100  # characters of a name: files add to it
+_MOST_SEED = 2**32 - 1
 _LEAST_MEMORY = 2048  # MB; memory requirement of a job template's task without --cache
 _LOG = "ingest.log"
 
@@ -303,7 +306,16 @@ def _wang(given: argparse.Namespace, words: list[str]) -> int:
         if not (equals and file and role in ROLES) or role in files:
             raise ParameterError(f"{word}: expected ROLE=FILE, once for each of {', '.join(ROLES)}")
         files[role] = Path(file)
+    if not 0 <= given.relief < math.inf:
+        raise ParameterError(f"--relief {given.relief}: expected a number >= 0")
+    if given.seed > _MOST_SEED:
+        raise ParameterError(f"--seed {given.seed}: expected an integer from 0 to {_MOST_SEED}")
     name = given.name or given.folder.resolve().name
+    if not 0 < len(name) <= _LONGEST or Path(name).name != name or name == ".." or not name.isprintable():
+        expected = f"at most {_LONGEST} printable characters without '/': files are called NAME.mtlx"
+        raise ParameterError(f"--name {name}: expected {expected}")
+    if given.folder.exists() and not given.folder.is_dir():
+        raise ParameterError(f"{given.folder}: expected a folder, but it is a file")
     sides = float(size[1]), float(size[2])
     print("\n".join(deliver_wang(files, given.folder, name, given.seed, sides, given.relief, given.normals)))
     return 0
