@@ -102,7 +102,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
         save(stones * (0.8 + frame % 2 / 10), folder / f"plate.{frame}.exr", "half", "lin_rec709_scene")
     photos = folder / "photos"
     photos.mkdir()
-    save(stones, photos / "meadow.png")
+    save(stones, photos / "meadow.jpg")
     for role, pixels in (("Color", wall), ("Roughness", wall[..., :1])):
         save(pixels, photos / f"Wall_1K-PNG_{role}.png")
     return folder

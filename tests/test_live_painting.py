@@ -66,8 +66,7 @@ def test_layers_are_read_back_and_say_what_they_are_of(palette, tmp_path):
     painting = layers()
     painting[FINE][1, :4], painting[FINE][3, 4:] = 1, 2
     files = {layer: tmp_path / f"{layer}.png" for layer in painting}
-    for layer, plane in painting.items():
-        palette.write(layer, files[layer], plane, {"seed": 7, "change": "Stroke \u00e9"})
+    palette.write_layers(files, painting, {"seed": 7, "change": "Stroke \u00e9"})
     np.testing.assert_equal(palette.read_layers(files, CACHE), painting)
     legend = json.loads(oiio.ImageBuf(str(files[FINE])).spec()["oiiotex:legend"])
     assert legend == {
@@ -75,7 +74,7 @@ def test_layers_are_read_back_and_say_what_they_are_of(palette, tmp_path):
     }  # fmt: skip
     assert step_facts(files[COARSE], CACHE) == {"seed": 7, "change": "Stroke \u00e9"}
     for facts in ({"seed": -1}, {"seed": True}, {"seed": 1 << 32}, {"seed": 1, "change": "x" * 1000}, {"change": 1}):
-        palette.write(COARSE, tmp_path / "broken.png", painting[COARSE], facts)
+        palette.write_layers({COARSE: tmp_path / "broken.png"}, painting, facts)
         with pytest.raises(ImageError, match=r"broken\.png: invalid oiiotex:step: expected seed, an integer"):
             step_facts(tmp_path / "broken.png", PieceCache(1 << 24))
 

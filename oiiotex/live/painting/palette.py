@@ -136,7 +136,15 @@ class LabelPalette:
             if name != entry["name"]:
                 raise ImageError(f"{image.source} is painted with {name}: expected {entry['name']}, as in this palette")
 
-    def write(self, layer: str, path: Path, numbers: np.ndarray, facts: Mapping[str, Any]) -> None:
+    def write_layers(self, files: Mapping[str, Path], layers: Layers, facts: Mapping[str, Any]) -> None:
+        """Write a painting's layers, without the fine one if it is empty."""
+        for layer, path in files.items():
+            if layer == COARSE or layers[layer].any():
+                self._write(layer, path, layers[layer], facts)
+            else:
+                path.unlink(missing_ok=True)
+
+    def _write(self, layer: str, path: Path, numbers: np.ndarray, facts: Mapping[str, Any]) -> None:
         """Write a layer as an indexed PNG with its legend, in the table's colors, so that --texpaint can read it.
 
         `numbers` (height, width) uint8.

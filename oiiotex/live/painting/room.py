@@ -80,6 +80,7 @@ class PaintRoom:
             if do == "open":
                 refused = await self._open(page)
             elif do == "stroke":
+                self._end_stroke(but=page)
                 await self._stroke(asked, data, page)
             elif do == "save":
                 work = await self._saving(int(asked["times"]))
@@ -195,6 +196,7 @@ class PaintRoom:
         changes = [text for text, other in differs.items() if other]
         if not changes:
             return
+        self._end_stroke()
         try:
             before = None
             if seed == self._seed:
@@ -249,20 +251,21 @@ class PaintRoom:
                 raise
             self._going = page, looks
         going = asked.get("going") is True
-        if not going and self._going is not None and self._going[0] is page:
-            self._step, self._going = self._steps.join(self._going[1]), None
+        if not going:
+            self._end_stroke()
         for other in set() if seen.empty else self._hub.pages - ({page} if going else set()):
             self._show_layers(other, seen)
         await self._settle(going)
 
     async def _add(self, layers: Layers, change: str, before: Path | None = None, seed: int | None = None) -> int:
         """Add a step."""
+        assert self._palette is not None
         self._going = None
         if seed is None:
             seed = self._hub.document.state["paint"]["seed"] if self._layers is None else self._seed
         step = self._steps.start()
         try:
-            self._write(step, layers, change, seed)
+            self._palette.write_layers(self._steps.layers(step), layers, {"seed": seed, "change": change})
             await self._make(layers, step, seed, before, new=True)
         except Error:
             self._steps.forget(step)
@@ -279,6 +282,12 @@ class PaintRoom:
             with contextlib.suppress(Error):  # the next autosave retries and reports the error
                 await asyncio.to_thread(self._steps.save)
         self._tell_step(going)
+
+    def _end_stroke(self, but: Page | None = None) -> None:
+        """Make one step of the previews of an unfinished stroke, unless it is `but`'s, so that it can be undone."""
+        if self._going is not None and self._going[0] is not but:
+            self._step, self._going = self._steps.join(self._going[1]), None
+            self._record()
 
     def _record(self) -> None:
         """Add the step that is shown to the document's history."""
@@ -346,15 +355,6 @@ class PaintRoom:
             assert self._pixels is not None
             self._pixels[window.top : window.bottom, window.left : window.right] = values
         self._show_texture(window)
-
-    def _write(self, step: int, layers: Layers, change: str, seed: int) -> None:
-        """Write a step's layers, without the fine one if it is empty."""
-        assert self._palette is not None
-        for layer, path in self._steps.layers(step).items():
-            if layer == COARSE or layers[layer].any():
-                self._palette.write(layer, path, layers[layer], {"seed": seed, "change": change})
-            else:
-                path.unlink(missing_ok=True)
 
     # --- display ---
 
