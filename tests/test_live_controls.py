@@ -161,7 +161,7 @@ CANVAS = """async (path) => {
   return [...canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data];
 }"""
 USUAL = dict.fromkeys(("flatten", "sigma", "amount", "contrast", "patch", "width", "height", "preset"))
-USUAL |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "inpaint": ""}
+USUAL |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "fill": ""}
 
 
 SET = """async (values) => {

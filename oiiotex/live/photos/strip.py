@@ -22,7 +22,7 @@ from .upload import MOST, Upload, photos_in
 
 MOST_PHOTOS = 64
 _THUMBNAIL = 96  # px
-_OWN = {"mask", "inpaint"}  # parameters of the Tile room that mean something in one photo only
+_OWN = {"mask", "fill"}  # parameters of the Tile room that mean something in one photo only
 _USUAL = "sRGB", "lin_rec709", "ACEScg", "data"  # offered first, in the config's own names
 
 
