@@ -143,6 +143,12 @@ class TileRoom:
         else:
             await self._begin([self._material.outputs()])
 
+    def rest(self) -> None:
+        """Stop all work, except that on files that will be saved."""
+        self._stop_thumbnails()
+        if not self._saves:
+            self.stop()
+
     def stop(self) -> None:
         """Stop making the tile."""
         self._turn += 1
