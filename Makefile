@@ -64,6 +64,7 @@ benchmark: $(VENV)/test  # and renew their tables: benchmarks/README.md
 	$(BIN)/python -m benchmarks speed
 	$(BIN)/python -m benchmarks tiles tune
 	$(BIN)/python -m benchmarks multiscale windows
+	$(BIN)/python -m benchmarks kernels
 
 tilebench: $(VENV)/test  # all ways to make a tile, compared: benchmarks/tilebench/README.md
 	$(BIN)/python -m benchmarks.tilebench.compare

@@ -91,7 +91,7 @@ def test_what_is_not_there_is_refused(words):
 def test_every_script_can_be_imported():
     """In one process: each alone takes a second."""
     code = "import importlib, sys\n"
-    code += "OPTIONAL = {'torch', 'matplotlib', 'cv2'}\n"
+    code += "OPTIONAL = {'numba', 'llvmlite', 'torch', 'matplotlib', 'cv2'}\n"
     code += "for name in sys.argv[1:]:\n"
     code += "    try:\n        importlib.import_module(name)\n"
     code += "    except ModuleNotFoundError as error:\n"
