@@ -5,18 +5,3 @@ from ..service.client import BRUSH, EXPORT, LOOKS, TILES, Client, Request, conne
 from ..service.messages import LinkError
 from ..service.pictures import spec_of
 from ..service.settings import ResidentSettings, release_folder, reserved_folder
-
-__all__ = [
-    "BRUSH",
-    "EXPORT",
-    "LOOKS",
-    "TILES",
-    "Client",
-    "LinkError",
-    "Request",
-    "ResidentSettings",
-    "connect",
-    "release_folder",
-    "reserved_folder",
-    "spec_of",
-]
