@@ -3,7 +3,7 @@
 
 from ..service.client import BRUSH, EXPORT, LOOKS, TILES, Client, Request, connect
 from ..service.messages import LinkError
-from ..service.pictures import spec_of
+from ..service.pictures import image_of, spec_of
 from ..service.settings import ResidentSettings, release_folder, reserved_folder
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "Request",
     "ResidentSettings",
     "connect",
+    "image_of",
     "release_folder",
     "reserved_folder",
     "spec_of",
