@@ -16,14 +16,13 @@ from multiprocessing import get_context
 from pathlib import Path
 
 FORKS = get_context("forkserver")
+FORKS.set_forkserver_preload(["tests.forked", "tests.loaded"])
 spent = 0.0  # CPU seconds of all lines
-_LOADED = ["tests.forked", "tests.loaded"]
 
 
 def run(words: list[str], folder: Path, timeout: float) -> subprocess.CompletedProcess:
     """Run `oiiotex WORDS` in `folder`, as `subprocess.run` does with `capture_output` and `text`."""
     global spent
-    FORKS.set_forkserver_preload(_LOADED)
     with tempfile.TemporaryDirectory() as outputs:
         *files, seconds = (Path(outputs, name) for name in ("out", "error", "seconds"))
         process = FORKS.Process(

@@ -39,11 +39,16 @@ SLOW = {  # more than two seconds of an idle machine
         "a-folder",
         "blobs-and-repetition",
         "eight-variations",
-        "endless-zoom",
+        "godot",
+        "keep-or-remove-objects",
         "library",
         "painting-with-labels",
+        "udim-mesh",
+        "unity",
+        "unreal",
+        "wang-tiles",
     )
-} | {"how-to/udim-mesh", "how-to/wang-tiles", "start/first-material"}
+} | {"start/first-material"}
 NOT_RUN = {  # by what stands in a line
     "--texlive": "serves a page until it is ended",
     "matte=chair": "needs a render with a chair",
