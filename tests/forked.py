@@ -43,10 +43,11 @@ def run(words: list[str], folder: Path, timeout: float) -> subprocess.CompletedP
 def _line(words: list[str], folder: str, environment: dict[str, str], files: list[str], seconds: str) -> None:
     """In the fork: what a shell sets up, then the program."""
     from oiiotex.cli.main import main
+    from tests import loaded
 
     os.chdir(folder)
     os.environ.clear()
-    os.environ.update(environment)
+    os.environ.update(environment | loaded.ENVIRONMENT)
     for number, file in enumerate(files, 1):
         os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), number)
     sys.stdout, sys.stderr = (os.fdopen(n, "w", buffering=1, closefd=False) for n in (1, 2))

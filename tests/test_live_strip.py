@@ -32,7 +32,7 @@ def test_photos_are_added_asked_for_their_color_space_and_get_the_settings_of_an
     page.set_viewport_size({"width": 800, "height": 600})
     page.keyboard.press("Escape")
     page.click("#tab-tile")
-    save(pictures.bricks(48, 64, seed=1), tmp_path / "loose.tif", "uint8")
+    save(pictures.pebbles(150, 200, seed=1), tmp_path / "loose.tif", "uint8")
     (tmp_path / "note.txt").write_text("text")
     (tmp_path / "broken.png").write_bytes((tmp_path / "loose.tif").read_bytes()[:300])
     chosen(page, *(tmp_path / name for name in ("note.txt", "broken.png", "loose.tif")))
@@ -47,6 +47,9 @@ def test_photos_are_added_asked_for_their_color_space_and_get_the_settings_of_an
     page.click("dialog[open] >> text=Use")
     page.wait_for_selector("[data-tile=whole]")
     wait(page, "document.querySelector('.line').value.includes('loose.tif --iscolorspace ACEScg --tex')")
+    coarse = "import('./main.js').then(({ rooms }) => rooms.tile.strip.presets)"
+    wait(page, f"{coarse}.then((all) => all.size === 4)")
+    assert page.evaluate(f"{coarse}.then((all) => [all.get('').width, all.get('clean').width])") == [128, 192]
     chosen(page, tmp_path / "loose.tif")  # the same again
     wait(page, "document.getElementById('status').textContent === 'This photo is already open'")
     assert [path.name for path in folder.glob("loose*.tif")] == ["loose.tif"]

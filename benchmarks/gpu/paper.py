@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report what GPU compilers make of every kernel. Requires no GPU.
 
-python -m benchmarks.gpu.paper [--all]
+python -m benchmarks.gpu.paper [--all] [--bounds SIDE]
 
 Each program is compiled by the tools of NVIDIA's and AMD's drivers: clang and libclc to PTX, which `ptxas` assembles;
 clang with AMD's device libraries. The table has registers, spills, stack and local memory of each kernel, and the
-occupancy that follows from them with work-groups of 64.
+occupancy that follows from them with work-groups of 64. With --bounds, filters run at SIDE px on the CPU, and a second
+table has the time that their kernels need at least on named GPUs: for the bytes that each must read and write once, and
+for its integer arithmetic where no early exit saves any.
 
 Requires clang-15, libclc-15 and rocm-device-libs of Debian 12 (or newer ones) and `ptxas`, of a CUDA toolkit or of the
 wheel nvidia-cuda-nvcc-cu12.
@@ -27,7 +29,10 @@ from importlib import util
 from itertools import product
 from pathlib import Path
 
+from benchmarks.gpu.bounds import WORK
 from benchmarks.gpu.table import number
+from benchmarks.gpu.worker import Worker
+from benchmarks.gpu.workloads import AT_EVERY_SIZE
 from oiiotex.machine import usable_threads
 from tests.kernel_options import OPTIONS, compiled
 
@@ -233,11 +238,59 @@ def _cell(kernel: Kernel) -> str:
     return ", ".join([*parts, f"**spills {kernel.spilled}**"] if kernel.spilled else parts)
 
 
+# Integer operations of one thing that bounds.WORK counts, by kernel or by kind; a product with its sum is one.
+_OPERATIONS = {
+    "patch distances": lambda macros: 2 * macros["PATCH"] ** 2 * macros["CHANNELS"],
+    "votes": lambda macros: macros["CHANNELS"],
+    "superpixels_assign": lambda macros: 2 * 5,
+    "distances": lambda macros: 2 * macros.get("PLANES", 16),
+    "candidates": lambda macros: 1,
+    "taps": lambda macros: 1,
+    "products": lambda macros: 1,
+}
+# bytes a second, integer operations a second: NVIDIA's data sheets, 64 integer units a multiprocessor
+_NAMED = {"A100 40 GB": (1555e9, 108 * 64 * 1.41e9), "RTX 4090": (1008e9, 128 * 64 * 2.52e9)}
+
+
+def bounds_table(side: int) -> str:
+    """The kernels of whole filters at side x side px, with what they cannot be faster than."""
+    head = "| filter | kernel | launches | MB | G operations | "
+    lines = [head + " | ".join(f"{gpu}, ms" for gpu in _NAMED) + " |", "|---|---|---|---|---|" + "---|" * len(_NAMED)]
+    with tempfile.TemporaryDirectory() as folder:
+        worker = Worker("cpu", 0, Path(folder) / "last")
+        for name in AT_EVERY_SIZE:
+            rows, total = [], dict.fromkeys(_NAMED, 0.0)
+            for kernel, facts in worker.time(name, side)["kernels"].items():
+                if facts.get("bytes") is None:
+                    continue
+                operations = (facts["work"] or 0.0) * _per_thing(kernel)
+                times = {gpu: max(facts["bytes"] / rate, operations / ops) for gpu, (rate, ops) in _NAMED.items()}
+                total = {gpu: total[gpu] + times[gpu] for gpu in _NAMED}
+                cells = [f"`{kernel}`", str(facts["calls"]), number(facts["bytes"] / 1e6), number(operations / 1e9)]
+                rows.append((times, f"| {name} | {' | '.join([*cells, *(number(1e3 * s) for s in times.values())])} |"))
+            rows.sort(key=lambda row: -max(row[0].values()))
+            lines += [row for _, row in rows[:6]]
+            lines.append(f"| {name} | all | | | | {' | '.join(number(1e3 * s) for s in total.values())} |")
+    return "\n".join(lines)
+
+
+def _per_thing(kernel: str) -> float:
+    if kernel not in WORK:
+        return 0.0
+    stem = max((stem for stem in OPTIONS if kernel.startswith(f"{stem}_")), key=len)
+    usual = {"PATCH": 11, "CHANNELS": 3}
+    return _OPERATIONS.get(kernel, _OPERATIONS[WORK[kernel][0]])({**compiled(stem)[0], **usual})
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--all", action="store_true", help="all sets of options, not the first of each program")
+    parser.add_argument("--bounds", type=int, metavar="SIDE", help="print lower bounds of time for SIDE px")
     given = parser.parse_args()
+    if given.bounds:
+        print(bounds_table(given.bounds))
+        return
     gpus = tuple(gpu for gpu in GPUS if not missing(gpu))
     for gpu in GPUS:
         if gpu not in gpus:

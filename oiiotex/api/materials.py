@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Materials: kinds of maps by file names, MaterialX, USD and Blender documents, preview renders."""
 
+from ..capture.convention import convention_of
 from ..materials.documents import (
     BLENDER,
     Described,
