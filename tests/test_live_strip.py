@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from oiiotex.materials.preview import Looks, _bilinear, encoded
 from oiiotex.service.client import Client
 from oiiotex.service.messages import Link
 from tests import pictures
@@ -109,6 +110,39 @@ def test_a_closed_photo_leaves_its_pages_and_the_memory_and_its_document_brings_
     assert state(page, "photo.space") == "ACEScg"
 
 
+LIT = """async () => {
+  const { rooms, shell } = await import("./main.js"), { lit } = rooms.tile;
+  const plain = { element: { clientWidth: 240, clientHeight: 200 } };
+  lit.maps.delete("height");
+  Object.assign(lit, { light: [-0.55, 0.65], stale: true, room: { tileView: plain, shell, tile: rooms.tile.tile } });
+  rooms.tile.setMode("lit");
+  const copy = new OffscreenCanvas(240, 200).getContext("2d");
+  copy.drawImage(lit.lit, 0, 0);
+  return [...copy.getImageData(0, 0, 240, 200).data];
+}"""
+
+
+def compare_lit(page, saved: dict[str, np.ndarray]) -> None:
+    """The Lit view has the colors of a library's previews, at points of its perspective plane."""
+    seen = np.array(page.evaluate(LIT), float).reshape(200, 240, 4)[::8, ::8, :3]
+    normal = (2 * saved["wall_nor_dx_tile.exr"] - 1) * [1, -1, 1]
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    rough, metal, ao = saved["wall_rough_tile.png"][..., :1] / 255, np.zeros((1, 1, 1)), np.ones((1, 1, 1))
+    looks = Looks(np.clip(saved["wall_color_tile.exr"], 0, 1), normal, rough, metal, ao)
+    eye = np.array([0, -1.5, 1.9])
+    ahead, right = -eye / np.linalg.norm(eye), np.array([1.0, 0, 0])
+    y, x = np.mgrid[:200:8, :240:8]
+    rays = ahead + 0.55 * ((2 * x[..., None] - 239) * right + (199 - 2 * y[..., None]) * np.cross(right, ahead)) / 200
+    places = eye[:2] - rays[..., :2] * (eye[2] / rays[..., 2:])
+    height, width = normal.shape[:2]
+    expected = np.zeros_like(seen)
+    for at in np.ndindex(*seen.shape[:2]):
+        u, v = (places[at] * [1, -1] * max(height, width) / [width, height] + 0.5)[:, None]
+        color = looks._lit(u, v, _bilinear(normal, u, v), tuple(-rays[at]))
+        expected[at] = 255 * encoded(color)[0]
+    assert np.abs((seen - expected).mean((0, 1))).max() < 1 and np.median(np.abs(seen - expected)) < 1  # of 255
+
+
 def test_maps_of_a_material_are_shown_and_saved_together(page, folder, tmp_path):
     color = pictures.pebbles(48, 64, seed=2)
     save(color, tmp_path / "wall_color.exr", "half", "lin_rec709_scene")
@@ -137,6 +171,7 @@ def test_maps_of_a_material_are_shown_and_saved_together(page, folder, tmp_path)
     drawn = "document.querySelector(\"canvas[aria-label='Maps of the material']\").getContext('2d')"
     colors = page.evaluate(f"new Set(new Uint32Array({drawn}.getImageData(0, 0, 200, 200).data.buffer)).size")
     assert colors > 50
+    compare_lit(page, saved)
     axe = pytest.importorskip("axe_playwright_python", reason="NOT RUN: pip install oiiotex[test]")
     page.evaluate((Path(axe.__file__).parent / "axe.min.js").read_text())
     page.click("#open")

@@ -202,6 +202,7 @@ export class TileRoom {
       this.tileView.empty.hidden = true;
       this.compare.taken();
       this.picked();
+      this.lit?.draw(); // the exposure may have changed
       this.element.dataset.turn = String(facts.turn);
       this.element.dataset.tile = facts.whole ? "whole" : "coarse";
       if (this.strip.keeping) this.strip.keep();
