@@ -16,7 +16,7 @@ from typing import Any
 
 from ..api.images import Image, Part, Session, Shown, Window, channels_of, shown_by, views, write
 from ..api.painting import AUTOMATIC, PRESETS
-from ..api.service import BRUSH, EXPORT, Client, LinkError, ResidentSettings, connect, spec_of
+from ..api.service import BRUSH, EXPORT, Client, LinkError, ResidentSettings, connect, release_folder, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ParameterError
 from .document import INNER, Document
@@ -303,16 +303,24 @@ class Hub(Pages):
         if write := self.document.unsaved():
             await asyncio.to_thread(write)
 
+    async def end(self) -> None:
+        """Disconnect the pages, finish files that are being saved, and drop everything else."""
+        for page in self.pages:
+            page.tell(None)
+        self.rooms["tile"].rest()
+        while self._tasks:
+            await asyncio.wait(self._tasks)
+        await asyncio.to_thread(self.close)
+
     def close(self) -> None:
-        """Save, and disconnect from the resident process."""
+        """Save, release the document, and disconnect from the resident process."""
         for save in (self.document.save, *(room.close for room in self.keepers)):
             try:
                 save()
             except Error as error:
                 log.error("Not saved: %s", error)
-        if self._client is not None:
-            with contextlib.suppress(LinkError):
-                self._client.close()
+        release_folder(self.spare)
+        self.rest()
 
 
 def _free(path: Path) -> Path:
