@@ -5,19 +5,3 @@ from ..service.client import BRUSH, EXPORT, LOOKS, TILES, Client, Request, conne
 from ..service.messages import LinkError
 from ..service.pictures import image_of, spec_of
 from ..service.settings import ResidentSettings, release_folder, reserved_folder
-
-__all__ = [
-    "BRUSH",
-    "EXPORT",
-    "LOOKS",
-    "TILES",
-    "Client",
-    "LinkError",
-    "Request",
-    "ResidentSettings",
-    "connect",
-    "image_of",
-    "release_folder",
-    "reserved_folder",
-    "spec_of",
-]
