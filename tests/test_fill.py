@@ -13,7 +13,7 @@ import pytest
 from oiiotex import errors, filters
 from oiiotex.core.image import from_buffer
 from oiiotex.core.source_map import SourceMap
-from oiiotex.fill.light import rim_offsets
+from oiiotex.fill.border import border_offsets
 from oiiotex.fill.seam_zone import replaced_pixels
 from oiiotex.fill.source_layout import in_layout_of
 from oiiotex.io.cryptomatte import hashed
@@ -39,7 +39,7 @@ def made(region: np.ndarray = STAIN, photo: oiio.ImageBuf | None = None, **more:
 
 
 def test_outside_nothing_changes_and_inside_nothing_stays_of_the_stain():
-    found = made(stmap=True)
+    found = made(stmap=True, blend=0.0)
     filled, st = pixels(found["fill"]), pixels(found["st"])
     photo = PHOTO.astype(np.float32)
     np.testing.assert_array_equal(filled[~HOLE], photo[~HOLE])
@@ -93,7 +93,7 @@ def test_another_photo_takes_the_light_of_its_surroundings():
     """The mean of the fill follows the light; adapt=0 gives verbatim copies instead."""
     photo, region = buffer(gradient(0.3), space="lin_rec709_scene"), np.indices((96, 112))[0] // 32 == 1
     source = buffer(OTHER * 0.2, space="lin_rec709_scene")
-    lit, plain = (made(region[..., None], photo, source=source, adapt=a) for a in (None, 0.0))
+    lit, plain = (made(region[..., None], photo, source=source, adapt=a, blend=b) for a, b in ((None, 4.0), (0.0, 0.0)))
     known = {p.tobytes() for p in pixels(source).reshape(-1, 3)}
     assert all(p.tobytes() in known for p in pixels(plain)[region])
     of_thirds = [pixels(lit)[32:64, a:b].mean() / gradient(0.3)[:32, a:b].mean() for a, b in ((0, 37), (75, 112))]
@@ -102,15 +102,58 @@ def test_another_photo_takes_the_light_of_its_surroundings():
 
 
 def test_a_step_at_the_border_fades_out_into_the_region():
-    """A source 5 Lab brighter than the photo everywhere: all of the step at the border, less inside, none elsewhere."""
-    kept, inside = np.zeros((80, 80, 3), np.float32), np.hypot(*(np.indices((80, 80)) - 40)) < 30
-    offsets = rim_offsets(kept, kept + 5, SourceMap.of(*np.indices((80, 80))), inside, ~inside, 5.0)
-    assert np.allclose(offsets[40, 11:13], -5, atol=0.3) and -2.5 < offsets[40, 25].max() < -0.5
+    """A source 5 Lab brighter than the photo everywhere: most of it at the border, less inside, none elsewhere."""
+    ramp = np.repeat(np.linspace(0, 40, 80, dtype=np.float32)[:, None, None], 80, 1).repeat(3, 2)
+    inside, here = np.hypot(*(np.indices((80, 80)) - 40)) < 30, SourceMap.of(*np.indices((80, 80)))
+    offsets = border_offsets(ramp, ramp + 5, here, inside, ~inside, None, 4.0)
+    assert -5 < offsets[40, 11].max() < -4 and -3 < offsets[40, 15].max() < -1
     assert not offsets[~inside].any() and not offsets[40, 32:48].any()
+    hidden = border_offsets(ramp, ramp + 5, here, inside, ~inside, inside, 4.0)
+    assert not hidden.any()  # the source cannot be continued: nothing is known of the step
+
+
+def test_the_correction_solves_the_screened_poisson_equation():
+    """Each pixel: (1 / fade^2 + edges) c - sum of c beside = sum of steps across the border, twice the weight."""
+    random = np.random.default_rng(0)
+    kept, other = random.uniform(40, 60, (2, 9, 11, 3)).astype(np.float32)
+    shown = np.zeros((9, 11), bool)
+    shown[2:7, 3:8] = shown[0, 0] = shown[8, 4] = True
+    found = border_offsets(kept, other, SourceMap.of(*np.indices(shown.shape)), shown, ~shown, None, 3.0, (True, False))
+    most = np.diff(np.quantile(kept[~shown], (0.1, 0.9), axis=0), axis=0)[0]
+    for y, x in zip(*np.nonzero(shown), strict=True):
+        weight, total = 1 / 9, np.zeros(3)
+        for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+            at = y + dy, (x + dx) % 11
+            if not 0 <= at[0] < 9 or (not shown[at] and not 0 <= x + dx < 11):
+                continue  # the source ends there
+            here = np.clip(kept[at] - other[at], -most, most)
+            weight, total = weight + 2 - shown[at], total + (found[at] if shown[at] else 2 * here)
+        np.testing.assert_allclose(found[y, x] * weight, total, atol=0.02)
+
+
+def test_a_blended_border_changes_color_alone_and_keeps_light_and_alpha():
+    """Bright values next to black ones: nothing turns negative, and normals and alpha are those without blending."""
+    alpha = np.ones((96, 112, 1))
+    photo = buffer(np.concatenate([(PHOTO - PHOTO.min()) ** 4 * 60, alpha], -1), space="lin_rec709_scene")
+    normal = buffer(np.random.default_rng(1).uniform(0, 1, (96, 112, 3)), space="data")
+    both = [
+        filters.fill(photo, mask(STAIN), maps=[normal], kinds=("color", "normal"), blend=blend, **QUICK)
+        for blend in (0.0, 4.0)
+    ]
+    plain, blended = ([pixels(one) for one in made] for made in both)
+    np.testing.assert_array_equal(blended[1], plain[1])
+    np.testing.assert_array_equal(blended[0][..., 3], plain[0][..., 3])
+    moved = (blended[0] != plain[0]).any(-1)
+    assert moved[HOLE].any() and not moved[~HOLE].any() and blended[0].min() >= 0 and np.isfinite(blended[0]).all()
+    jumps = [
+        np.abs(np.diff(np.cbrt(tile[..., 1]), axis=1))[HOLE[:, 1:] != HOLE[:, :-1]].mean()
+        for tile in (plain[0], blended[0])
+    ]
+    assert jumps[1] < 0.8 * jumps[0]
 
 
 def test_coordinates_and_drift_give_the_pixels_of_another_photo():
-    found = made(source=buffer(OTHER), stmap=True, drift=True, adapt=0.0)
+    found = made(source=buffer(OTHER), stmap=True, drift=True, adapt=0.0, blend=0.0)
     st, drift = pixels(found["st"]), pixels(found["drift"])
     np.testing.assert_array_equal(st[..., 2], HOLE)
     x, y = (np.floor(st[..., i] * n).astype(int) for i, n in ((0, 64), (1, 80)))
@@ -146,7 +189,7 @@ def test_all_maps_come_from_the_same_pixels():
     source = {"color": buffer(OTHER), "normal": buffer(normal, space="data")}
     own = buffer(np.full((96, 112, 3), 0.5), space="data")
     found = filters.fill(
-        buffer(PHOTO), mask(STAIN), maps=[own], kinds=("color", "data"), source=source, adapt=0.0, **QUICK
+        buffer(PHOTO), mask(STAIN), maps=[own], kinds=("color", "data"), source=source, adapt=0.0, blend=0.0, **QUICK
     )
     both = np.concatenate([pixels(one)[HOLE] for one in found], -1)
     known = {p.tobytes() for p in np.concatenate([OTHER, normal], -1).astype(np.float32).reshape(-1, 6)}

@@ -13,7 +13,7 @@ from ..core.image import Image, Part, derived_spec, spec_beside
 from ..core.source_map import SourceMap, tile_spec
 from ..core.window import Window
 from ..deferred import np
-from ..errors import ImageError, present
+from ..errors import ImageError
 from ..exemplar.exemplar_masks import both, label_map, labeled_pixels, masked_pixels
 from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.heights import height_tile
@@ -26,17 +26,20 @@ from ..patchmatch.recipe import Recipe
 from ..regularity.courses import Courses, InCourses
 from ..regularity.lattice import Lattice
 from ..regularity.offset_prices import InStep
-from .light import Light, drift_within, light_of, rim_offsets
+from .border import border_offsets
+from .light import Light, drift_within, light_of
 from .region import marked_pixels, surroundings
 from .seam_zone import grown, replaced_pixels
 from .source_layout import in_layout_of
 
 if TYPE_CHECKING:
+    from ..color.lab import Lens
     from ..session.progress import Progress
     from ..session.resources import Resources
 
 _SHARES = 1, 1, 8, 1  # of the time: reading, light, synthesis, cut
 _FINE = 4  # iterations of each finer level: at the border, patches must fit pixels that do not change
+_UNCHANGED = 1, 0, 0, 0  # gain and offsets
 _AROUND = 0.5  # margin in which light is measured, in longer sides of the region
 
 
@@ -44,14 +47,14 @@ _AROUND = 0.5  # margin in which light is measured, in longer sides of the regio
 class Filling:
     """The source of each pixel of a window, and where it is shown.
 
-    `source`: of a window at (0, 0) of the photo's data window; `shown` (height, width) bool; `rim` (height, width, 3)
-    float32 or None: offsets at the common level that close the step at the border.
+    `source`: of a window at (0, 0) of the photo's data window; `shown` (height, width) bool; `step` (height, width, 3)
+    float32 or None: offsets, at the common level if there is one, that close the step at the border.
     """
 
     window: Window
     source: SourceMap
     shown: np.ndarray
-    rim: np.ndarray | None = None
+    step: np.ndarray | None = None
 
 
 class RegionFill:
@@ -129,12 +132,13 @@ class RegionFill:
         if op.cut:
             with resources.stats.time("cut"):
                 marked = replaced_pixels(marked, zone[inside], kept, values, source)
-        rim = None
-        if self._light is not None:
-            clear = ~marked if opaque is None else ~marked & opaque[inside]
-            rim = np.float32(op.strength) * rim_offsets(kept, values, source, marked, clear, float(op.side))
+        step = None
+        if op.fade > 0:
+            with resources.stats.time("border"):
+                clear = ~marked if opaque is None else ~marked & opaque[inside]
+                step = border_offsets(kept, values, source, marked, clear, seen.usable, op.fade, self._wraps)
         next(self._stages).advance(1, 1)
-        return Filling(window, source, marked, rim)
+        return Filling(window, source, marked, step)
 
     def _recipe(self, window: Window) -> Recipe:
         op = self._op
@@ -233,10 +237,10 @@ class RegionFill:
                 return rows
             picked = filling.source[here][shown].gather(pixels)[None]
             if lens is not None and changed is not None:
-                change = changed[here][shown][None]
-                values, opaque = lens.values(picked)
-                values[..., :3] = values[..., :3] * change[..., :1] + change[..., 1:]
-                picked = lens.replaced(picked, values, opaque)
+                change = changed[here][shown]
+                moved = (change != _UNCHANGED).any(1)  # the others are copied bit for bit
+                if moved.any():
+                    picked[:, moved] = _corrected(lens, picked[:, moved], change[moved])
             rows = rows.copy()
             rows[shared.inside(window)][shown] = picked[0]
             return rows
@@ -245,17 +249,18 @@ class RegionFill:
 
     def _change(self, filling: Filling) -> np.ndarray | None:
         """Gain and offsets from the source to the photo at each pixel of the window, (height, width, 4) float32."""
-        if self._light is None:
+        if self._light is None and filling.step is None:
             return None
-        mine, other = self._light
-        there = mine.at(filling.window)
-        change = np.zeros_like(there)
+        change = np.zeros((*filling.shown.shape, 4), np.float32)
         change[..., 0] = 1
-        here = other.at_pixels(*filling.source[filling.shown].yx)
-        gain, rim = there[filling.shown][:, :1], present(filling.rim)[filling.shown]
-        change[filling.shown] = np.concatenate(
-            [here[:, :1] / gain, (here[:, 1:] + rim - there[filling.shown][:, 1:]) / gain], 1
-        )
+        if filling.step is not None:
+            change[..., 1:] = filling.step
+        if self._light is not None:
+            mine, other = self._light
+            there = mine.at(filling.window)[filling.shown]
+            here = other.at_pixels(*filling.source[filling.shown].yx)
+            here[:, 1:] += change[filling.shown][:, 1:] - there[:, 1:]
+            change[filling.shown] = here / there[:, :1]
         return change
 
     def _st(self, filling: Filling) -> Part:
@@ -305,6 +310,16 @@ class RegionFill:
         shown[at] = filling.shown
         given = part, image, SourceMap(packed), self._wraps, op.relevel, ~shown, self._resources
         return height_tile(op.flag(), *given)
+
+
+def _corrected(lens: Lens, pixels: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Pixels, (1, n, channels), with gain and offsets (n, 4) applied to their color."""
+    values, opaque = lens.values(pixels)
+    values[..., :3] = values[..., :3] * change[:, :1] + change[:, 1:]
+    made, colors = lens.replaced(pixels, values, opaque), list(lens.channels.color)
+    if made.dtype.kind == "f":  # next to a dark pixel, a bright step must not make a value negative
+        made[..., colors] = np.maximum(made[..., colors], np.minimum(pixels[..., colors], 0))
+    return made
 
 
 def _longer_side(zone: np.ndarray) -> int:

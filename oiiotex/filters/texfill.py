@@ -97,6 +97,14 @@ class Fill(MaterialOp, InBands):
         help="Width of a zone around the region in which the fill's border follows a minimum-error seam (KSE03). Pixels"
         " in the zone may be replaced. 0: only the region is replaced.",
     )
+    blend: float = param(
+        4.0,
+        ge=0,
+        le=256,
+        unit="px",
+        help="Width over which the step at the border fades out into the fill. 0: none; then, without adapt, every pixel"
+        " is a verbatim copy.",
+    )
     tile: str = param(
         "none",
         choices=("none", "x", "y", "xy"),
@@ -185,6 +193,11 @@ class Fill(MaterialOp, InBands):
         if self.map_kinds[0] != "color":
             return 0.0
         return self.adapt if self.adapt is not None else float(self.source is not None)
+
+    @property
+    def fade(self) -> float:
+        """Distance in pixels over which the step at the border fades out: only in color."""
+        return self.blend if self.map_kinds[0] == "color" else 0.0
 
     @property
     def first_space(self) -> Space:
