@@ -102,8 +102,8 @@ class Fill(MaterialOp, InBands):
         ge=0,
         le=256,
         unit="px",
-        help="Width over which the step at the border fades out into the fill. 0: none; then, without adapt, every pixel"
-        " is a verbatim copy.",
+        help="Width over which the step at the border fades out into the fill. 0: none; without adapt, every pixel is"
+        " then a verbatim copy.",
     )
     tile: str = param(
         "none",
