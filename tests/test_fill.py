@@ -14,6 +14,7 @@ from oiiotex import errors, filters
 from oiiotex.core.image import from_buffer
 from oiiotex.core.source_map import SourceMap
 from oiiotex.fill.border import border_offsets
+from oiiotex.fill.fill_measures import fill_measures
 from oiiotex.fill.seam_zone import replaced_pixels
 from oiiotex.fill.source_layout import in_layout_of
 from oiiotex.io.cryptomatte import hashed
@@ -302,3 +303,36 @@ def test_regions_on_the_command_line(tmp_path):
     assert done.returncode == 0, done.stderr
     before, after = load(tmp_path / "photo.png"), load(tmp_path / "out.png")
     np.testing.assert_array_equal((before != after).any(-1) & ~HOLE, False)
+
+
+# --- how good it is ---
+
+
+def test_a_good_fill_passes_and_a_bad_one_is_called_bad(tmp_path, caplog):
+    """Pasted texture of another photo in another light has a visible border, and this is said without asking."""
+    bad = {"source": buffer(OTHER * 0.3 + 0.6), "adapt": 0.0, "blend": 0.0}
+    with caplog.at_level(logging.WARNING):
+        made(report=tmp_path / "good.json", fail=["border>1.5", "sharp<0.5"])
+        assert not caplog.text
+        with pytest.raises(errors.QualityError, match=r"fill: border is .*: fail=border>1.5"):
+            made(report=tmp_path / "bad.json", fail=["border>1.5"], **bad)
+    assert "The border of the fill is visible." in caplog.text
+    good, poor = (json.loads((tmp_path / f"{name}.json").read_text()) for name in ("good", "bad"))
+    (fine,), (visible,) = (report["results"] for report in (good, poor))
+    assert fine["measures"]["border"] < 1.5 < visible["measures"]["border"]
+    assert fine["measures"]["step"] < visible["measures"]["step"] and fine["measures"]["repeat"] >= 1
+    assert good["passed"] and not poor["passed"] and "cost" not in fine["measures"]
+    with pytest.raises(errors.ParameterError, match="cost is not measured for this result"):
+        made(fail=["cost>3"])
+
+
+def test_measures_of_a_photo_and_of_a_blurred_region():
+    """What was there all along has 1 everywhere; a blur is not sharp; a pasted square has a border and a step."""
+    lab = np.repeat(np.random.default_rng(0).normal(50, 10, (96, 112, 1)), 3, 2).astype(np.float32)
+    own = fill_measures(lab, HOLE, ~HOLE)
+    assert all(0.7 < value < 1.4 for value in own.values()), own
+    flat, pasted = (np.where(STAIN, other, lab) for other in (np.float32(50), lab[::-1, ::-1] + 30))
+    assert fill_measures(flat, HOLE, ~HOLE)["sharp"] < 0.2
+    found = fill_measures(pasted, HOLE, ~HOLE)
+    assert found["border"] > 1.8 and found["step"] > 2.5 and found["sharp"] > 0.8
+    assert not fill_measures(lab, HOLE | True, HOLE & False)

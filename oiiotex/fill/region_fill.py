@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from ..color.config import as_float
 from ..color.lab import lens_of
-from ..core.demand import SomeRows, rows_of
+from ..core.demand import SomeRows, first_channels, rows_of
 from ..core.image import Image, Part, derived_spec, spec_beside
 from ..core.source_map import SourceMap, tile_spec
 from ..core.window import Window
@@ -23,10 +23,14 @@ from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import require_memory, synthesize
 from ..patchmatch.recipe import Recipe
+from ..quality.fidelity import fidelity
+from ..quality.report import Quality
+from ..quality.verdicts import GRADES, verdicts
 from ..regularity.courses import Courses, InCourses
 from ..regularity.lattice import Lattice
 from ..regularity.offset_prices import InStep
 from .border import border_offsets
+from .fill_measures import NAMES, SOURCE_BYTES, fill_measures, repeats
 from .light import Light, drift_within, light_of
 from .region import marked_pixels, surroundings
 from .seam_zone import grown, replaced_pixels
@@ -48,13 +52,15 @@ class Filling:
     """The source of each pixel of a window, and where it is shown.
 
     `source`: of a window at (0, 0) of the photo's data window; `shown` (height, width) bool; `step` (height, width, 3)
-    float32 or None: offsets, at the common level if there is one, that close the step at the border.
+    float32 or None: offsets, at the common level if there is one, that close the step at the border. `measures`: how
+    good it is, by name.
     """
 
     window: Window
     source: SourceMap
     shown: np.ndarray
     step: np.ndarray | None = None
+    measures: dict[str, float] = field(default_factory=dict)
 
 
 class RegionFill:
@@ -68,6 +74,7 @@ class RegionFill:
         with resources.stats.time("read and color"):
             self._marked = marked_pixels(op.exemplar, op.region, op.labels, op.label, op.level, op.mattes, op.matte)
         self._wraps = "x" in op.tile, "y" in op.tile
+        self._quality = Quality(op=op, resources=resources, progress=progress, own=NAMES, need=self._report_bytes())
         self._light: tuple[Light, Light] | None = None
 
     def results(self) -> tuple[dict[str, Any], ...]:
@@ -76,7 +83,8 @@ class RegionFill:
         if not self._marked.any():
             op.warn("the region is empty; the photo is unchanged")
             empty = np.zeros((0, 0), bool)
-            return self._parts(Filling(Window(0, 0, 0, 0), SourceMap(np.zeros((0, 0), np.uint32)), empty))
+            first, *others = self._parts(Filling(Window(0, 0, 0, 0), SourceMap(np.zeros((0, 0), np.uint32)), empty))
+            return self._quality.add_own(first, lambda: None), *others
         if self._marked.all() and not self._other:
             raise ImageError(
                 f"the region covers every pixel of {op.exemplar.source}: no source pixels remain; mark fewer, or give"
@@ -85,7 +93,12 @@ class RegionFill:
         zone = grown(self._marked, op.cut)
         filling = self._filled(zone, progress)
         op.say_what_stays()
-        results = self._parts(filling)
+        first, *others = self._parts(filling)
+        if not self._quality.progress.measure:  # otherwise they are among the measures
+            for grade, _, sentence in (line.partition(": ") for line in verdicts(filling.measures)):
+                if grade == GRADES[-1]:
+                    op.warn("%s", sentence)
+        results = (self._quality.add_own(first, lambda: filling.measures), *others)
         if progress.look is not None:
             progress.look(as_float(results[0]["fill"].pixels()), True)
         return results
@@ -132,13 +145,35 @@ class RegionFill:
         if op.cut:
             with resources.stats.time("cut"):
                 marked = replaced_pixels(marked, zone[inside], kept, values, source)
-        step = None
+        step, clear = None, ~marked if opaque is None else ~marked & opaque[inside]
         if op.fade > 0:
             with resources.stats.time("border"):
-                clear = ~marked if opaque is None else ~marked & opaque[inside]
                 step = border_offsets(kept, values, source, marked, clear, seen.usable, op.fade, self._wraps)
         next(self._stages).advance(1, 1)
-        return Filling(window, source, marked, step)
+        measures = self._measures(kept, values, seen.usable, source, marked, clear, step)
+        return Filling(window, source, marked, step, measures)
+
+    def _measures(
+        self, kept: np.ndarray, values: SomeRows, usable: np.ndarray | None, source: SourceMap, shown: np.ndarray,
+        is_kept: np.ndarray, step: np.ndarray | None,
+    ) -> dict[str, float]:  # fmt: skip
+        """What is cheap always, and the rest for a report."""
+        with self._resources.stats.time("measure"):
+            lab = kept[..., :3].copy()
+            lab[shown] = source[shown].gather(values)[:, :3]
+            if step is not None:
+                lab += step
+            measures = fill_measures(lab, shown, is_kept)
+            if self._quality.is_asked_for:
+                measures |= repeats(source, shown, (values.shape[0], values.shape[1]), self._other)
+                whole = fidelity(first_channels(values, 3), usable, lab, self._wraps[::-1])
+                measures |= {} if whole is None else whole.measures()
+        return measures
+
+    def _report_bytes(self) -> int:
+        """Memory of the measures for a report: fidelity at a small size, and uses of the source's pixels."""
+        spec = self._sources[0].first.spec
+        return SOURCE_BYTES * spec.width * spec.height + (32 << 20)
 
     def _recipe(self, window: Window) -> Recipe:
         op = self._op

@@ -17,6 +17,8 @@ from ..errors import ImageError, ParameterError, modifier, whole_budget
 from ..exemplar.exemplar_op import MaterialOp
 from ..exemplar.heights import RELEVEL
 from ..exemplar.patch_synthesis import PATCH_HELP, PATCHES
+from ..quality.report import REPORT
+from ..quality.reported_op import Reported
 from ..session import Session
 from ..session.resources import Resources
 
@@ -25,7 +27,7 @@ _LAB_BYTES = 12  # for each pixel of a map
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fill(MaterialOp, InBands):
+class Fill(Reported, MaterialOp, InBands):
     """Fill a region of a photo with texture from the rest of it, or from another photo.
 
     PatchMatch finds patches that fit the surroundings, from coarse to fine levels (BSFG09: Barnes, Shechtman,
@@ -47,6 +49,7 @@ class Fill(MaterialOp, InBands):
         Output("fill", Kind.PIXELS, "The photo with the region filled. One image for each of the maps, in order."),
         replace(ST, help="Source coordinates of every pixel; with source, B is 1 where they refer to that photo."),
         replace(DRIFT, help="Correction of the copied pixels: Lab x gain + offset. Channels as in `flatten`."),
+        REPORT,
     )
 
     exemplar: Image = image(help="Photo; of the maps of a material, the first.")
