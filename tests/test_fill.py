@@ -114,7 +114,7 @@ def test_a_step_at_the_border_fades_out_into_the_region():
 
 
 def test_the_correction_solves_the_screened_poisson_equation():
-    """Each pixel: (1 / fade^2 + edges) c - sum of c beside = sum of steps across the border, twice the weight."""
+    """Each pixel: (1 / fade^2 + edges) c - sum of c of neighbors = sum of steps across the border, twice the weight."""
     random = np.random.default_rng(0)
     kept, other = random.uniform(40, 60, (2, 9, 11, 3)).astype(np.float32)
     shown = np.zeros((9, 11), bool)
@@ -309,7 +309,7 @@ def test_regions_on_the_command_line(tmp_path):
 
 
 def test_a_good_fill_passes_and_a_bad_one_is_called_bad(tmp_path, caplog):
-    """Pasted texture of another photo in another light has a visible border, and this is said without asking."""
+    """Pasted texture of another photo in another light has a visible border, and there is a warning without report."""
     bad = {"source": buffer(OTHER * 0.3 + 0.6), "adapt": 0.0, "blend": 0.0}
     with caplog.at_level(logging.WARNING):
         made(report=tmp_path / "good.json", fail=["border>1.5", "sharp<0.5"])

@@ -79,7 +79,7 @@ def _moved(at: np.ndarray, length: int, wraps: bool) -> tuple[np.ndarray, np.nda
 
 
 def _solved(sums: np.ndarray, weight: np.ndarray, beside: np.ndarray, even: np.ndarray, fade: float) -> np.ndarray:
-    """The solution of weight * c - (sum of c beside) = sums, with the last unknown 0: as `sums`.
+    """The solution of weight * c - (sum of c of neighbors) = sums, with the last unknown 0: as `sums`.
 
     Pixels of one color of a checkerboard do not depend on each other, so all of them are computed at once.
     """

@@ -157,7 +157,7 @@ class RegionFill:
         self, kept: np.ndarray, values: SomeRows, usable: np.ndarray | None, source: SourceMap, shown: np.ndarray,
         is_kept: np.ndarray, step: np.ndarray | None,
     ) -> dict[str, float]:  # fmt: skip
-        """What is cheap always, and the rest for a report."""
+        """The measures of the fill; those that take longer only if requested."""
         with self._resources.stats.time("measure"):
             lab = kept[..., :3].copy()
             lab[shown] = source[shown].gather(values)[:, :3]
