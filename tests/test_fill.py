@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import logging
+import tracemalloc
 
 import numpy as np
 import OpenImageIO as oiio
@@ -13,9 +14,11 @@ import pytest
 from oiiotex import errors, filters
 from oiiotex.core.image import from_buffer
 from oiiotex.core.source_map import SourceMap
+from oiiotex.fill import border
+from oiiotex.fill import fill_measures as measured
 from oiiotex.fill.border import border_offsets
 from oiiotex.fill.fill_measures import fill_measures
-from oiiotex.fill.seam_zone import replaced_pixels
+from oiiotex.fill.seam_zone import cut_bytes, replaced_pixels
 from oiiotex.fill.source_layout import in_layout_of
 from oiiotex.io.cryptomatte import hashed
 from oiiotex.quality.seam_measures import seam_ratio
@@ -336,3 +339,26 @@ def test_measures_of_a_photo_and_of_a_blurred_region():
     found = fill_measures(pasted, HOLE, ~HOLE)
     assert found["border"] > 1.8 and found["step"] > 2.5 and found["sharp"] > 0.8
     assert not fill_measures(lab, HOLE | True, HOLE & False)
+
+
+def test_steps_after_the_synthesis_take_no_more_memory_than_declared():
+    """Traced peaks, for each pixel: a region of stripes, in which every pixel is next to the border, and a cut."""
+    y, x = np.indices((200, 200))
+    shown, zone = y // 2 % 2 == 0, np.hypot(y - 100, x - 100) < 80
+    kept, here = np.random.default_rng(0).normal(50, 10, (200, 200, 3)).astype(np.float32), SourceMap.of(y, x)
+    marked = np.hypot(y - 100, x - 100) < 40
+    steps = (
+        (lambda: border_offsets(kept, kept + 5, here, shown, ~shown, None, 4.0), border.BYTES * y.size),
+        (lambda: fill_measures(kept, shown, ~shown), measured.BYTES * y.size),
+        (
+            lambda: replaced_pixels(marked, zone, kept, kept + 5, here),
+            cut_bytes(y.size, np.count_nonzero(zone & ~marked), y.size),
+        ),
+    )
+    for work, declared in steps:
+        work()  # imports
+        tracemalloc.start()
+        work()
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert 0.4 * declared < peak < declared

@@ -14,6 +14,7 @@ from ..core.demand import SomeRows
 from ..core.source_map import SourceMap
 from ..deferred import np
 
+BYTES = 160  # for each pixel of the window, at most
 _DEPTH = 4.0  # of `fade`: farther from the border there is no correction
 _WEIGHT = 2.0  # of a difference across the border relative to one inside: at 1, half of the jump remains
 _RANGE = 0.1, 0.9  # quantiles of the kept pixels: a larger step than between these is the edge of an object

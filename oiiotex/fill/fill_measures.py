@@ -14,7 +14,7 @@ NAMES = (
 NEAR = 12  # px around the region that it is compared with
 _LEVEL = 6.0  # px; sigma of local levels
 _APART = 8  # px between the border and the lines that its step is compared with
-BYTES = 64  # for each pixel of the window
+BYTES = 80  # for each pixel of the window
 SOURCE_BYTES = 8  # for each pixel of the source, whose uses are counted
 
 

@@ -13,7 +13,7 @@ from ..core.image import Image, Part, derived_spec, spec_beside
 from ..core.source_map import SourceMap, tile_spec
 from ..core.window import Window
 from ..deferred import np
-from ..errors import ImageError
+from ..errors import ImageError, MemoryBudgetError
 from ..exemplar.exemplar_masks import both, label_map, labeled_pixels, masked_pixels
 from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.heights import height_tile
@@ -28,12 +28,16 @@ from ..quality.report import Quality
 from ..quality.verdicts import GRADES, verdicts
 from ..regularity.courses import Courses, InCourses
 from ..regularity.lattice import Lattice
+from ..regularity.lattice import bytes_needed as lattice_bytes
 from ..regularity.offset_prices import InStep
+from ..stationarity.row_bands import row_bands
+from .border import BYTES as BORDER_BYTES
 from .border import border_offsets
+from .fill_measures import BYTES as MEASURE_BYTES
 from .fill_measures import NAMES, SOURCE_BYTES, fill_measures, repeats
 from .light import Light, drift_within, light_of
 from .region import marked_pixels, surroundings
-from .seam_zone import grown, replaced_pixels
+from .seam_zone import cut_bytes, grown, replaced_pixels
 from .source_layout import in_layout_of
 
 if TYPE_CHECKING:
@@ -43,6 +47,9 @@ if TYPE_CHECKING:
 
 _SHARES = 1, 1, 8, 1  # of the time: reading, light, synthesis, cut
 _FINE = 4  # iterations of each finer level: at the border, patches must fit pixels that do not change
+_COLOR_BYTES = 12  # of a pixel of a map
+_SOURCE_BYTES = 1  # of a pixel of the source: whether it is valid
+_PLACE_BYTES = 16  # of a pixel of the window: its source, and the step at the border
 _UNCHANGED = 1, 0, 0, 0  # gain and offsets
 _AROUND = 0.5  # margin in which light is measured, in longer sides of the region
 
@@ -111,13 +118,18 @@ class RegionFill:
         recipe = self._recipe(window)
         held = op.holds_photo(resources)
         spec = self._sources[0].first.spec
-        masked = ExemplarHeld(held, True)
-        require_memory(resources.device, recipe, (spec.height, spec.width, 3), op.budget_left(resources), masked)
+        left, masked = op.budget_left(resources, window), ExemplarHeld(held, True)
+        self._require_rest(left, window, held, int(zone.sum() - self._marked.sum()))
+        require_memory(resources.device, recipe, (spec.height, spec.width, 3), left, masked)
         with resources.stats.time("read and color"):
             seen, shown, opaque = self._read(held)
+        if not held:
+            resources.cache.forget()  # everything has been read
         progress.advance(1, 1)
         inside = window.inside(Window(0, 0, *zone.shape[::-1]))
-        kept = np.array(shown[inside[0]][:, inside[1]])
+        kept = np.empty((window.height, window.width, shown.shape[2]), np.float32)
+        for band in row_bands(kept):
+            kept[band] = shown[window.top + band.start : window.top + band.stop][:, inside[1]]
         stage = next(self._stages)
         values = seen.values
         with resources.stats.time("light"):
@@ -137,7 +149,7 @@ class RegionFill:
         fixed = FixedPixels(is_fixed, places, values=np.ascontiguousarray(kept)) if is_fixed.any() else None
         with resources.stats.time("synthesis"):
             source = synthesize(
-                resources.device, values, seen.usable, recipe, op.budget_left(resources), next(self._stages).advance,
+                resources.device, values, seen.usable, recipe, left, next(self._stages).advance,
                 seen.why, Constraints(fixed=fixed),
             ).source  # fmt: skip
         resources.device.collect(resources.stats)
@@ -151,6 +163,8 @@ class RegionFill:
                 step = border_offsets(kept, values, source, marked, clear, seen.usable, op.fade, self._wraps)
         next(self._stages).advance(1, 1)
         measures = self._measures(kept, values, seen.usable, source, marked, clear, step)
+        if step is not None:
+            step /= np.float32(op.first_weight**0.5)  # values are weighted for the comparison
         return Filling(window, source, marked, step, measures)
 
     def _measures(
@@ -169,6 +183,21 @@ class RegionFill:
                 whole = fidelity(first_channels(values, 3), usable, lab, self._wraps[::-1])
                 measures |= {} if whole is None else whole.measures()
         return measures
+
+    def _require_rest(self, left: int, window: Window, held: bool, free: int) -> None:
+        """Refuse what other steps than synthesis cannot do in `left` bytes. `free`: pixels that a cut decides on."""
+        op, spec = self._op, self._sources[0].first.spec
+        colors = _SOURCE_BYTES * spec.width * spec.height  # those that the synthesis counts
+        colors += _COLOR_BYTES * len(self._photos) * spec.width * spec.height * held
+        area, advice = window.width * window.height, "make the region or the photo smaller"
+        steps = [("border and measures", (_PLACE_BYTES + max(BORDER_BYTES, MEASURE_BYTES)) * area, advice)]
+        if not self._other and op.structure > 0:
+            steps.append(("the photo's structure", lattice_bytes(spec.height, spec.width), "set structure=0"))
+        if op.cut:
+            steps.append(("cut", cut_bytes(area, free, spec.width * spec.height), "reduce cut"))
+        for task, need, hint in steps:
+            if need + colors > left:
+                raise MemoryBudgetError(f"{op.flag()}: {task}", need + colors, left, hint)
 
     def _report_bytes(self) -> int:
         """Memory of the measures for a report: fidelity at a small size, and uses of the source's pixels."""

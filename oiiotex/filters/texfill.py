@@ -12,6 +12,7 @@ from ..core.image import Image
 from ..core.op import Kind, Output, Space
 from ..core.parameters import Numbers, Parameter, image, param
 from ..core.source_map import ST
+from ..core.window import Window
 from ..drift.flattening import DRIFT
 from ..errors import ImageError, ParameterError, modifier, whole_budget
 from ..exemplar.exemplar_op import MaterialOp
@@ -200,7 +201,12 @@ class Fill(Reported, MaterialOp, InBands):
     @property
     def fade(self) -> float:
         """Distance in pixels over which the step at the border fades out: only in color."""
-        return self.blend if self.map_kinds[0] == "color" else 0.0
+        return self.blend if self.map_kinds[0] == "color" and self.first_weight > 0 else 0.0
+
+    @property
+    def first_weight(self) -> float:
+        """Weight of the first map in the comparison of patches."""
+        return 1.0 if self.mapweights is None else self.mapweights[0]
 
     @property
     def first_space(self) -> Space:
@@ -221,7 +227,15 @@ class Fill(Reported, MaterialOp, InBands):
         specs = [one.first.spec for one in (self.exemplar, self.source) if one is not None]
         return size * sum(spec.width * spec.height for spec in specs) <= resources.budget // 4
 
-    def budget_left(self, resources: Resources) -> int:
-        """Bytes of the budget that remain next to the maps' pixels."""
-        parts = [one.first for one in (*self.all_maps(), *self.source_maps())] if self.holds_photo(resources) else []
-        return resources.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
+    def budget_left(self, resources: Resources, window: Window | None = None) -> int:
+        """Bytes of the budget that remain next to what a run holds: maps, masks, and the pixels of a window."""
+        both = *self.all_maps(), *(self.source_maps() if self.source is not None else ())
+        specs = [one.first.spec for one in both]
+        held = 2 * specs[0].width * specs[0].height  # the region, and the photo's opaque pixels
+        if self.holds_photo(resources):
+            held += sum(one.first.pixel_bytes * one.first.spec.width * one.first.spec.height for one in both)
+            if self.source is not None:  # the colors of the source are part of the synthesis
+                held += _LAB_BYTES * len(self.all_maps()) * specs[0].width * specs[0].height
+        if window is not None:
+            held += _LAB_BYTES * len(self.all_maps()) * window.width * window.height
+        return resources.budget - held
