@@ -223,7 +223,7 @@ def test_pixels_that_are_nan_come_from_other_frames():
     frames[0][5, 5, 1] = np.nan
     layout = laid_out({n: FrameMotion(np.eye(3)) for n in range(2)}, {}, (16, 12), 0)
     seen = ((n, frame, np.zeros((12, 16), bool)) for n, frame in enumerate(frames))
-    values, known, _ = assembled(layout, seen, 3, lambda _: None)
+    values, known, *_ = assembled(layout, seen, 3, lambda _: None)
     assert known.all()
     np.testing.assert_allclose(values, 0.5, rtol=1e-5)
     assert np.ptp(gray_view(frames[0] + np.linspace(0, 0.3, 16, dtype=np.float32)[:, None])) > 200  # still tracked
