@@ -190,14 +190,14 @@ class RegionFill:
         colors = _SOURCE_BYTES * spec.width * spec.height  # those that the synthesis counts
         colors += _COLOR_BYTES * len(self._photos) * spec.width * spec.height * held
         area, advice = window.width * window.height, "make the region or the photo smaller"
-        steps = [("border and measures", (_PLACE_BYTES + max(BORDER_BYTES, MEASURE_BYTES)) * area, advice)]
+        steps = [("closing and measuring the border", (_PLACE_BYTES + max(BORDER_BYTES, MEASURE_BYTES)) * area, advice)]
         if not self._other and op.structure > 0:
-            steps.append(("the photo's structure", lattice_bytes(spec.height, spec.width), "set structure=0"))
+            steps.append(("finding the photo's structure", lattice_bytes(spec.height, spec.width), "set structure=0"))
         if op.cut:
-            steps.append(("cut", cut_bytes(area, free, spec.width * spec.height), "reduce cut"))
-        for task, need, hint in steps:
-            if need + colors > left:
-                raise MemoryBudgetError(f"{op.flag()}: {task}", need + colors, left, hint)
+            steps.append(("cutting the border", cut_bytes(area, free, spec.width * spec.height), "reduce cut"))
+        task, need, hint = max(steps, key=lambda step: step[1])
+        if need + colors > left:
+            raise MemoryBudgetError(task, need + colors, left, hint)
 
     def _report_bytes(self) -> int:
         """Memory of the measures for a report: fidelity at a small size, and uses of the source's pixels."""
