@@ -158,7 +158,7 @@ class RegionFill:
             with resources.stats.time("cut"):
                 marked = replaced_pixels(marked, zone[inside], kept, values, source)
         step, clear = None, ~marked if opaque is None else ~marked & opaque[inside]
-        if op.fade > 0:
+        if op.fade > 0 and lens_of(op.exemplar, resources, op.first_space).space is not None:  # not data
             with resources.stats.time("border"):
                 step = border_offsets(kept, values, source, marked, clear, seen.usable, op.fade, self._wraps)
         next(self._stages).advance(1, 1)
