@@ -160,6 +160,7 @@ def test_maps_of_a_material_are_shown_and_saved_together(page, folder, tmp_path)
     wait(page, "document.getElementById('status').textContent.startsWith('Saved 4 maps: ')")
     saved = {path.name: load(path) for path in folder.glob("wall_*_tile.*")}
     assert set(saved) == {"wall_color_tile.exr", "wall_height_tile.exr", "wall_nor_dx_tile.exr", "wall_rough_tile.png"}
+    assert page.locator("a.download").all_inner_texts() == [f"Download {name}" for name in sorted(saved)]
     for name in saved:
         (folder / name).unlink()
     line = shlex.split(page.input_value(".line >> nth=0"))

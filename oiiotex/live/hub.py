@@ -140,7 +140,7 @@ class Hub(Pages):
         name = chosen.get(what) or output_name(self.source.stem, what, pixel_type)
         return name, chosen["type"] or type_in(name, pixel_type)
 
-    async def save(self, made: dict[str, Any], name: str, pixel_type: str) -> str:
+    async def save(self, made: dict[str, Any], name: str, pixel_type: str, room: str) -> str:
         """Write an image of the resident process to the document's folder, in bands, at the lowest priority.
 
         Returns the name of the file.
@@ -153,6 +153,8 @@ class Hub(Pages):
             File name; a number is added if the file exists.
         pixel_type : str
             As `output` gives it.
+        room : str
+            That offers the file as a download.
         """
         client, facts = await self.client(), made["parts"][0]
 
@@ -171,7 +173,7 @@ class Hub(Pages):
             if self._pinned.pop(number, False):
                 client.drop(number)
         self.saved[path.name] = path
-        self.tell({"do": "saved", "name": path.name})
+        self.tell({"do": "saved", "name": path.name, "room": room})
         return path.name
 
     def release(self, client: Client, number: int) -> None:

@@ -112,17 +112,18 @@ export class Lit {
   /** All maps in a grid, the color first. */
   drawMaps() {
     const context = this.flat.getContext("2d");
-    const { width, height } = this.flat;
+    const top = this.room.tileView.bar.offsetHeight + 12; // the buttons hide nothing
+    const width = this.flat.width, height = this.flat.height - top;
     const all = [["color", this.color], ...[...this.maps].map(([role, { canvas }]) => [role, canvas])];
     const across = Math.ceil(Math.sqrt(all.length)), down = Math.ceil(all.length / across);
     const [wide, high] = [width / across, height / down];
     context.fillStyle = "#141414";
-    context.fillRect(0, 0, width, height);
+    context.fillRect(0, 0, width, top + height);
     context.font = "12px system-ui, sans-serif";
     all.forEach(([role, canvas], n) => {
       const scale = Math.min((wide - 12) / canvas.width, (high - 30) / canvas.height);
       const [w, h] = [canvas.width * scale, canvas.height * scale];
-      const [x, y] = [(n % across) * wide + (wide - w) / 2, Math.floor(n / across) * high + 24 + (high - 30 - h) / 2];
+      const [x, y] = [(n % across) * wide + (wide - w) / 2, top + Math.floor(n / across) * high + 24 + (high - 30 - h) / 2];
       context.drawImage(canvas, x, y, w, h);
       context.fillStyle = "#c9c9c9";
       context.fillText(role, x, y - 5);

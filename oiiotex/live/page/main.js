@@ -238,7 +238,7 @@ on("message", (message) => {
     shell.status(message.text);
   } else if (message.do === "saved") {
     shell.status(`Saved as ${message.name}`);
-    for (const room of Object.values(rooms)) room.output?.offer(message.name);
+    rooms[message.room]?.output.offer(message.name);
   } else if (message.do === "error") {
     shell.status(message.text, true);
   } else if (message.do === "line") {

@@ -163,7 +163,7 @@ export class Photos {
     const close = () => this.opening.close();
     this.opening.replaceChildren(
       make("h2", { textContent: "Open photos" }),
-      make("p", { textContent: `Photos in ${this.facts.folder}${names.length ? ":" : ": none."} Maps of one material are opened together, for example wall_color.png and wall_normal.png.` }),
+      make("p", { textContent: `${names.length ? "Photos" : "There are no photos"} in ${this.facts.folder}. Maps of one material are opened together, for example wall_color.png and wall_normal.png.` }),
       make("div", { className: "files" }, ...boxes),
       make("p", { className: "hint", textContent: "Photos from this computer are copied into this folder. You can also drop them on the page." }),
       make("form", { className: "buttons" },

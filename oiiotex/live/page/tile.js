@@ -136,7 +136,9 @@ export class TileRoom {
     this.modes.set(mode);
     const plane = mode === "plane";
     this.planeCanvas.hidden = !plane;
-    this.tileView.canvas.hidden = plane || mode === "maps" || mode === "lit";
+    const maps = mode === "maps" || mode === "lit";
+    this.tileView.canvas.hidden = plane || maps;
+    this.compare.bar.hidden = maps; // what it does is not shown there
     this.lit?.show(mode);
     this.compare.setWipe(this.compare.wipe);
     if (plane) this.drawPlane();

@@ -53,7 +53,7 @@ class MaterialMaps:
 
     async def save(self, images: list[dict[str, Any]], outputs: Outputs) -> None:
         """Write the images of a tile and its maps."""
-        names = [await self._hub.save(image, *output) for image, output in zip(images, outputs, strict=True)]
+        names = [await self._hub.save(image, *output, "tile") for image, output in zip(images, outputs, strict=True)]
         if len(names) > 1:
             self._hub.tell({"do": "note", "text": f"Saved {len(names)} maps: {', '.join(names)}"})
 
@@ -72,17 +72,12 @@ class MaterialMaps:
         self._shown, maps = [], self._hub.source.maps
         for one, image in zip((None, *maps) if maps else (), images, strict=bool(maps)):
             _, (pixels,) = await asyncio.wrap_future(client.read(image["number"], priority=BRUSH))
-            facts = {
-                "room": "tile",
-                "kind": "map",
-                "role": one.role if one else "color",
-                "hand": one.hand if one else "",
-            }
+            role, hand = (one.role, one.hand) if one else ("color", "")
             if one is None:
                 picture = await asyncio.to_thread(self._srgb, image["parts"][0], pixels)
             else:
                 picture = self._picture(one, reduced(as_float(pixels), MOST_MAP))
-            self._shown.append((facts, picture))
+            self._shown.append(({"room": "tile", "kind": "map", "role": role, "hand": hand}, picture))
         self.show()
 
     def _srgb(self, facts: dict[str, Any], pixels: np.ndarray) -> np.ndarray:
