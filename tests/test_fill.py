@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import logging
+import tracemalloc
 
 import numpy as np
 import OpenImageIO as oiio
@@ -13,8 +14,11 @@ import pytest
 from oiiotex import errors, filters
 from oiiotex.core.image import from_buffer
 from oiiotex.core.source_map import SourceMap
-from oiiotex.fill.light import rim_offsets
-from oiiotex.fill.seam_zone import replaced_pixels
+from oiiotex.fill import border
+from oiiotex.fill import fill_measures as measured
+from oiiotex.fill.border import border_offsets
+from oiiotex.fill.fill_measures import fill_measures
+from oiiotex.fill.seam_zone import cut_bytes, replaced_pixels
 from oiiotex.fill.source_layout import in_layout_of
 from oiiotex.io.cryptomatte import hashed
 from oiiotex.quality.seam_measures import seam_ratio
@@ -39,7 +43,7 @@ def made(region: np.ndarray = STAIN, photo: oiio.ImageBuf | None = None, **more:
 
 
 def test_outside_nothing_changes_and_inside_nothing_stays_of_the_stain():
-    found = made(stmap=True)
+    found = made(stmap=True, blend=0.0)
     filled, st = pixels(found["fill"]), pixels(found["st"])
     photo = PHOTO.astype(np.float32)
     np.testing.assert_array_equal(filled[~HOLE], photo[~HOLE])
@@ -93,7 +97,7 @@ def test_another_photo_takes_the_light_of_its_surroundings():
     """The mean of the fill follows the light; adapt=0 gives verbatim copies instead."""
     photo, region = buffer(gradient(0.3), space="lin_rec709_scene"), np.indices((96, 112))[0] // 32 == 1
     source = buffer(OTHER * 0.2, space="lin_rec709_scene")
-    lit, plain = (made(region[..., None], photo, source=source, adapt=a) for a in (None, 0.0))
+    lit, plain = (made(region[..., None], photo, source=source, adapt=a, blend=b) for a, b in ((None, 4.0), (0.0, 0.0)))
     known = {p.tobytes() for p in pixels(source).reshape(-1, 3)}
     assert all(p.tobytes() in known for p in pixels(plain)[region])
     of_thirds = [pixels(lit)[32:64, a:b].mean() / gradient(0.3)[:32, a:b].mean() for a, b in ((0, 37), (75, 112))]
@@ -102,15 +106,58 @@ def test_another_photo_takes_the_light_of_its_surroundings():
 
 
 def test_a_step_at_the_border_fades_out_into_the_region():
-    """A source 5 Lab brighter than the photo everywhere: all of the step at the border, less inside, none elsewhere."""
-    kept, inside = np.zeros((80, 80, 3), np.float32), np.hypot(*(np.indices((80, 80)) - 40)) < 30
-    offsets = rim_offsets(kept, kept + 5, SourceMap.of(*np.indices((80, 80))), inside, ~inside, 5.0)
-    assert np.allclose(offsets[40, 11:13], -5, atol=0.3) and -2.5 < offsets[40, 25].max() < -0.5
+    """A source 5 Lab brighter than the photo everywhere: most of it at the border, less inside, none elsewhere."""
+    ramp = np.repeat(np.linspace(0, 40, 80, dtype=np.float32)[:, None, None], 80, 1).repeat(3, 2)
+    inside, here = np.hypot(*(np.indices((80, 80)) - 40)) < 30, SourceMap.of(*np.indices((80, 80)))
+    offsets = border_offsets(ramp, ramp + 5, here, inside, ~inside, None, 4.0)
+    assert -5 < offsets[40, 11].max() < -4 and -3 < offsets[40, 15].max() < -1
     assert not offsets[~inside].any() and not offsets[40, 32:48].any()
+    hidden = border_offsets(ramp, ramp + 5, here, inside, ~inside, inside, 4.0)
+    assert not hidden.any()  # the source cannot be continued: nothing is known of the step
+
+
+def test_the_correction_solves_the_screened_poisson_equation():
+    """Each pixel: (1 / fade^2 + edges) c - sum of c of neighbors = sum of steps across the border, twice the weight."""
+    random = np.random.default_rng(0)
+    kept, other = random.uniform(40, 60, (2, 9, 11, 3)).astype(np.float32)
+    shown = np.zeros((9, 11), bool)
+    shown[2:7, 3:8] = shown[0, 0] = shown[8, 4] = True
+    found = border_offsets(kept, other, SourceMap.of(*np.indices(shown.shape)), shown, ~shown, None, 3.0, (True, False))
+    most = np.diff(np.quantile(kept[~shown], (0.1, 0.9), axis=0), axis=0)[0]
+    for y, x in zip(*np.nonzero(shown), strict=True):
+        weight, total = 1 / 9, np.zeros(3)
+        for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+            at = y + dy, (x + dx) % 11
+            if not 0 <= at[0] < 9 or (not shown[at] and not 0 <= x + dx < 11):
+                continue  # the source ends there
+            here = np.clip(kept[at] - other[at], -most, most)
+            weight, total = weight + 2 - shown[at], total + (found[at] if shown[at] else 2 * here)
+        np.testing.assert_allclose(found[y, x] * weight, total, atol=0.02)
+
+
+def test_a_blended_border_changes_color_alone_and_keeps_light_and_alpha():
+    """Bright values next to black ones: nothing turns negative, and normals and alpha are those without blending."""
+    alpha = np.ones((96, 112, 1))
+    photo = buffer(np.concatenate([(PHOTO - PHOTO.min()) ** 4 * 60, alpha], -1), space="lin_rec709_scene")
+    normal = buffer(np.random.default_rng(1).uniform(0, 1, (96, 112, 3)), space="data")
+    both = [
+        filters.fill(photo, mask(STAIN), maps=[normal], kinds=("color", "normal"), blend=blend, **QUICK)
+        for blend in (0.0, 4.0)
+    ]
+    plain, blended = ([pixels(one) for one in made] for made in both)
+    np.testing.assert_array_equal(blended[1], plain[1])
+    np.testing.assert_array_equal(blended[0][..., 3], plain[0][..., 3])
+    moved = (blended[0] != plain[0]).any(-1)
+    assert moved[HOLE].any() and not moved[~HOLE].any() and blended[0].min() >= 0 and np.isfinite(blended[0]).all()
+    jumps = [
+        np.abs(np.diff(np.cbrt(tile[..., 1]), axis=1))[HOLE[:, 1:] != HOLE[:, :-1]].mean()
+        for tile in (plain[0], blended[0])
+    ]
+    assert jumps[1] < 0.8 * jumps[0]
 
 
 def test_coordinates_and_drift_give_the_pixels_of_another_photo():
-    found = made(source=buffer(OTHER), stmap=True, drift=True, adapt=0.0)
+    found = made(source=buffer(OTHER), stmap=True, drift=True, adapt=0.0, blend=0.0)
     st, drift = pixels(found["st"]), pixels(found["drift"])
     np.testing.assert_array_equal(st[..., 2], HOLE)
     x, y = (np.floor(st[..., i] * n).astype(int) for i, n in ((0, 64), (1, 80)))
@@ -146,7 +193,7 @@ def test_all_maps_come_from_the_same_pixels():
     source = {"color": buffer(OTHER), "normal": buffer(normal, space="data")}
     own = buffer(np.full((96, 112, 3), 0.5), space="data")
     found = filters.fill(
-        buffer(PHOTO), mask(STAIN), maps=[own], kinds=("color", "data"), source=source, adapt=0.0, **QUICK
+        buffer(PHOTO), mask(STAIN), maps=[own], kinds=("color", "data"), source=source, adapt=0.0, blend=0.0, **QUICK
     )
     both = np.concatenate([pixels(one)[HOLE] for one in found], -1)
     known = {p.tobytes() for p in np.concatenate([OTHER, normal], -1).astype(np.float32).reshape(-1, 6)}
@@ -259,3 +306,59 @@ def test_regions_on_the_command_line(tmp_path):
     assert done.returncode == 0, done.stderr
     before, after = load(tmp_path / "photo.png"), load(tmp_path / "out.png")
     np.testing.assert_array_equal((before != after).any(-1) & ~HOLE, False)
+
+
+# --- how good it is ---
+
+
+def test_a_good_fill_passes_and_a_bad_one_is_called_bad(tmp_path, caplog):
+    """Pasted texture of another photo in another light has a visible border, and there is a warning without report."""
+    bad = {"source": buffer(OTHER * 0.3 + 0.6), "adapt": 0.0, "blend": 0.0}
+    with caplog.at_level(logging.WARNING):
+        made(report=tmp_path / "good.json", fail=["border>1.5", "sharp<0.5"])
+        assert not caplog.text
+        with pytest.raises(errors.QualityError, match=r"fill: border is .*: fail=border>1.5"):
+            made(report=tmp_path / "bad.json", fail=["border>1.5"], **bad)
+    assert "The border of the fill is visible." in caplog.text
+    good, poor = (json.loads((tmp_path / f"{name}.json").read_text()) for name in ("good", "bad"))
+    (fine,), (visible,) = (report["results"] for report in (good, poor))
+    assert fine["measures"]["border"] < 1.5 < visible["measures"]["border"]
+    assert fine["measures"]["step"] < visible["measures"]["step"] and fine["measures"]["repeat"] >= 1
+    assert good["passed"] and not poor["passed"] and "cost" not in fine["measures"]
+    with pytest.raises(errors.ParameterError, match="cost is not measured for this result"):
+        made(fail=["cost>3"])
+
+
+def test_measures_of_a_photo_and_of_a_blurred_region():
+    """What was there all along has 1 everywhere; a blur is not sharp; a pasted square has a border and a step."""
+    lab = np.repeat(np.random.default_rng(0).normal(50, 10, (96, 112, 1)), 3, 2).astype(np.float32)
+    own = fill_measures(lab, HOLE, ~HOLE)
+    assert all(0.7 < value < 1.4 for value in own.values()), own
+    flat, pasted = (np.where(STAIN, other, lab) for other in (np.float32(50), lab[::-1, ::-1] + 30))
+    assert fill_measures(flat, HOLE, ~HOLE)["sharp"] < 0.2
+    found = fill_measures(pasted, HOLE, ~HOLE)
+    assert found["border"] > 1.8 and found["step"] > 2.5 and found["sharp"] > 0.8
+    assert not fill_measures(lab, HOLE | True, HOLE & False)
+
+
+def test_steps_after_the_synthesis_take_no_more_memory_than_declared():
+    """Traced peaks, for each pixel: a region of stripes, in which every pixel is next to the border, and a cut."""
+    y, x = np.indices((200, 200))
+    shown, zone = y // 2 % 2 == 0, np.hypot(y - 100, x - 100) < 80
+    kept, here = np.random.default_rng(0).normal(50, 10, (200, 200, 3)).astype(np.float32), SourceMap.of(y, x)
+    marked = np.hypot(y - 100, x - 100) < 40
+    steps = (
+        (lambda: border_offsets(kept, kept + 5, here, shown, ~shown, None, 4.0), border.BYTES * y.size),
+        (lambda: fill_measures(kept, shown, ~shown), measured.BYTES * y.size),
+        (
+            lambda: replaced_pixels(marked, zone, kept, kept + 5, here),
+            cut_bytes(y.size, np.count_nonzero(zone & ~marked), y.size),
+        ),
+    )
+    for work, declared in steps:
+        work()  # imports
+        tracemalloc.start()
+        work()
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert 0.4 * declared < peak < declared

@@ -13,6 +13,7 @@ from oiiotex.core.window import Window
 from oiiotex.errors import ImageError
 from oiiotex.motion.clean_plate import assembled, laid_out
 from oiiotex.motion.frame_files import numbered
+from oiiotex.motion.frame_grain import Side, grain_between, of_shot
 from oiiotex.motion.frame_motion import STEP, FrameMotion, fitted, homography_of, nodes, read_shot
 from oiiotex.motion.light import gains, grain
 from oiiotex.motion.sampling import at_points, centers, grown
@@ -142,6 +143,12 @@ def test_the_line_of_the_page_fills_the_hole_of_the_plate(filled):
     assert (clean.spec().x, clean.spec().y) == (hole.spec().x, hole.spec().y)
 
 
+def test_grain_is_saved_with_the_motion(filled):
+    """The frames have grain of .01; bends and matrices without it can also be read."""
+    _, motion = filled
+    assert all(np.allclose(one.grain, 0.01, rtol=0.25) for one in motion.values()), motion[1001].grain
+
+
 def test_vectors_are_chained_to_the_motion_of_st_maps(filled):
     folder, motion = filled
     done = plate(folder, modifiers=":motion=mv.1001.exr:vectors=backward:flip=1")
@@ -177,6 +184,28 @@ def test_light_and_grain_are_continued_inside():
     np.testing.assert_array_equal(made, grain(noise * known[..., None], plate, known, 7))
     assert abs(made[~known].std() / 0.02 - 1) < 0.15
     assert np.corrcoef(made[..., 0].ravel(), made[..., 2].ravel())[0, 1] > 0.95
+
+
+def test_grain_is_measured_between_frames_and_not_against_the_plate():
+    """Two frames with grain of .02, half a pixel apart, in another light. The amount rules grain that was misjudged."""
+    random, texture = np.random.default_rng(4), pictures.pebbles(96, 112, 3).astype(np.float32)
+    moved = np.eye(3)
+    moved[2, 0] = 0.5
+    y, x = np.indices((96, 112)) + 0.5
+    shifted = at_points(texture, np.stack([x + 0.5, y], -1))
+    region = (np.abs(y - 48) < 12) & (np.abs(x - 56) < 12)
+    first, second = (
+        image + random.normal(0, 0.02, image.shape).astype(np.float32) for image in (texture, 1.3 * shifted)
+    )
+    second[region], first[:4] = 9, np.nan
+    found = grain_between(Side(first, region, FrameMotion(np.eye(3))), Side(second, region, FrameMotion(moved)))
+    assert found is not None and np.allclose(found, 0.02, rtol=0.2), found
+    everything = np.ones_like(region)
+    assert grain_between(Side(first, everything, FrameMotion(moved)), Side(second, region, FrameMotion(moved))) is None
+    assert of_shot([np.zeros(3)]) is None
+    np.testing.assert_allclose(of_shot([np.zeros(3), *(np.full(3, n) for n in (0.01, 0.011, 0.03, 0.05))]), 0.01075)
+    misfit = random.normal(0, 0.1, texture.shape).astype(np.float32)
+    assert abs(grain(misfit, texture, ~region, 7, np.full(3, 0.02))[~region].std() / 0.02 - 1) < 0.15
 
 
 def test_the_plate_has_the_pixels_of_the_closest_frame():
@@ -223,7 +252,7 @@ def test_pixels_that_are_nan_come_from_other_frames():
     frames[0][5, 5, 1] = np.nan
     layout = laid_out({n: FrameMotion(np.eye(3)) for n in range(2)}, {}, (16, 12), 0)
     seen = ((n, frame, np.zeros((12, 16), bool)) for n, frame in enumerate(frames))
-    values, known, _ = assembled(layout, seen, 3, lambda _: None)
+    values, known, *_ = assembled(layout, seen, 3, lambda _: None)
     assert known.all()
     np.testing.assert_allclose(values, 0.5, rtol=1e-5)
     assert np.ptp(gray_view(frames[0] + np.linspace(0, 0.3, 16, dtype=np.float32)[:, None])) > 200  # still tracked

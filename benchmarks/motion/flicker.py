@@ -87,7 +87,7 @@ def main() -> None:
     """Measure and print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--photos", default="castle_brick_broken", help="names in photos/, comma-separated")
-    parser.add_argument("--motions", default=",".join(MOTIONS))
+    parser.add_argument("--motions", default="pan,zoom,plane", help=", ".join(MOTIONS))
     parser.add_argument("--methods", default="alone,known,tracked")
     parser.add_argument("--frames", type=int, default=9)
     parser.add_argument("--out", type=Path, help="keep the files here")

@@ -53,7 +53,13 @@ def plane(t: float) -> np.ndarray:
     return back @ np.array([[1, 0, 0], [0, 1, 0], [SIDE / 2, SIDE / 2, 1.0]])
 
 
-MOTIONS: dict[str, Callable[[float], np.ndarray]] = {"pan": pan, "zoom": zoom, "plane": plane}
+def travel(t: float) -> np.ndarray:
+    """A pan and a zoom in by 1.4 at once, with a little sway."""
+    s = 1.4 ** (0.5 - t)
+    return np.array([[s, 0, 0], [0, s, 0], [430 + 140 * t - 240 * s, 490 + 14 * np.sin(5 * t) - 135 * s, 1.0]])
+
+
+MOTIONS: dict[str, Callable[[float], np.ndarray]] = {"pan": pan, "zoom": zoom, "plane": plane, "travel": travel}
 
 
 def places(matrix: np.ndarray, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:

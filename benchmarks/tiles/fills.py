@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Regions filled by --texfill and by other tools, on ten photos that nothing was tuned on.
+"""Regions filled by --texfill and by other tools, on photos that nothing was tuned on.
 
-python -m benchmarks.tiles.fills [--side 352] [--sheet FILE]
+python -m benchmarks.tiles.fills [--set photos|more] [--side 352] [--sheet FILE]
 
 Each photo loses a blob and a cable. Other tools run under $PEERS_PYTHON: pip install opencv-python-headless gmic. With
 --sheet, the results are drawn side by side.
@@ -25,14 +25,21 @@ from benchmarks.shared.measures import data_folder, load, luma
 from benchmarks.shared.peers import interpreter
 from oiiotex import filters
 from tests.any_filter import buffer, pixels
+from tests.lattices import regular
+from tests.masonry import ashlar
 
 PHOTOS = (
     "fieldstone_wall_kodim01.jpg", "pebbles_beach_shadow.jpg", "flower_meadow_stones.jpg", "drone_track_grass_soil.jpg",
     "sandstone_wall_cracked.jpg", "stained_plaster_wall.jpg", "marble_tiles_4x4.jpg", "rust_barrel_side.jpg",
 )  # fmt: skip
 SCENES = "rocket.jpg", "chelsea.png"  # of scikit-image
+MORE = (
+    "roof_slates.jpg", "facade_tiles.jpg", "moss_grass_stones_ground.jpg", "onyx_veins.jpg",
+    "rebar_concrete_decayed.jpg", "sail_cloth_stained.jpg", "brick.png", "gravel.png",
+)  # fmt: skip
+DRAWN = "ashlar", "parquet"
 OCTAVES = 1.0, 2.0, 4.0, 8.0  # px
-RING, STEP = 12, 6.0  # px: what is around the region; sigma of levels
+RING, RIM, STEP = 12, 6, 6.0  # px: what is around the region; its outermost pixels; sigma of levels
 
 _PEERS = """
 import sys, time, numpy as np
@@ -85,8 +92,19 @@ def fills(photo: np.ndarray, region: np.ndarray) -> Iterator[tuple[str, np.ndarr
                 yield name, np.load(f"{folder}/{name}.npy")[..., ::-1], float(spent)
 
 
-def measures(photo: np.ndarray, filled: np.ndarray, region: np.ndarray) -> tuple[float, float, float]:
-    """Seam, detail and level step: see the table's caption."""
+def photo_named(name: str, side: int) -> np.ndarray:
+    """A photo of the test data or of scikit-image, or a drawn one, (height, width, 3) uint8."""
+    if name in DRAWN:
+        values = ashlar(side, side, 3, (36, 80), 5)[0] if name == "ashlar" else regular("parquet", side, side, 1)
+        return np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
+    path = data_folder() / "photos" / name
+    path = path if path.exists() else Path(skimage.__file__).parent / "data" / name
+    values = load(path, side).get_pixels(oiio.UINT8)
+    return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))
+
+
+def measures(photo: np.ndarray, filled: np.ndarray, region: np.ndarray) -> tuple[float, float, float, float]:
+    """Seam, rim, detail and level step: see the table's caption."""
     light, around = luma(filled / 255), (distance_transform_edt(~region) < RING) & ~region
     jumps = [(np.abs(np.diff(light, axis=a)), np.diff(region, axis=a)) for a in (0, 1)]
     own = [np.abs(np.diff(luma(photo / 255), axis=a)) for a in (0, 1)]
@@ -94,11 +112,13 @@ def measures(photo: np.ndarray, filled: np.ndarray, region: np.ndarray) -> tuple
     seam = np.mean(np.concatenate([j[c] for j, c in jumps])) / np.mean(
         np.concatenate([o[w] for o, w in zip(own, outside, strict=True)])
     )
+    rim = region & (distance_transform_edt(region) <= RIM)
+    fine = [np.abs(values - gaussian_filter(values, 1.0))[rim].mean() for values in (light, luma(photo / 255))]
     inside = binary_erosion(region, iterations=3)
     wide = binary_dilation(region, iterations=3 * RING) & ~binary_dilation(region, iterations=3)
     ratios = []
-    for fine in OCTAVES:
-        band = gaussian_filter(light, fine / 2) - gaussian_filter(light, fine)
+    for sigma in OCTAVES:
+        band = gaussian_filter(light, sigma / 2) - gaussian_filter(light, sigma)
         ratios.append(band[inside].std() / max(band[wide].std(), 1e-9))
     detail = float(np.mean([min(r, 1 / r) for r in ratios]))
 
@@ -108,36 +128,36 @@ def measures(photo: np.ndarray, filled: np.ndarray, region: np.ndarray) -> tuple
 
     border = binary_dilation(region) & ~region
     step = np.abs(level(region) - level(~region))[border].mean() / light[~region].std()
-    return float(seam), detail, float(step)
+    return float(seam), float(fine[0] / fine[1]), detail, float(step)
 
 
 def main() -> None:
     """Print the table, and draw the sheet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--set", choices=("photos", "more"), default="photos", help="which photos")
     parser.add_argument("--side", type=int, default=352, help="longer side of the photos, px")
     parser.add_argument("--sheet", type=Path, help="picture of all results")
     given = parser.parse_args()
-    paths = [data_folder() / "photos" / name for name in PHOTOS]
-    paths += [Path(skimage.__file__).parent / "data" / name for name in SCENES]
+    names = (*PHOTOS, *SCENES) if given.set == "photos" else (*MORE, *DRAWN)
     rows, tools, sheet = list[str](), dict[str, list[tuple[float, ...]]](), list[np.ndarray]()
-    for number, path in enumerate(paths):
-        photo = load(path, given.side).get_pixels(oiio.UINT8)
+    for number, name in enumerate(names):
+        photo = photo_named(name, given.side)
         region = region_of(*photo.shape[:2], number)
         shown = [np.where(region[..., None], np.array([255, 0, 255], np.uint8), photo)]
         cells = []
         for tool, filled, seconds in fills(photo, region):
             found = (*measures(photo, filled, region), seconds)
             tools.setdefault(tool, []).append(found)
-            cells.append(" / ".join(f"{value:.2f}" for value in found[:3]))
+            cells.append(" / ".join(f"{value:.2f}" for value in found[:4]))
             shown.append(filled)
-        rows.append(f"| {path.stem} | {' | '.join(cells)} |")
+        rows.append(f"| {Path(name).stem} | {' | '.join(cells)} |")
         wide = [np.pad(one, ((0, given.side - len(one)), (0, given.side - one.shape[1]), (0, 0))) for one in shown]
         sheet.append(np.concatenate(wide, 1)[: len(photo)])
     print(f"| photo | {' | '.join(tools)} |\n|{' --- |' * (1 + len(tools))}")
     print(*rows, sep="\n")
     means = [np.mean(values, 0) for values in tools.values()]
-    print("| mean | " + " | ".join(" / ".join(f"{value:.2f}" for value in mean[:3]) for mean in means) + " |")
-    print("| CPU s | " + " | ".join(f"{mean[3]:.2f}" for mean in means) + " |")
+    print("| mean | " + " | ".join(" / ".join(f"{value:.2f}" for value in mean[:4]) for mean in means) + " |")
+    print("| CPU s | " + " | ".join(f"{mean[4]:.2f}" for mean in means) + " |")
     if given.sheet:
         drawn = np.concatenate(sheet, 0)
         out = oiio.ImageBuf(oiio.ImageSpec(drawn.shape[1], drawn.shape[0], 3, oiio.UINT8))

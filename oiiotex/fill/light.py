@@ -14,7 +14,6 @@ from ..color.lab import lens_of
 from ..core.demand import MadeRows, SomeRows
 from ..core.image import Image, cropped
 from ..core.op import Space
-from ..core.source_map import SourceMap
 from ..core.window import Window
 from ..deferred import np
 from ..drift.drift_field import MOST_GAIN, Drift, drift_of
@@ -23,7 +22,6 @@ from ..session.progress import Progress
 from ..session.resources import Resources
 from ..stationarity.grid_statistics import SplineSurface
 
-FADE = 4.0  # sigmas from the border, beyond which its step is no longer corrected
 _BLACK = 16.0  # L + 16 is proportional to the cube root of light
 
 
@@ -95,46 +93,3 @@ def light_of(drift: Drift, target: np.ndarray, amount: float, in_lab: bool, corn
     field[..., 0] = gain
     field[..., 1 : 1 + count] = (goal - level * gain[..., None])[..., :count]
     return Light(SplineSurface(field, drift.cells), corner)
-
-
-def rim_offsets(
-    kept: np.ndarray, exemplar: SomeRows, source: SourceMap, shown: np.ndarray, is_kept: np.ndarray, sigma: float
-) -> np.ndarray:
-    """The step at the border that levels leave, as offsets that fade out into the region: (height, width, 3) float32.
-
-    At each border pixel, the fill's source is continued by one pixel and compared with the kept pixel there. These
-    differences, averaged along the border, are what a viewer sees as an edge in sky or plaster.
-
-    Parameters
-    ----------
-    kept : (height, width, channels) float32
-        The photo, at the common level.
-    exemplar : (rows, columns, channels) float32
-        The source, at the common level.
-    source : SourceMap
-        (height, width): pixels of the exemplar.
-    shown, is_kept : (height, width) bool
-        Pixels of the fill, and of the photo next to them.
-    sigma : float
-        Scale of the average, px. The offsets fade out over `FADE` times that.
-    """
-    from scipy.ndimage import distance_transform_edt, gaussian_filter  # slow to import
-
-    sums, count = np.zeros((*shown.shape, 3)), np.zeros(shown.shape)
-    for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-        beside = np.zeros_like(is_kept)
-        inner = slice(max(0, -dy), shown.shape[0] - max(0, dy)), slice(max(0, -dx), shown.shape[1] - max(0, dx))
-        outer = tuple(slice(one.start + d, one.stop + d) for one, d in zip(inner, (dy, dx), strict=True))
-        beside[inner] = is_kept[outer]
-        y, x = np.nonzero(shown & beside)
-        if len(y):
-            from_y, from_x = source[y, x].yx
-            limits = (from_y + dy).clip(0, exemplar.shape[0] - 1), (from_x + dx).clip(0, exemplar.shape[1] - 1)
-            sums[y, x] += kept[y + dy, x + dx, :3] - SourceMap.of(*limits).gather(exemplar)[:, :3]
-            count[y, x] += 1
-    if not count.any():
-        return np.zeros(sums.shape, np.float32)
-    weight = gaussian_filter(count, sigma, truncate=FADE)
-    means = np.stack([gaussian_filter(sums[..., c], sigma, truncate=FADE) for c in range(3)], -1)
-    fade = np.clip(1.0 - distance_transform_edt(count == 0) / (FADE * sigma), 0.0, 1.0)
-    return (means / np.maximum(weight, 1e-12)[..., None] * (fade * shown)[..., None]).astype(np.float32)

@@ -3,17 +3,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from ..color.config import as_float
 from ..color.lab import lens_of
-from ..core.demand import SomeRows, rows_of
+from ..core.demand import SomeRows, first_channels, rows_of
 from ..core.image import Image, Part, derived_spec, spec_beside
 from ..core.source_map import SourceMap, tile_spec
 from ..core.window import Window
 from ..deferred import np
-from ..errors import ImageError, present
+from ..errors import ImageError, MemoryBudgetError
 from ..exemplar.exemplar_masks import both, label_map, labeled_pixels, masked_pixels
 from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.heights import height_tile
@@ -23,20 +23,34 @@ from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import require_memory, synthesize
 from ..patchmatch.recipe import Recipe
+from ..quality.fidelity import fidelity
+from ..quality.report import Quality
+from ..quality.verdicts import GRADES, verdicts
 from ..regularity.courses import Courses, InCourses
 from ..regularity.lattice import Lattice
+from ..regularity.lattice import bytes_needed as lattice_bytes
 from ..regularity.offset_prices import InStep
-from .light import Light, drift_within, light_of, rim_offsets
+from ..stationarity.row_bands import row_bands
+from .border import BYTES as BORDER_BYTES
+from .border import border_offsets
+from .fill_measures import BYTES as MEASURE_BYTES
+from .fill_measures import NAMES, SOURCE_BYTES, fill_measures, repeats
+from .light import Light, drift_within, light_of
 from .region import marked_pixels, surroundings
-from .seam_zone import grown, replaced_pixels
+from .seam_zone import cut_bytes, grown, replaced_pixels
 from .source_layout import in_layout_of
 
 if TYPE_CHECKING:
+    from ..color.lab import Lens
     from ..session.progress import Progress
     from ..session.resources import Resources
 
 _SHARES = 1, 1, 8, 1  # of the time: reading, light, synthesis, cut
 _FINE = 4  # iterations of each finer level: at the border, patches must fit pixels that do not change
+_COLOR_BYTES = 12  # of a pixel of a map
+_SOURCE_BYTES = 1  # of a pixel of the source: whether it is valid
+_PLACE_BYTES = 16  # of a pixel of the window: its source, and the step at the border
+_UNCHANGED = 1, 0, 0, 0  # gain and offsets
 _AROUND = 0.5  # margin in which light is measured, in longer sides of the region
 
 
@@ -44,14 +58,16 @@ _AROUND = 0.5  # margin in which light is measured, in longer sides of the regio
 class Filling:
     """The source of each pixel of a window, and where it is shown.
 
-    `source`: of a window at (0, 0) of the photo's data window; `shown` (height, width) bool; `rim` (height, width, 3)
-    float32 or None: offsets at the common level that close the step at the border.
+    `source`: of a window at (0, 0) of the photo's data window; `shown` (height, width) bool; `step` (height, width, 3)
+    float32 or None: offsets, at the common level if there is one, that close the step at the border. `measures`: how
+    good it is, by name.
     """
 
     window: Window
     source: SourceMap
     shown: np.ndarray
-    rim: np.ndarray | None = None
+    step: np.ndarray | None = None
+    measures: dict[str, float] = field(default_factory=dict)
 
 
 class RegionFill:
@@ -65,6 +81,7 @@ class RegionFill:
         with resources.stats.time("read and color"):
             self._marked = marked_pixels(op.exemplar, op.region, op.labels, op.label, op.level, op.mattes, op.matte)
         self._wraps = "x" in op.tile, "y" in op.tile
+        self._quality = Quality(op=op, resources=resources, progress=progress, own=NAMES, need=self._report_bytes())
         self._light: tuple[Light, Light] | None = None
 
     def results(self) -> tuple[dict[str, Any], ...]:
@@ -73,7 +90,8 @@ class RegionFill:
         if not self._marked.any():
             op.warn("the region is empty; the photo is unchanged")
             empty = np.zeros((0, 0), bool)
-            return self._parts(Filling(Window(0, 0, 0, 0), SourceMap(np.zeros((0, 0), np.uint32)), empty))
+            first, *others = self._parts(Filling(Window(0, 0, 0, 0), SourceMap(np.zeros((0, 0), np.uint32)), empty))
+            return self._quality.add_own(first, lambda: None), *others
         if self._marked.all() and not self._other:
             raise ImageError(
                 f"the region covers every pixel of {op.exemplar.source}: no source pixels remain; mark fewer, or give"
@@ -82,7 +100,12 @@ class RegionFill:
         zone = grown(self._marked, op.cut)
         filling = self._filled(zone, progress)
         op.say_what_stays()
-        results = self._parts(filling)
+        first, *others = self._parts(filling)
+        if not self._quality.progress.measure:  # otherwise they are among the measures
+            for grade, _, sentence in (line.partition(": ") for line in verdicts(filling.measures)):
+                if grade == GRADES[-1]:
+                    op.warn("%s", sentence)
+        results = (self._quality.add_own(first, lambda: filling.measures), *others)
         if progress.look is not None:
             progress.look(as_float(results[0]["fill"].pixels()), True)
         return results
@@ -95,13 +118,18 @@ class RegionFill:
         recipe = self._recipe(window)
         held = op.holds_photo(resources)
         spec = self._sources[0].first.spec
-        masked = ExemplarHeld(held, True)
-        require_memory(resources.device, recipe, (spec.height, spec.width, 3), op.budget_left(resources), masked)
+        left, masked = op.budget_left(resources, window), ExemplarHeld(held, True)
+        self._require_rest(left, window, held, int(zone.sum() - self._marked.sum()))
+        require_memory(resources.device, recipe, (spec.height, spec.width, 3), left, masked)
         with resources.stats.time("read and color"):
             seen, shown, opaque = self._read(held)
+        if not held:
+            resources.cache.forget()  # everything has been read
         progress.advance(1, 1)
         inside = window.inside(Window(0, 0, *zone.shape[::-1]))
-        kept = np.array(shown[inside[0]][:, inside[1]])
+        kept = np.empty((window.height, window.width, shown.shape[2]), np.float32)
+        for band in row_bands(kept):
+            kept[band] = shown[window.top + band.start : window.top + band.stop][:, inside[1]]
         stage = next(self._stages)
         values = seen.values
         with resources.stats.time("light"):
@@ -121,7 +149,7 @@ class RegionFill:
         fixed = FixedPixels(is_fixed, places, values=np.ascontiguousarray(kept)) if is_fixed.any() else None
         with resources.stats.time("synthesis"):
             source = synthesize(
-                resources.device, values, seen.usable, recipe, op.budget_left(resources), next(self._stages).advance,
+                resources.device, values, seen.usable, recipe, left, next(self._stages).advance,
                 seen.why, Constraints(fixed=fixed),
             ).source  # fmt: skip
         resources.device.collect(resources.stats)
@@ -129,12 +157,52 @@ class RegionFill:
         if op.cut:
             with resources.stats.time("cut"):
                 marked = replaced_pixels(marked, zone[inside], kept, values, source)
-        rim = None
-        if self._light is not None:
-            clear = ~marked if opaque is None else ~marked & opaque[inside]
-            rim = np.float32(op.strength) * rim_offsets(kept, values, source, marked, clear, float(op.side))
+        step, clear = None, ~marked if opaque is None else ~marked & opaque[inside]
+        if op.fade > 0 and lens_of(op.exemplar, resources, op.first_space).space is not None:  # not data
+            with resources.stats.time("border"):
+                step = border_offsets(kept, values, source, marked, clear, seen.usable, op.fade, self._wraps)
         next(self._stages).advance(1, 1)
-        return Filling(window, source, marked, rim)
+        measures = self._measures(kept, values, seen.usable, source, marked, clear, step)
+        if step is not None:
+            step /= np.float32(op.first_weight**0.5)  # values are weighted for the comparison
+        return Filling(window, source, marked, step, measures)
+
+    def _measures(
+        self, kept: np.ndarray, values: SomeRows, usable: np.ndarray | None, source: SourceMap, shown: np.ndarray,
+        is_kept: np.ndarray, step: np.ndarray | None,
+    ) -> dict[str, float]:  # fmt: skip
+        """The measures of the fill; those that take longer only if requested."""
+        with self._resources.stats.time("measure"):
+            lab = kept[..., :3].copy()
+            lab[shown] = source[shown].gather(values)[:, :3]
+            if step is not None:
+                lab += step
+            measures = fill_measures(lab, shown, is_kept)
+            if self._quality.is_asked_for:
+                measures |= repeats(source, shown, (values.shape[0], values.shape[1]), self._other)
+                whole = fidelity(first_channels(values, 3), usable, lab, self._wraps[::-1])
+                measures |= {} if whole is None else whole.measures()
+        return measures
+
+    def _require_rest(self, left: int, window: Window, held: bool, free: int) -> None:
+        """Refuse what other steps than synthesis cannot do in `left` bytes. `free`: pixels that a cut decides on."""
+        op, spec = self._op, self._sources[0].first.spec
+        colors = _SOURCE_BYTES * spec.width * spec.height  # those that the synthesis counts
+        colors += _COLOR_BYTES * len(self._photos) * spec.width * spec.height * held
+        area, advice = window.width * window.height, "make the region or the photo smaller"
+        steps = [("closing and measuring the border", (_PLACE_BYTES + max(BORDER_BYTES, MEASURE_BYTES)) * area, advice)]
+        if not self._other and op.structure > 0:
+            steps.append(("finding the photo's structure", lattice_bytes(spec.height, spec.width), "set structure=0"))
+        if op.cut:
+            steps.append(("cutting the border", cut_bytes(area, free, spec.width * spec.height), "reduce cut"))
+        task, need, hint = max(steps, key=lambda step: step[1])
+        if need + colors > left:
+            raise MemoryBudgetError(task, need + colors, left, hint)
+
+    def _report_bytes(self) -> int:
+        """Memory of the measures for a report: fidelity at a small size, and uses of the source's pixels."""
+        spec = self._sources[0].first.spec
+        return SOURCE_BYTES * spec.width * spec.height + (32 << 20)
 
     def _recipe(self, window: Window) -> Recipe:
         op = self._op
@@ -233,10 +301,10 @@ class RegionFill:
                 return rows
             picked = filling.source[here][shown].gather(pixels)[None]
             if lens is not None and changed is not None:
-                change = changed[here][shown][None]
-                values, opaque = lens.values(picked)
-                values[..., :3] = values[..., :3] * change[..., :1] + change[..., 1:]
-                picked = lens.replaced(picked, values, opaque)
+                change = changed[here][shown]
+                moved = (change != _UNCHANGED).any(1)  # the others are copied bit for bit
+                if moved.any():
+                    picked[:, moved] = _corrected(lens, picked[:, moved], change[moved])
             rows = rows.copy()
             rows[shared.inside(window)][shown] = picked[0]
             return rows
@@ -245,17 +313,18 @@ class RegionFill:
 
     def _change(self, filling: Filling) -> np.ndarray | None:
         """Gain and offsets from the source to the photo at each pixel of the window, (height, width, 4) float32."""
-        if self._light is None:
+        if self._light is None and filling.step is None:
             return None
-        mine, other = self._light
-        there = mine.at(filling.window)
-        change = np.zeros_like(there)
+        change = np.zeros((*filling.shown.shape, 4), np.float32)
         change[..., 0] = 1
-        here = other.at_pixels(*filling.source[filling.shown].yx)
-        gain, rim = there[filling.shown][:, :1], present(filling.rim)[filling.shown]
-        change[filling.shown] = np.concatenate(
-            [here[:, :1] / gain, (here[:, 1:] + rim - there[filling.shown][:, 1:]) / gain], 1
-        )
+        if filling.step is not None:
+            change[..., 1:] = filling.step
+        if self._light is not None:
+            mine, other = self._light
+            there = mine.at(filling.window)[filling.shown]
+            here = other.at_pixels(*filling.source[filling.shown].yx)
+            here[:, 1:] += change[filling.shown][:, 1:] - there[:, 1:]
+            change[filling.shown] = here / there[:, :1]
         return change
 
     def _st(self, filling: Filling) -> Part:
@@ -305,6 +374,16 @@ class RegionFill:
         shown[at] = filling.shown
         given = part, image, SourceMap(packed), self._wraps, op.relevel, ~shown, self._resources
         return height_tile(op.flag(), *given)
+
+
+def _corrected(lens: Lens, pixels: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Pixels, (1, n, channels), with gain and offsets (n, 4) applied to their color."""
+    values, opaque = lens.values(pixels)
+    values[..., :3] = values[..., :3] * change[:, :1] + change[:, 1:]
+    made, colors = lens.replaced(pixels, values, opaque), list(lens.channels.color)
+    if made.dtype.kind == "f":  # next to a dark pixel, a bright step must not make a value negative
+        made[..., colors] = np.maximum(made[..., colors], np.minimum(pixels[..., colors], 0))
+    return made
 
 
 def _longer_side(zone: np.ndarray) -> int:

@@ -6,14 +6,25 @@ from __future__ import annotations
 from ..color.lab_grid import FINE_STEPS, to_grid
 from ..core.demand import SomeRows
 from ..core.source_map import SourceMap
+from ..core.window import Window
 from ..deferred import np
+from .region import surroundings
+
+_BYTES = 130  # for each pixel of the window
+_FREE_BYTES = 450  # for each pixel that the cut decides on
+_SOURCE_BYTES = 6  # for each pixel of the source
 
 
 def grown(marked: np.ndarray, distance: int) -> np.ndarray:
     """The pixels within a distance of marked ones, (height, width) bool."""
     from scipy.ndimage import distance_transform_edt  # slow to import
 
-    return marked if distance == 0 else distance_transform_edt(~marked) <= distance
+    if distance == 0:
+        return marked
+    near = surroundings(marked, distance).inside(Window(0, 0, *marked.shape[::-1]))
+    zone = marked.copy()
+    zone[near] = distance_transform_edt(~marked[near]) <= distance
+    return zone
 
 
 def replaced_pixels(
@@ -47,3 +58,8 @@ def replaced_pixels(
     new = np.stack(source.yx)
     new[0] += height
     return cut(SeamPhoto(both), old, ~marked, new, zone)
+
+
+def cut_bytes(area: int, free: int, source: int) -> int:
+    """Memory of `replaced_pixels`, by pixels of the window, of its zone without marked ones, and of the source."""
+    return _BYTES * area + _FREE_BYTES * free + _SOURCE_BYTES * source

@@ -1692,12 +1692,15 @@ def fill(
     adapt: float | None = None,
     drift: FileName | Literal[False] = False,
     cut: int = 0,
+    blend: float = 4.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     structure: float = 0.5,
     iterations: int = 30,
     uniformity: float = 0.01,
     relevel: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
@@ -1752,6 +1755,9 @@ def fill(
         Width of a zone around the region in which the fill's border follows a minimum-error seam
         (KSE03). Pixels in the zone may be replaced. 0: only the region is replaced. Expected: an
         integer from 0 to 256 px.
+    blend : float, default 4.0
+        Width over which the step at the border fades out into the fill. 0: none; without adapt, every
+        pixel is then a verbatim copy. Expected: a number from 0 to 256 px.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 11.
@@ -1783,6 +1789,7 @@ def fill(
           [32-bit float coordinates; with stmap]
         - drift: Correction of the copied pixels: Lab x gain + offset. Channels as in `flatten`. [32-bit
           float values; with drift]
+        - report: Measures of the result, for programs. [JSON; with report]
 
     Other Parameters
     ----------------
@@ -1809,6 +1816,11 @@ def fill(
     relevel : bool, default False
         Raise or lower each copied piece of a height map so that pieces meet without steps. Set it if
         displaced heights show cliffs. Requires kinds=...,height.
+    report : FileName | None, default None
+        JSON file for the measures of the result (see docs/reference/report.md).
+    fail : Sequence[str] | None, default None
+        Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is
+        still written, but the exit code is 3.
     mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
@@ -1850,12 +1862,15 @@ def fill(
     adapt: float | None = None,
     drift: Literal[True],
     cut: int = 0,
+    blend: float = 4.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     structure: float = 0.5,
     iterations: int = 30,
     uniformity: float = 0.01,
     relevel: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
@@ -1884,12 +1899,15 @@ def fill(
     adapt: float | None = None,
     drift: bool | FileName = False,
     cut: int = 0,
+    blend: float = 4.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     structure: float = 0.5,
     iterations: int = 30,
     uniformity: float = 0.01,
     relevel: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
@@ -1919,12 +1937,15 @@ def fill(
     adapt: float | None = None,
     drift: bool | FileName = False,
     cut: int = 0,
+    blend: float = 4.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     structure: float = 0.5,
     iterations: int = 30,
     uniformity: float = 0.01,
     relevel: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     level: int | None = None,
@@ -1954,12 +1975,15 @@ def fill(
     adapt: float | None = None,
     drift: bool | FileName = False,
     cut: int = 0,
+    blend: float = 4.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     structure: float = 0.5,
     iterations: int = 30,
     uniformity: float = 0.01,
     relevel: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     level: int | None = None,

@@ -12,11 +12,14 @@ from ..core.image import Image
 from ..core.op import Kind, Output, Space
 from ..core.parameters import Numbers, Parameter, image, param
 from ..core.source_map import ST
+from ..core.window import Window
 from ..drift.flattening import DRIFT
 from ..errors import ImageError, ParameterError, modifier, whole_budget
 from ..exemplar.exemplar_op import MaterialOp
 from ..exemplar.heights import RELEVEL
 from ..exemplar.patch_synthesis import PATCH_HELP, PATCHES
+from ..quality.report import REPORT
+from ..quality.reported_op import Reported
 from ..session import Session
 from ..session.resources import Resources
 
@@ -25,7 +28,7 @@ _LAB_BYTES = 12  # for each pixel of a map
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fill(MaterialOp, InBands):
+class Fill(Reported, MaterialOp, InBands):
     """Fill a region of a photo with texture from the rest of it, or from another photo.
 
     PatchMatch finds patches that fit the surroundings, from coarse to fine levels (BSFG09: Barnes, Shechtman,
@@ -47,6 +50,7 @@ class Fill(MaterialOp, InBands):
         Output("fill", Kind.PIXELS, "The photo with the region filled. One image for each of the maps, in order."),
         replace(ST, help="Source coordinates of every pixel; with source, B is 1 where they refer to that photo."),
         replace(DRIFT, help="Correction of the copied pixels: Lab x gain + offset. Channels as in `flatten`."),
+        REPORT,
     )
 
     exemplar: Image = image(help="Photo; of the maps of a material, the first.")
@@ -96,6 +100,14 @@ class Fill(MaterialOp, InBands):
         unit="px",
         help="Width of a zone around the region in which the fill's border follows a minimum-error seam (KSE03). Pixels"
         " in the zone may be replaced. 0: only the region is replaced.",
+    )
+    blend: float = param(
+        4.0,
+        ge=0,
+        le=256,
+        unit="px",
+        help="Width over which the step at the border fades out into the fill. 0: none; without adapt, every pixel is"
+        " then a verbatim copy.",
     )
     tile: str = param(
         "none",
@@ -187,6 +199,16 @@ class Fill(MaterialOp, InBands):
         return self.adapt if self.adapt is not None else float(self.source is not None)
 
     @property
+    def fade(self) -> float:
+        """Distance in pixels over which the step at the border fades out: only in color."""
+        return self.blend if self.map_kinds[0] == "color" and self.first_weight > 0 else 0.0
+
+    @property
+    def first_weight(self) -> float:
+        """Weight of the first map in the comparison of patches."""
+        return 1.0 if self.mapweights is None else self.mapweights[0]
+
+    @property
     def first_space(self) -> Space:
         """The working space of the first map."""
         return Space.LAB if self.map_kinds[0] == "color" else Space.DATA
@@ -205,7 +227,15 @@ class Fill(MaterialOp, InBands):
         specs = [one.first.spec for one in (self.exemplar, self.source) if one is not None]
         return size * sum(spec.width * spec.height for spec in specs) <= resources.budget // 4
 
-    def budget_left(self, resources: Resources) -> int:
-        """Bytes of the budget that remain next to the maps' pixels."""
-        parts = [one.first for one in (*self.all_maps(), *self.source_maps())] if self.holds_photo(resources) else []
-        return resources.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
+    def budget_left(self, resources: Resources, window: Window | None = None) -> int:
+        """Bytes of the budget that remain next to what a run holds: maps, masks, and the pixels of a window."""
+        both = *self.all_maps(), *(self.source_maps() if self.source is not None else ())
+        specs = [one.first.spec for one in both]
+        held = 2 * specs[0].width * specs[0].height  # the region, and the photo's opaque pixels
+        if self.holds_photo(resources):
+            held += sum(one.first.pixel_bytes * one.first.spec.width * one.first.spec.height for one in both)
+            if self.source is not None:  # the colors of the source are part of the synthesis
+                held += _LAB_BYTES * len(self.all_maps()) * specs[0].width * specs[0].height
+        if window is not None:
+            held += _LAB_BYTES * len(self.all_maps()) * window.width * window.height
+        return resources.budget - held

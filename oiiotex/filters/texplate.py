@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
@@ -99,7 +99,9 @@ class Plate(Whole):
         shot = self._motion(list(shown), regions, display, session)
         points = {number: region_points(region) for number, region in regions.items()}
         layout = laid_out(shot, points, display.size, given)
-        return {**self._assembled(layout, shown, regions, display, session), "motion": lambda: stored(layout.shot)}
+        results, grain = self._assembled(layout, shown, regions, display, session)
+        saved = {n: replace(motion, grain=grain) for n, motion in layout.shot.items()}
+        return {**results, "motion": lambda: stored(saved)}
 
     def _frames(self) -> dict[int, tuple[str, str]]:
         """Files of the frame and of the region by number, the reference frame first; '': as on the stack."""
@@ -208,7 +210,8 @@ class Plate(Whole):
         regions: dict[int, np.ndarray],
         display: Window,
         session: Session,
-    ) -> dict[str, Part]:
+    ) -> tuple[dict[str, Part], np.ndarray | None]:
+        """The plate with the pixels to fill, and the grain of the shot."""
         from ..motion.clean_plate import assembled
 
         first, window = self.source.first, layout.window
@@ -220,7 +223,7 @@ class Plate(Whole):
         frames = ((n, self._values(part, n, display), regions[n]) for n, (part, _) in self._read(shown, display))
         colors, count = channels_of(first.spec), len(shown)
         matched = max(colors.color, default=-1) + 1 if colors.alpha is None or colors.alpha > max(colors.color) else 0
-        values, known, hole = assembled(
+        values, known, hole, grain = assembled(
             layout, frames, matched, lambda n: session.progress.advance(count + n, 2 * count)
         )
         spec = window.apply_to(derived_spec(first.spec))
@@ -236,4 +239,4 @@ class Plate(Whole):
         made = from_pixels(first.name, in_type(values, np.dtype(dtype_of(spec))), spec, first.stored)
         need_fill = from_pixels("region", hole[..., None].astype(np.float32), spec_beside(spec, ("Y",)))
         self.inform("%d x %d px, %d of them to fill", *window.size, np.count_nonzero(hole))
-        return {"plate": made, "region": need_fill}
+        return {"plate": made, "region": need_fill}, grain

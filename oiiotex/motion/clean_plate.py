@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError
+from .frame_grain import Side, grain_between, of_shot
 from .frame_motion import NO_SURFACE, FrameMotion, Shot
 from .sampling import REACH, at_points, centers, grown
 
@@ -122,7 +123,7 @@ def assembled(
     frames: Iterable[tuple[int, np.ndarray, np.ndarray]],
     matched: int,
     advance: Callable[[int], object],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
     """The plate from all frames, its known pixels, and the unknown ones that frames need.
 
     Each pixel is the mean of the frames that show it, the sharpest with the largest weight, so it has little grain. The
@@ -142,14 +143,24 @@ def assembled(
     -------
     values : (height, width, c) float32
     known, needed : (height, width) bool
+    grain : (matched,) float64 or None
+        Standard deviation of the shot's grain. None: no two frames show enough in common.
     """
     whole = layout.window
+    grains, sides = list[np.ndarray](), dict[bool, Side]()
     shape = whole.height, whole.width
     total, weight, needed = None, np.zeros(shape, np.float32), np.zeros(shape, bool)
     for done, (number, values, region) in enumerate(frames, 1):
-        if total is None:
-            total = np.zeros((*shape, values.shape[2]), np.float32)
         motion = layout.shot[number]
+        side = Side(values[..., :matched], region, motion)
+        if total is None:
+            total, given = np.zeros((*shape, values.shape[2]), np.float32), number
+            sides = {False: side, True: side}
+        elif matched:
+            measured = grain_between(sides[number > given], side)
+            sides[number > given] = side
+            if measured is not None:
+                grains.append(measured)
         place = _seen(motion, region.shape, whole)
         if not place.empty:
             points = motion.back(centers(place).reshape(-1, 2)).reshape(place.height, place.width, 2)
@@ -169,7 +180,7 @@ def assembled(
         advance(done)
     known = weight > 0
     assert total is not None
-    return total / np.where(known, weight, 1)[..., None], known, needed & ~known
+    return total / np.where(known, weight, 1)[..., None], known, needed & ~known, of_shot(grains)
 
 
 def _inside(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

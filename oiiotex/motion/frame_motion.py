@@ -32,10 +32,13 @@ class FrameMotion:
     bend : (rows, columns, 2) float32, optional
         Offset in px of the frame at nodes every `STEP` px, from the first pixel center on. Beyond the frame, its
         border's is used, so that the map is defined for what comes into view later.
+    grain : (channels,) float64, optional
+        Standard deviation of the grain.
     """
 
     matrix: np.ndarray
     bend: np.ndarray | None = None
+    grain: np.ndarray | None = None
 
     def onto(self, points: np.ndarray) -> np.ndarray:
         """Points of the frame, (n, 2), on the plate."""
@@ -51,7 +54,7 @@ class FrameMotion:
 
     def then(self, matrix: np.ndarray) -> FrameMotion:
         """The map followed by a matrix."""
-        return FrameMotion(self.matrix @ matrix, self.bend)
+        return FrameMotion(self.matrix @ matrix, self.bend, self.grain)
 
     def _offset(self, points: np.ndarray) -> np.ndarray:
         """The bend at points, bilinear."""
@@ -114,12 +117,15 @@ def require_plane(matrix: np.ndarray, name: str) -> None:
 
 
 def stored(shot: Shot) -> dict[str, np.ndarray]:
-    """A shot's motion as arrays for a file: `frames` (n,), `matrices` (n, 3, 3), and `bends` if there are some."""
+    """A shot's motion as arrays for a file: `frames` (n,), `matrices` (n, 3, 3), and `bends` and `grain` if known."""
     arrays = {"frames": np.array(list(shot)), "matrices": np.stack([motion.matrix for motion in shot.values()])}
     bent = next((motion.bend for motion in shot.values() if motion.bend is not None), None)
     if bent is not None:
         none = np.zeros_like(bent)
         arrays["bends"] = np.stack([none if motion.bend is None else motion.bend for motion in shot.values()])
+    grains = [motion.grain for motion in shot.values()]
+    if all(grain is not None for grain in grains):
+        arrays["grain"] = np.stack(grains)  # type: ignore[arg-type]  # none is None
     return arrays
 
 
@@ -135,13 +141,17 @@ def read_shot(path: Path, budget: int) -> Shot:
     frames, matrices = arrays.get("frames", np.empty(0)), arrays.get("matrices", np.empty(0))
     count, bends = frames.size, arrays.get("bends", np.empty((frames.size, 0, 0, 2)))
     shapes = frames.shape == (count,) and matrices.shape == (count, 3, 3) and bends.ndim == 4
-    shapes = shapes and bends.shape[::3] == (count, 2) and [a.dtype.kind for a in (matrices, bends)] == ["f", "f"]
-    if not (
-        count and shapes and frames.dtype.kind in "iu" and np.isfinite(matrices).all() and np.isfinite(bends).all()
-    ):
+    grains = arrays.get("grain", np.empty((frames.size, 0)))
+    shapes = shapes and bends.shape[::3] == (count, 2) and grains.shape[:-1] == (count,)
+    numbers = matrices, bends, grains
+    shapes = shapes and all(a.dtype.kind == "f" and np.isfinite(a).all() for a in numbers)
+    if not (count and shapes and frames.dtype.kind in "iu"):
         raise ImageError(f"{path}: expected the arrays frames (n) and matrices (n, 3, 3) of a shot's motion")
     matrices = matrices.astype(np.float64)
     for number, matrix in zip(frames, matrices, strict=True):
         require_plane(matrix, f"{path}: frame {number}")
-    each = zip(frames, matrices, bends, strict=True)
-    return {int(number): FrameMotion(matrix, bend if bend.size else None) for number, matrix, bend in each}
+    each = zip(frames, matrices, bends, grains, strict=True)
+    return {
+        int(number): FrameMotion(matrix, bend if bend.size else None, grain if grain.size else None)
+        for number, matrix, bend, grain in each
+    }

@@ -40,7 +40,9 @@ def gains(frame: np.ndarray, plate: np.ndarray, known: np.ndarray) -> np.ndarray
     return _enlarged(_continued(np.where(own > 1e-12, gain, 1.0), weight), known.shape)
 
 
-def grain(difference: np.ndarray, plate: np.ndarray, known: np.ndarray, number: int) -> np.ndarray:
+def grain(
+    difference: np.ndarray, plate: np.ndarray, known: np.ndarray, number: int, amount: np.ndarray | None = None
+) -> np.ndarray:
     """New grain like that of the frame.
 
     The variance of the difference is a constant, plus photon noise in proportion to the value, plus what does not match
@@ -56,6 +58,9 @@ def grain(difference: np.ndarray, plate: np.ndarray, known: np.ndarray, number: 
     known : (h, w) bool
     number : int
         The frame's: the same number, the same grain.
+    amount : (c,) float64, optional
+        Standard deviation of the grain, measured between frames. Default: by the difference, which also has detail that
+        frame and plate resolve differently.
 
     Returns
     -------
@@ -72,6 +77,9 @@ def grain(difference: np.ndarray, plate: np.ndarray, known: np.ndarray, number: 
         deviation[..., c] = np.sqrt(terms[..., :2] @ factors[:2])
         plain[..., c] = difference[..., c] / np.sqrt(np.maximum(terms @ factors, 1e-12))
     plain = np.clip(plain, -_OUTLIER, _OUTLIER)
+    if amount is not None:
+        usual = np.sqrt(np.mean(deviation[known].astype(np.float64) ** 2, 0))
+        deviation *= (amount / np.maximum(usual, 1e-12)).astype(np.float32)
     random = np.random.Generator(np.random.Philox(key=number % (1 << 64)))  # frames before 0 also have a key
     noise = random.standard_normal((height, width, count), np.float32)
     noise = _colored(noise, plain, known, detail.mean(2))

@@ -68,7 +68,8 @@ def rendered(
     fill[..., colors] *= gains(sources, fill[..., colors], usable)
     if grain_amount:
         difference = np.where(usable[..., None], values[..., colors] - fill[..., colors], 0)
-        fill[..., colors] += grain_amount * grain(difference, fill[..., colors], usable, number)
+        measured = None if motion.grain is None or len(motion.grain) < len(colors) else motion.grain[colors]
+        fill[..., colors] += grain_amount * grain(difference, fill[..., colors], usable, number, measured)
     amount = np.where(covered, np.clip(amount, 0, 1), 0)[..., None]
     near = (inner & whole).inside(window)
     with np.errstate(invalid="ignore"):  # infinite values of the frame where nothing of it is used

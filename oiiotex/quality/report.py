@@ -26,12 +26,11 @@ from ..errors import ImageError, ParameterError, present
 from ..session.progress import Progress
 from ..session.resources import Resources
 from ..stationarity.costs import stationarity_cost
-from ..stationarity.measures import cost_text
 from ..stationarity.row_bands import PIXELS, channel, row_bands
 from .limit import Limit
 from .report_measures import REPORT_MEASURES
 from .seam_measures import seam_ratio, sharpness, wrap_percentile
-from .verdicts import verdicts
+from .verdicts import report_lines
 
 log = logging.getLogger("oiiotex")
 
@@ -45,6 +44,7 @@ FAIL_HELP = (
 _OF_COPIES = ("texture", "copied", "shown", "repeat")
 _OF_LABELS = ("label_repeat", "label_shown", "label")
 _OF_LOSSES = ("textured", "textured_photo", "regular", "regular_photo")
+_OF_FILLS = ("border", "step", "sharp")
 _BYTES = 200  # per pixel of a band
 _SIDE_BYTES = 1024  # per pixel along a side
 _HALO = 16  # maximum number of additional rows of a band
@@ -105,6 +105,8 @@ class Quality:
         Periods per pixel along x and y of the lattice that is kept. 0: none.
     lattice : tuple of (float, float)
         Its shortest vectors in the results, x and y px: none, one or two.
+    own : tuple of str
+        Names of the measures, if the op takes them itself (`add_own`), with `need` bytes of memory.
     """
 
     op: Any  # with parameters that not every Op has
@@ -122,6 +124,8 @@ class Quality:
     patch: int = 11
     cycles: tuple[float, float] = (0.0, 0.0)
     lattice: tuple[tuple[float, float], ...] = ()
+    own: tuple[str, ...] = ()
+    need: int = 0
     limits: tuple[Limit, ...] = field(init=False)
 
     @classmethod
@@ -168,19 +172,41 @@ class Quality:
             Measures that the op has computed itself.
         """
 
+        def entries() -> Iterator[dict[str, Any]]:
+            photo, looks = seen()
+            for look in looks:
+                yield self._entry(look.name, look.lab.shape, self._measures(photo, look, more))
+
+        return self._added(results, entries)
+
+    def add_own(self, results: dict[str, Any], measures: Callable[[], dict[str, float] | None]) -> dict[str, Any]:
+        """The same with measures that the op takes itself. None: there is nothing to measure."""
+        name = self.op.main().name
+        main = results[name]
+
+        def entries() -> Iterator[dict[str, Any]]:
+            found = measures()
+            if found is not None:
+                yield self._entry(name, main.window.size[::-1], found)
+
+        return self._added(results, entries)
+
+    def _added(self, results: dict[str, Any], entries: Callable[[], Iterable[dict[str, Any]]]) -> dict[str, Any]:
+        """The results with a report of these entries."""
+
         @functools.cache
         def report() -> dict[str, Any]:
             with self.resources.stats.time("measure"):
-                photo, looks = seen()
-                return self._document([self._entry(look, self._measures(photo, look, more)) for look in looks])
+                return self._document(list(entries()))
 
         if self.progress.measure:
             need = self._memory()
             if need > self.resources.budget:
                 log.info("%s: not measured: requires %d MB of memory", self.op.flag(), -(-need >> 20))
             else:
-                for line in self._lines(report()):
-                    log.info("%s: %s", self.op.flag(), line)
+                for result in report()["results"]:
+                    for line in report_lines(result, self.measure, self.order, self.sigma):
+                        log.info("%s: %s", self.op.flag(), line)
         return results | {"report": report}
 
     def add_to_copies(self, results: dict[str, Any], labels: Callable[[], Any] = lambda: None) -> dict[str, Any]:
@@ -228,6 +254,8 @@ class Quality:
 
     def _memory(self) -> int:
         """Memory in bytes, without data that is in files if it is large."""
+        if self.own:
+            return self.need
         from .lost_structure import regularity_bytes  # not needed for help
         from .patch_texture import texture_bytes
 
@@ -256,6 +284,9 @@ class Quality:
         absent |= not self.painted and name in _OF_LABELS
         absent |= name == "seam" and not axes
         absent |= name.startswith(("seam_", "quieter_")) and name.split("_")[1] not in axes
+        absent |= name in _OF_FILLS
+        if self.own:
+            absent = name not in self.own
         if absent:
             raise ParameterError(f"{name} is not measured for this result", parameter="fail", value=text)
         return limit
@@ -312,9 +343,9 @@ class Quality:
 
     # --- output ---
 
-    def _entry(self, look: Look, measures: dict[str, float]) -> dict[str, Any]:
-        height, width = look.lab.shape[:2]
-        entry = {"name": look.name, "width": width, "height": height, "measures": measures}
+    def _entry(self, name: str, shape: tuple[int, ...], measures: dict[str, float]) -> dict[str, Any]:
+        height, width = shape[:2]
+        entry = {"name": name, "width": width, "height": height, "measures": measures}
         return entry | ({"lattice": self.lattice} if self.lattice else {})
 
     def _document(self, results: list[dict[str, Any]]) -> dict[str, Any]:
@@ -330,44 +361,6 @@ class Quality:
                     failed.append(f"{result['name']}: {limit.measure} is {shown}: fail={limit}")
         header: dict[str, Any] = {"schema": SCHEMA, "version": __version__, "filter": self.op.name}
         header["parameters"] = self.op.provenance()["oiiotex:parameters"]
-        header |= {"measure": self.measure, "sigma": self.sigma, "contrast": self.contrast}
+        if not self.own:
+            header |= {"measure": self.measure, "sigma": self.sigma, "contrast": self.contrast}
         return {**header, "results": results, "limits": limits, "passed": not failed, "failed": failed}
-
-    def _lines(self, report: dict[str, Any]) -> Iterator[str]:
-        """The measures as text."""
-        for result in report["results"]:
-            m, side = result["measures"], max(result["width"], result["height"])
-            yield from verdicts(m)
-            if "fidelity" in m:
-                from .fidelity import Fidelity
-
-                yield str(Fidelity.of_measures(m))
-            cost = cost_text(m["cost"], self.measure, self.order, m["cost_photo"])
-            yield f"{cost} at sigma {self.sigma or side / 32:g} px"
-            if "texture" in m:
-                text = "(MJH17 eq. 5, upper bound by PatchMatch)"
-                yield f"texture cost {m['texture']:.2f} Lab^2 per pixel {text}"
-            for axis in "xy":
-                if f"seam_{axis}" in m:
-                    change = f"{m[f'seam_{axis}_photo']:.2f} -> {m[f'seam_{axis}']:.2f} (1 is invisible)"
-                    yield f"seam ratio {axis} {change}; {m[f'quieter_{axis}']:.0f} % of the lines inside are smoother"
-            yield f"sharpness loss {100 * m['loss']:.1f} % (mean |L - blurred L|; negative: sharper than the photo)"
-            if "regular" in m:
-                change = f"{m['regular_photo']:.2f} -> {m['regular']:.2f}"
-                yield f"regularity {change} (autocorrelation above its floor, minimum of three vectors)"
-            if "copied" in m:
-                copied = f"{100 * m['copied']:.0f} % of the pixels lie in verbatim copies of 8x8 px"
-                if "shown" in m:
-                    shown = _shown(m["shown"], m["repeat"])
-                    copied += f"; the most repeated region of 32x32 {shown}"
-                yield copied
-            if "label" in m:
-                shown = _shown(m["label_shown"], m["label_repeat"])
-                yield f"the most repeated region of a painted label, {m['label']:.0f}, {shown}"
-
-
-def _shown(times: float, repeat: float) -> str:
-    """How often a region is shown; the average, if it is more than once."""
-    return f"is shown {times:.1f} times" + (
-        f"; the average region {times / repeat:.1f} times" if repeat < times else ""
-    )
