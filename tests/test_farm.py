@@ -321,3 +321,26 @@ def test_the_lines_of_the_page_make_one_image(folder):
         (folder / "wall.exr").unlink()
     assert len(made) >= 2
     assert all(np.array_equal(made[0], other) for other in made)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("local", [True, False])
+def test_each_file_is_a_job_and_a_broken_one_stops_no_other(folder, local, request):
+    place = "local:2" if local else request.getfixturevalue("scheduler")
+    os.makedirs("photos")
+    for name in ("a", "b"):
+        shutil.copy("a.png", f"photos/{name}.png")
+    with open("a.png", "rb") as whole, open("photos/half.png", "wb") as half:
+        half.write(whole.read()[:-200])  # found by the worker
+    with open("photos/none.png", "wb") as none:
+        none.write(b"no picture")  # found before the work
+    words = ["--farm", f"dask={place}", "--create-dir", "-o", "out/{name}.png"]
+    done = oiiotex("--each", "photos/*.png", "--flip", *words, cwd=folder, env=dict(os.environ))
+    assert done.returncode == 1
+    assert sorted(line.split(": ")[1] for line in done.stderr.splitlines()) == ["photos/half.png", "photos/none.png"]
+    run(["photos/a.png", "--flip", "-o", "one.png"])
+    for name in ("a", "b"):
+        same("one.png", f"out/{name}.png")
+    for files, count in (("photos/none.png", 1), ("photos/b.png", 0)):  # no job, and one
+        done = oiiotex("--each", files, "--texpatchmatch:size=48x48", *words, cwd=folder, env=dict(os.environ))
+        assert (done.returncode, len(done.stderr.splitlines())) == (count, count)

@@ -122,6 +122,21 @@ def test_normals_of_directx_are_turned_on_request(photos, tmp_path, here):
     assert 'name="normal_turned"' in document and 'name="flip_g" type="boolean" value="true"' in document
 
 
+def test_heights_displace_if_their_scale_is_known(photos, tmp_path, here):
+    save(drawn.smooth_noise(24, 24, 6, 4)[..., None], photos / "scans/wall_height_1k.png")
+    for told, count in (("", 0), ("height_m = 0.02\n", 1)):
+        library = tmp_path / f"library{count}"
+        brought_in(photos, library, recipe(f"[find]\n{told}{LINE}[deliver]\nusd = true\n"))
+        (document,), (stage,) = library.glob("assets/wall/*/*.mtlx"), library.glob("assets/wall/*/*.usda")
+        own = document.read_text()
+        assert own.count('<displacement name="displacement_wall" type="displacementshader">') == count
+        assert own.count('name="scale" type="float" value="0.02"') == 2 * count  # and of the hex-tiled material
+        assert stage.read_text().count("inputs:displacement.connect") == count
+        assert stage.read_text().count("float4 inputs:scale = (0.02, 0.02, 0.02, 1)") == count
+        with Catalog(library) as catalog:
+            assert list(check(catalog)) == []
+
+
 def test_normals_without_a_convention_are_measured_and_asked_for_if_they_do_not_tell(tmp_path, here):
     folder, library = tmp_path / "photos", tmp_path / "library"
     folder.mkdir()

@@ -85,7 +85,7 @@ def key_of(material: Material, recipe: LibraryRecipe, digests: Mapping[str, str]
     known = material.facts
     return hash_of(
         SCHEMA, __version__, material.name, sorted(digests.items()), _maps(material),
-        known.license, known.author, known.tags, known.size_m,
+        known.license, known.author, known.tags, known.size_m, known.height_m,
         recipe.products, recipe.deliver, [str(limit) for limit in recipe.limits], sorted(recipe.roles.items()),
     )[:16]  # fmt: skip
 
@@ -162,7 +162,9 @@ class _Making:
             measures["labels"] = len(labels)
         meters = self._meters_a_pixel(tile, steps)
         hand, lattice = self._hand(), bool(steps_px)
-        described = materials.Described(material.name, dict(tile.outputs), self._space(maps["color"]), hand, lattice)
+        described = materials.Described(
+            material.name, dict(tile.outputs), self._space(maps["color"]), hand, lattice, relief=material.facts.height_m
+        )
         wang, side = self._documents(described, self._textures(tile.outputs), meters), 1
         if wang is not None:
             side, measures["tiles"] = wang.side, wang.side**2
@@ -186,7 +188,7 @@ class _Making:
             "schema": SCHEMA, "version": __version__, "name": material.name,
             "key": key_of(job.material, recipe, dict(job.digests)), "status": "review" if reasons else "ok",
             "reasons": reasons, "license": facts.license, "author": facts.author, "tags": list(facts.tags),
-            "size_m": list(facts.size_m), "width": spec.width, "height": spec.height,
+            "size_m": list(facts.size_m), "height_m": facts.height_m, "width": spec.width, "height": spec.height,
             "color_lab": [round(float(value), 3) for value in looks.mean_lab()], "lattice": steps_px,
             "tile_m": [meters[0] * spec.width / side, meters[1] * spec.height / side] if meters else [],
             "lattice_m": [[meters[0] * x, meters[1] * y] for x, y in steps_px] if meters else [],
@@ -280,9 +282,8 @@ class _Making:
             side = max(1, materials.atlas_side(spec))
             size = [n * length / side for n, length in zip((spec.width, spec.height), meters, strict=False)]
             width, height = size or (1.0, spec.height / spec.width)  # of an unknown size: one unit wide
-            return write_wang(
-                described.maps, self.folder, described.name, _SEED, (width, height), 0.0, described.hand, textures
-            )
+            maps, name, relief, hand = described.maps, described.name, described.relief, described.hand
+            return write_wang(maps, self.folder, name, _SEED, (width, height), relief, hand, textures)
         if deliver.materialx:
             materials.write_materialx(replace(described, maps=textures), self.folder)
         if deliver.usd:

@@ -114,7 +114,7 @@ def write_wang(
     index, plane = str(beside("color", "index").with_suffix(".png")), materials.index_image(side * side, seed)
     write(from_array(plane), folder / index)
     space = maps["color"].first.spec.get_string_attribute(TAG)
-    described = materials.Described(name, tiles, space, "opengl", lattice=True, tile_m=size_m)
+    described = materials.Described(name, tiles, space, "opengl", lattice=True, tile_m=size_m, relief=relief)
     material = materials.WangMaterial(
         described.identifier, textures or atlases, index, side, space, hand, size_m, relief if "height" in maps else 0.0
     )

@@ -32,6 +32,7 @@ _PREVIEW = {  # inputs of UsdPreviewSurface, with type and channels
     "color": ("diffuseColor", "Color3f", "rgb"), "roughness": ("roughness", "Float", "r"),
     "metal": ("metallic", "Float", "r"), "normal": ("normal", "Normal3f", "rgb"), "opacity": ("opacity", "Float", "r"),
     "ao": ("occlusion", "Float", "r"), "emission": ("emissiveColor", "Color3f", "rgb"),
+    "height": ("displacement", "Float", "r"),
 }  # fmt: skip
 _NAMESPACE = uuid.UUID("6f1d8a52-0f0b-4c55-9d0a-0a7d3f0e5b11")  # of Blender's catalogs
 
@@ -53,6 +54,8 @@ class Described:
         Whether the texture has a lattice, which hex-tiling would break.
     tile_m : (float, float)
         Width and height of the maps in units of texture coordinates.
+    relief : float
+        Distance between heights 0 and 1; 0: heights are not connected.
     """
 
     name: str
@@ -61,6 +64,7 @@ class Described:
     hand: str
     lattice: bool
     tile_m: tuple[float, float] = (1.0, 1.0)
+    relief: float = 0.0
 
     @property
     def identifier(self) -> str:
@@ -169,7 +173,20 @@ def _material(document: MaterialX.Document, described: Described, name: str, hex
         surface.setInputValue("emission", 1.0)
     if "roughness" not in maps:
         surface.setInputValue("specular_roughness", ROUGHNESS)
-    document.addMaterialNode(name, surface)
+    target = document.addMaterialNode(name, surface)
+    if "height" in maps:
+        connect_heights(document, target, graph, name, described.relief)
+
+
+def connect_heights(document: Any, material: Any, graph: Any, name: str, relief: float) -> None:
+    """Displace a material by the output `height` of a graph; `relief`: distance between 0 and 1, or 0 for none."""
+    if relief:
+        moved = document.addNode("displacement", f"displacement_{name}", "displacementshader")
+        target = moved.addInput("displacement", "float")
+        target.setNodeGraphString(graph.getName())
+        target.setOutputString("height")
+        moved.setInputValue("scale", relief)
+        material.addInput("displacementshader", "displacementshader").setConnectedNode(moved)
 
 
 def _texture(graph: Any, role: str, file: str, kind: str, described: Described, hex_tiled: bool) -> Any:
@@ -277,7 +294,7 @@ def write_usd(described: Described, folder: Path) -> None:
         for role, file in described.maps.items():
             inverted = role == "gloss" and "roughness" not in described.maps
             role = "roughness" if inverted else role
-            if role not in _PREVIEW:
+            if role not in _PREVIEW or (role == "height" and not described.relief):
                 continue
             name, kind, channels = _PREVIEW[role]
             texture = UsdShade.Shader.Define(stage, f"{root}/{role}")
@@ -288,7 +305,7 @@ def write_usd(described: Described, folder: Path) -> None:
             texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set(space)
             for wrap in ("wrapS", "wrapT"):
                 texture.CreateInput(wrap, Sdf.ValueTypeNames.Token).Set("repeat")
-            scale, bias = _range(role, described.hand, inverted)
+            scale, bias = _range(role, described, inverted)
             if scale is not None:
                 texture.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*scale))
                 texture.CreateInput("bias", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*bias))
@@ -327,11 +344,13 @@ def usd_faults(path: Path) -> list[str]:
     return messages
 
 
-def _range(role: str, hand: str, inverted: bool) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
+def _range(role: str, described: Described, inverted: bool) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
     """Scale and bias of texel values; (None, ()) for none."""
     if role == "normal":  # UsdPreviewSurface expects -1..1, y up
-        y = -1 if hand == "directx" else 1
+        y = -1 if described.hand == "directx" else 1
         return (2, 2 * y, 2, 1), (-1, -y, -1, 0)
+    if role == "height":
+        return (described.relief,) * 3 + (1,), (0, 0, 0, 0)
     if inverted:
         return (-1, -1, -1, 1), (1, 1, 1, 0)
     return None, ()

@@ -17,7 +17,16 @@ from typing import Any
 from ..errors import Error
 from ..io.atomic import written
 from ..wang.plane import CELLS
-from .documents import ROUGHNESS, SPACES, STANDARD_INPUTS, loaded_libraries, materialx, node_of, opengl_normals
+from .documents import (
+    ROUGHNESS,
+    SPACES,
+    STANDARD_INPUTS,
+    connect_heights,
+    loaded_libraries,
+    materialx,
+    node_of,
+    opengl_normals,
+)
 
 IMAGE = "oiiotex_image"  # the node
 STANDARD = "_standard"  # suffix of the document for hosts without OpenPBR
@@ -156,11 +165,8 @@ def _document(material: WangMaterial, own_node: bool) -> Any:
         surface.setInputValue("specular_roughness", ROUGHNESS)
     if "emission" in material.maps:
         surface.setInputValue("emission_luminance", 1.0)
-    if "height" in material.maps and material.relief:
-        moved = document.addNode("displacement", f"displacement_{name}", "displacementshader")
-        _connect(moved, "displacement", "float", graph, "height")
-        moved.setInputValue("scale", material.relief)
-        target.addInput("displacementshader", "displacementshader").setConnectedNode(moved)
+    if "height" in material.maps:
+        connect_heights(document, target, graph, name, material.relief)
     return document
 
 

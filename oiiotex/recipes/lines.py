@@ -103,7 +103,7 @@ def require_lines(recipe: LibraryRecipe) -> str:
     ops = [each for each in parse(list(delivered[0].words), LANGUAGE).steps if each.op]
     packed = any(split_modifiers(each.word)[1].get("pack") == "atlas" for each in ops)
     if recipe.deliver.wang and not packed:
-        hint = "add :variants=16:size=256x256:pack=atlas to --texstationarize"
+        hint = "add :variants=16:size=512x512:pack=atlas to --texstationarize"
         raise ParameterError(f"product {delivered[0].product}: wang = true delivers atlases of Wang tiles; {hint}")
     return delivered[0].product
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Mapping
@@ -32,6 +33,7 @@ class Facts:
     author: str = ""
     tags: tuple[str, ...] = ()
     size_m: tuple[float, ...] = ()  # width and height in meters
+    height_m: float = 0.0  # distance between heights 0 and 1 in meters; 0: unknown
     normals: Literal["", "opengl", "directx"] = ""  # convention of its normal map
     maps: Mapping[str, str] = field(default_factory=dict)  # files by role, below the photos, or ARCHIVE.zip!MEMBER
     skip: bool = False  # whether to ignore it
@@ -41,6 +43,8 @@ class Facts:
             _require_among("maps", role, tuple(ROLES))
         if self.size_m and (len(self.size_m) != 2 or min(self.size_m) <= 0):
             raise ParameterError(f"size_m={list(self.size_m)}: expected width and height in meters, both > 0")
+        if not 0 <= self.height_m < math.inf:
+            raise ParameterError(f"height_m={self.height_m}: expected meters, >= 0")
 
     def under(self, own: Facts) -> Facts:
         """These facts, overridden by those of `own`; tags are combined."""
