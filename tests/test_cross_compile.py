@@ -38,15 +38,21 @@ LARGER = {  # and of the kernels that have more
 }
 
 
-def compile_for(clang: str, target: str, level: str, source: Path, macros: dict[str, int], *more: str) -> str:
-    """Intermediate code, or what `more` asks for."""
-    command = [clang, "-x", "cl", "-cl-std=CL1.2", "-target", target, level, "-w", "-S", "-o", "-", *more]
+def compile_for(clang: str, target: str, level: str, source: Path, macros: dict[str, int]) -> str:
+    """Intermediate code."""
+    command = [clang, "-x", "cl", "-cl-std=CL1.2", "-target", target, level, "-w", "-S", "-emit-llvm", "-o", "-"]
     if target != "spir64":
         command.append("-nogpulib")  # the target's own library: its builtins stay declared
     defines = [f"-D{name}={value}" for name, value in {"LANES": 1, **macros}.items()]
     done = subprocess.run([*command, f"-I{FOLDER}", *defines, str(source)], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, f"{clang} {target} {level} {source.name} {macros}:\n{done.stderr}"
     return done.stdout
+
+
+def assembly_of(code: str, clang: str, target: str, level: str) -> str:
+    """What the target's own code generator makes of intermediate code, which is optimized."""
+    command = [clang, "-x", "ir", "-target", target, level, "-Xclang", "-disable-llvm-passes", "-S", "-o", "-", "-"]
+    return subprocess.run(command, input=code, capture_output=True, text=True, timeout=300, check=True).stdout
 
 
 def functions_of(code: str) -> dict[str, str]:
@@ -83,7 +89,7 @@ def private_bytes(code: str, name: str) -> int:
 
 def faults(clang: str, target: str, level: str, stem: str, macros: dict[str, int]) -> list[str]:
     """What a device of that kind would not take."""
-    code = compile_for(clang, target, level, FOLDER / f"{stem}.cl", macros, "-emit-llvm")
+    code = compile_for(clang, target, level, FOLDER / f"{stem}.cl", macros)
     found = [f"undefined {name}" for name in sorted(undefined(code))]
     if stem not in DOUBLES:
         found += [f"fp64: {line.strip()}" for line in re.findall(r"^.*\bdouble\b.*$", code, re.M)[:3]]
@@ -94,8 +100,8 @@ def faults(clang: str, target: str, level: str, stem: str, macros: dict[str, int
             bound = LARGER[name](macros) if name in LARGER else PRIVATE
             if (size := private_bytes(code, name)) > bound:
                 found.append(f"{name} holds {size} private bytes, {bound} are allowed")
-    if target.startswith("nvptx") and level != "-O0":  # what its own code generator makes of it
-        assembly = compile_for(clang, target, level, FOLDER / f"{stem}.cl", macros)
+    if target.startswith("nvptx") and level != "-O0":
+        assembly = assembly_of(code, clang, target, level)
         if stem not in DOUBLES:
             found += [f"fp64: {line.strip()}" for line in re.findall(r"^.*\.f64\b.*$", assembly, re.M)[:3]]
         most = max(LARGER[name](macros) if name in LARGER else PRIVATE for name in kernels)
@@ -143,10 +149,10 @@ def test_what_no_compiler_would_take_is_found(tmp_path):
         "  a[get_global_id(0)] = helper(votes[n]); b[n] = (float)((double)b[0] * 1.1);\n"
         "}\n"
     )
-    code = compile_for(CLANGS[0], TARGETS[0], "-O0", source, {}, "-emit-llvm")
+    code = compile_for(CLANGS[0], TARGETS[0], "-O0", source, {})
     assert undefined(code) == {"helper"}
     assert "double" in code
-    code = compile_for(CLANGS[0], TARGETS[0], "-O2", source, {}, "-emit-llvm")
+    code = compile_for(CLANGS[0], TARGETS[0], "-O2", source, {})
     assert private_bytes(code, "bad_one") == 4 * 99
 
 

@@ -100,12 +100,11 @@ def test_the_slope_says_the_dimension(dimension):
     assert np.exp(-squares / (2 * e)).sum() == pytest.approx(total, rel=1e-3)
 
 
-def test_landmarks_are_n_to_the_0_7_and_follow_the_seed():
+def test_landmarks_are_n_to_the_0_7():
     many = patch_manifold.Texels(np.zeros((5000, 1), np.float32), np.arange(5000), np.arange(5000), 1, 1)
-    one, again, other = (patch_manifold.landmarks(many, seed) for seed in (1, 1, 2))
+    one, again = patch_manifold.landmarks(many), patch_manifold.landmarks(many)
     assert len(one) == int(5000**0.7) == len(np.unique(one))
     np.testing.assert_array_equal(one, again)
-    assert len(np.intersect1d(one, other)) < 0.3 * len(one)
 
 
 def test_a_dense_small_group_is_found_small():

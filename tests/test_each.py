@@ -47,6 +47,13 @@ def test_the_error_of_an_option_names_the_file(folder, caplog):
     assert said.startswith("oiiotex ERROR: photos/a.png: --over : images must have alpha")
 
 
+def test_a_warning_names_its_file(folder, caplog):
+    assert run(["--each", "photos/a.png", "--flip", "--ch", "Y,none", "-o", "out/{name}.png"]) == 0
+    said = [record.getMessage() for record in caplog.records]
+    assert "photos/a.png: no channel 'none' among Y: it is filled with 0" in said
+    assert all(line.startswith("photos/a.png: ") for line in said)
+
+
 def test_files_of_folders_keep_their_folder(folder):
     assert run(["--each", "photos/**/a.png", "--flip", "--create-dir", "-o", "out/{dir}/{name}.png"]) == 0
     assert sorted(str(path.relative_to(folder / "out")) for path in (folder / "out").rglob("*.png")) == [

@@ -6,6 +6,7 @@ What the program starts is emulated too: `sys.executable` is a script that start
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
 import shutil
@@ -35,13 +36,14 @@ CPUS = {
     "Haswell": ("Haswell", HASWELL, "default settings"),
 }  # fmt: skip
 RUN = """
-import sys
-sys.executable, flags, *words = sys.argv[1:]
+import json, sys
+sys.executable, flags, lines = sys.argv[1:]
 from oiiotex.opencl import cpu, runtime
 cpu.cpu = lambda: {"flags": flags}  # /proc/cpuinfo is the machine's
 runtime._PROBE_SECONDS = 900  # an emulator is slow
-from oiiotex.cli.main import main
-main(words)
+from oiiotex.cli.running.line_run import run
+for words in json.loads(lines):
+    assert run(words) == 0, words
 """
 # a CPU unlike all others has every kernel of a tile; the others the most of them
 LINES = {name: [f"--tex{op}:size=64x64:iterations=1", "-d", "float", "-o"]
@@ -72,15 +74,12 @@ def test_a_tile_of_an_emulated_cpu_is_the_same(tmp_path, capsys, native, name):
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "POCL_CACHE_DIR": str(tmp_path / "pocl")}
     photo, tile = native
 
-    def run(*words: object) -> str:
-        command = [python, "-c", RUN, python, flags, *words]
-        done = subprocess.run(list(map(str, command)), env=environment, capture_output=True, text=True, timeout=3000)
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
     start = time.perf_counter()
-    run(photo, *LINES[name], tmp_path / "tile.tif", "--device", "cpu")
-    listing = run("--devices", "-v")
+    made = ["--noprogress", str(photo), *LINES[name], str(tmp_path / "tile.tif"), "--device", "cpu"]
+    command = [python, "-c", RUN, python, flags, json.dumps([made, ["--devices", "-v"]])]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=3000)
+    assert done.returncode == 0, done.stderr
+    listing = done.stdout
     with capsys.disabled():
         print(f"\n{name}: {time.perf_counter() - start:.0f} s")
     assert f"{way}, system linker: works" in listing, listing

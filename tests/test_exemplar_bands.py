@@ -19,7 +19,7 @@ from oiiotex.exemplar.exemplar_op import ExemplarOp
 from oiiotex.io.disk_cache import hash_of
 from oiiotex.opencl.buffers import require_room
 from oiiotex.patchmatch import memory, optimization
-from oiiotex.patchmatch.constraints import coarse_image
+from oiiotex.patchmatch.constraints import Octaves
 from oiiotex.patchmatch.field import Geometry, allowed_patches, hash_at, random_field, variance_of
 from oiiotex.patchmatch.use_prices import ranked
 from oiiotex.session import Session
@@ -120,13 +120,13 @@ def test_rows_of_a_reduced_image_hang_on_no_others(size, monkeypatch):
     roi = oiio.ROI(0, width, 0, height, 0, 1, 0, 3)
     expected = oiio.ImageBufAlgo.resize(buffer, "triangle", roi=roi).get_pixels(oiio.FLOAT)
     rows = MadeRows(photo.shape, np.float32, lambda first, last: photo[first:last])
-    masked = coarse_image(photo, mask, width, height)
+    masked = Octaves(photo, mask).reduced(width, height)
     for limit in (1, 9000, 1 << 24):
         monkeypatch.setattr(image, "_RESIZED_BYTES", limit)
         np.testing.assert_array_equal(image.resized(rows, width, height), expected)
         some = slice(5, 13)
         np.testing.assert_array_equal(image.resized(rows, width, height, some), expected[some])
-        np.testing.assert_array_equal(coarse_image(rows, mask, width, height, some), masked[some])
+        np.testing.assert_array_equal(Octaves(rows, mask).reduced(width, height, some), masked[some])
 
 
 @pytest.mark.parametrize("share", [0, 0.4, 0.999])

@@ -15,8 +15,11 @@ from tests.conftest import save
 from tests.extremes import lines, try_all
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks, and limits of POSIX")
-OPS = [op for op in (*host.OPS, *filters.OURS) if lines(op, short=False)]
-by_flag = pytest.mark.parametrize("op", OPS, ids=[op.flag() for op in OPS])
+
+
+def by_flag(short: bool) -> pytest.MarkDecorator:
+    ops = [op for op in (*host.OPS, *filters.OURS) if lines(op, short)]
+    return pytest.mark.parametrize("op", ops, ids=[op.flag() for op in ops])
 
 
 @pytest.fixture
@@ -27,12 +30,12 @@ def images(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@by_flag
+@by_flag(short=True)
 def test_what_has_done_harm_is_done_or_refused(images: Path, op: type[Op]) -> None:
     try_all(op, images, short=True, seconds=20)
 
 
 @pytest.mark.slow
-@by_flag
+@by_flag(short=False)
 def test_any_extreme_is_done_or_refused(images: Path, op: type[Op]) -> None:
     try_all(op, images, short=False, seconds=60)

@@ -19,6 +19,7 @@ import pytest
 from oiiotex import errors
 from oiiotex.library import asset as making
 from oiiotex.library import digests, ingest, runs
+from oiiotex.library.asset import read_sidecar
 from oiiotex.library.catalog import Catalog
 from oiiotex.library.commands import run
 from oiiotex.library.report import write_report
@@ -26,7 +27,7 @@ from oiiotex.library.upkeep import check, orphans
 from oiiotex.recipes import found as finding
 from tests import pictures as drawn
 from tests.conftest import load, save
-from tests.library_makings import LINE, brought_in, recipe
+from tests.library_makings import LINE, OPENGL, brought_in, bumps, recipe
 from tests.library_makings import here as here
 from tests.library_makings import photos as photos
 
@@ -119,6 +120,28 @@ def test_normals_of_directx_are_turned_on_request(photos, tmp_path, here):
     np.testing.assert_allclose(load(path), given, atol=1e-3)
     document = next(path.parents[1].glob("*.mtlx")).read_text()
     assert 'name="normal_turned"' in document and 'name="flip_g" type="boolean" value="true"' in document
+
+
+def test_normals_without_a_convention_are_measured_and_asked_for_if_they_do_not_tell(tmp_path, here):
+    folder, library = tmp_path / "photos", tmp_path / "library"
+    folder.mkdir()
+    for name, normals in (("moss", bumps(48) * [1, -1, 1] + [0, 1, 0]), ("slab", np.full((48, 48, 3), [0.5, 0.5, 1]))):
+        save(drawn.pebbles(48, 48, 1), folder / f"{name}_diff.png")
+        save(normals, folder / f"{name}_nor.png")
+    tally, said = brought_in(folder, library, recipe())
+    assert tally.counts == {"ok": 1, "asked": 1} and tally.status == 3
+    assert any(line.startswith("moss: ok") and ", normals DirectX " in line for line in said)
+    assert any(line.startswith("slab: asked: which convention do the normals have?") for line in said)
+    with Catalog(library) as catalog:
+        asset = catalog.assets()["moss"]
+        assert catalog.measures()["moss"]["convention"] < -0.5
+        assert "DirectX " in write_report(catalog, "library").read_text()
+    sidecar = read_sidecar(library / asset.folder)
+    assert [source.get("normals") for source in sidecar["sources"]] == [None, "directx"]
+    np.testing.assert_allclose(load(library / asset.folder / "tile/normal.exr"), bumps(48), atol=0.01)
+    tally, said = brought_in(folder, library, recipe())
+    assert (tally.made, tally.unchanged, said) == (0, 2, [])
+    assert brought_in(folder, library, recipe(OPENGL.removeprefix("schema = 1\n") + LINE))[0].counts == {"ok": 2}
 
 
 def test_a_second_run_makes_only_what_has_changed(photos, tmp_path, here, monkeypatch):

@@ -214,7 +214,7 @@ def test_a_painted_area_is_filled(page, folder):
     page.mouse.move(view["x"] + view["width"] / 2 + 40, view["y"] + view["height"] / 2, steps=3)
     page.mouse.up()
     page.evaluate("delete document.querySelector('[data-tile]').dataset.tile")
-    page.evaluate("import('./main.js').then(({ shell }) => shell.set('tile', { inpaint: 'brush' }))")
+    page.evaluate("import('./main.js').then(({ shell }) => shell.set('tile', { fill: 'brush' }))")
     page.wait_for_selector("[data-tile=whole]")
     wait(page, "document.body.dataset.busy === 'false'")
     words = copied_line(page)

@@ -161,7 +161,7 @@ CANVAS = """async (path) => {
   return [...canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data];
 }"""
 USUAL = dict.fromkeys(("flatten", "sigma", "amount", "contrast", "patch", "width", "height", "preset"))
-USUAL |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "inpaint": ""}
+USUAL |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "fill": ""}
 
 
 SET = """async (values) => {
@@ -307,88 +307,3 @@ def test_axe_finds_nothing_serious(page):
         assert not serious, (tab, serious)
     for key in ("Escape", "w", "d"):
         page.keyboard.press(key)
-
-
-def chosen(page, *paths: Path) -> None:
-    """Files of this computer."""
-    page.set_input_files("input[type=file]", list(paths))
-
-
-def test_photos_are_added_asked_for_their_color_space_and_get_the_settings_of_another(page, folder, tmp_path):
-    page.set_viewport_size({"width": 800, "height": 600})
-    page.keyboard.press("Escape")
-    page.click("#tab-tile")
-    save(pictures.bricks(48, 64, seed=1), tmp_path / "loose.tif", "uint8")
-    (tmp_path / "note.txt").write_text("text")
-    (tmp_path / "broken.png").write_bytes((tmp_path / "loose.tif").read_bytes()[:300])
-    chosen(page, *(tmp_path / name for name in ("note.txt", "broken.png", "loose.tif")))
-    page.wait_for_selector("dialog[open] select")
-    said = page.inner_text("#status.wrong")
-    assert "note.txt: expected an image" in said and "broken.png: " in said
-    assert "photo=2" in page.url and page.is_disabled("dialog[open] >> text=Use")  # nothing is guessed
-    assert not page.locator("[data-tile]").count() and not (folder / "broken.png").exists()
-    page.keyboard.press("Escape")
-    page.click("#ask")
-    page.select_option("dialog[open] select", label="ACEScg")
-    page.click("dialog[open] >> text=Use")
-    page.wait_for_selector("[data-tile=whole]")
-    wait(page, "document.querySelector('.line').value.includes('loose.tif --iscolorspace ACEScg --tex')")
-    chosen(page, tmp_path / "loose.tif")  # the same again
-    wait(page, "document.getElementById('status').textContent === 'This photo is already open'")
-    assert [path.name for path in folder.glob("loose*.tif")] == ["loose.tif"]
-    page.select_option("select[title^='Keep:']", '"keep"')
-    page.get_by_role("button", name="Apply to all").click()
-    wait(page, "document.querySelector('.photo small')?.textContent.startsWith('saved: ')")
-    made = folder / page.locator(".photo small").first.inner_text().removeprefix("saved: ")
-    page.click(".photo >> nth=0")
-    wait(page, "document.getElementById('undo').title === 'Undo: Parameters of loose (Ctrl Z)'")
-    assert state(page, "tile.preset") == "keep"
-    wait(page, "document.querySelector('.line').value.includes('preset=keep')")
-    line = shlex.split(page.input_value(".line >> nth=0"))
-    pixels = load(made)
-    made.unlink()
-    done = oiiotex(*line[1:-1], made.name, cwd=folder)
-    assert done.returncode == 0, done.stderr
-    np.testing.assert_array_equal(load(made), pixels)
-
-
-def test_maps_of_a_material_are_shown_and_saved_together(page, folder, tmp_path):
-    color = pictures.pebbles(48, 64, seed=2)
-    save(color, tmp_path / "wall_color.exr", "half", "lin_rec709_scene")
-    maps = {
-        "wall_height.exr": color[..., :1],
-        "wall_nor_dx.exr": color * 0.2 + [0.4, 0.4, 0.8],
-        "wall_rough.png": color[..., :1],
-    }
-    for name, pixels in maps.items():
-        save(np.clip(pixels, 0, 1), tmp_path / name, "uint8" if name.endswith("png") else "half")
-    chosen(page, *tmp_path.iterdir())
-    page.wait_for_selector("[data-maps='3']")
-    assert page.locator(".photo[aria-current]").inner_text() == "wall_color (4 maps)"
-    page.get_by_role("button", name="Save", exact=True).first.click()
-    wait(page, "document.getElementById('status').textContent.startsWith('Saved 4 maps: ')")
-    saved = {path.name: load(path) for path in folder.glob("wall_*_tile.*")}
-    assert set(saved) == {"wall_color_tile.exr", "wall_height_tile.exr", "wall_nor_dx_tile.exr", "wall_rough_tile.png"}
-    for name in saved:
-        (folder / name).unlink()
-    line = shlex.split(page.input_value(".line >> nth=0"))
-    done = oiiotex(*line[1:], cwd=folder)
-    assert done.returncode == 0, done.stderr
-    for name, pixels in saved.items():
-        np.testing.assert_array_equal(load(folder / name), pixels)
-    page.get_by_role("button", name="Maps", exact=True).click()
-    drawn = "document.querySelector(\"canvas[aria-label='Maps of the material']\").getContext('2d')"
-    colors = page.evaluate(f"new Set(new Uint32Array({drawn}.getImageData(0, 0, 200, 200).data.buffer)).size")
-    assert colors > 50
-    axe = pytest.importorskip("axe_playwright_python", reason="NOT RUN: pip install oiiotex[test]")
-    page.evaluate((Path(axe.__file__).parent / "axe.min.js").read_text())
-    page.click("#open")
-    page.wait_for_selector("dialog[open] input")
-    found = page.evaluate("axe.run().then((all) => all.violations)")
-    assert not [one["id"] for one in found if one["impact"] in ("serious", "critical")]
-    page.keyboard.press("Escape")
-    for width, height in ((800, 600), (1280, 800), (1920, 1080)):
-        page.set_viewport_size({"width": width, "height": height})
-        for control in page.locator(":is(header, #photos) :is(button, select, a):visible").all():
-            box = control.bounding_box()
-            assert box["x"] >= 0 and box["x"] + box["width"] <= width, control.inner_text()

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import asyncio
+import errno
+import json
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +19,13 @@ from oiiotex.cli.running.living import _photos
 from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.core.image import Image
 from oiiotex.errors import Error, MemoryBudgetError
+from oiiotex.live.hub import Hub
+from oiiotex.live.pages import Page
 from oiiotex.live.photos.opening import OpenPhoto, hub_of, materials_of
+from oiiotex.live.photos.strip import PhotoStrip
 from oiiotex.live.photos.upload import MOST, Upload, photos_in
 from oiiotex.session import Session
+from tests.faults import full_disk
 
 
 def image(name: str) -> Image:
@@ -114,3 +121,35 @@ def test_photos_of_one_name_have_a_document_each(tmp_path):
 
     taken: list[Path] = []
     assert [opened("p/a.png"), opened("q/a.png")] == ["a.texlive.json", "a_2.texlive.json"]
+
+
+def test_a_photo_whose_work_cannot_be_saved_stays_open(tmp_path, monkeypatch):
+    async def idle(hub: Hub) -> None:
+        pass
+
+    async def close(strip: PhotoStrip, key: str) -> None:
+        strip.answer(page, {"do": "close", "key": key}, b"")
+        while strip._tasks:
+            await asyncio.wait(strip._tasks)
+
+    async def work() -> None:
+        strip = PhotoStrip(Session(), tmp_path)
+        keys = strip.open([OpenPhoto(image(name), (name,)) for name in ("a.png", "b.png")])
+        strip.start()
+        hub = strip.hubs[keys[0]]
+        hub.document.change("tile", {"seed": 7})
+        with monkeypatch.context() as patch:
+            full_disk(patch, errno.ENOSPC)
+            await close(strip, keys[0])
+        assert told[-1]["text"].startswith("oiiotex ERROR: a stays open. Not saved: ") and strip.hubs[keys[0]] is hub
+        await close(strip, keys[0])
+        assert list(strip.hubs) == keys[1:] and "Closed a." in told[-1]["text"]
+        (again,) = strip.open([OpenPhoto(image("a.png"), ("a.png",))])  # its document is free, and its key is new
+        assert strip.hubs[again].document.state["tile"]["seed"] == 7 and again not in keys
+        await strip.end()
+
+    page, told = Page(None), []
+    monkeypatch.setattr(page, "tell", lambda text: told.append(json.loads(text)))
+    monkeypatch.setattr(Hub, "warm_up", idle)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    asyncio.run(work())

@@ -32,19 +32,19 @@ from oiiotex.core.source_map import SourceMap
 from oiiotex.patchmatch.constraints import Constraints, FixedPixels
 from oiiotex.patchmatch.optimization import synthesize
 from oiiotex.patchmatch.recipe import Recipe
-exemplar = (np.random.default_rng(0).random((9, 10, 3)) * 100).astype(np.float32)
+exemplar = (np.random.default_rng(0).random((7, 8, 3)) * 100).astype(np.float32)
 from dataclasses import replace
 from oiiotex.regularity.lattice import Lattice
 from oiiotex.regularity.offset_prices import InStep
 def made(recipe, exemplar=exemplar, **constraints):
     synthesize(opened, exemplar, None, recipe, 1 << 30, lambda *_: None, constraints=Constraints(**constraints))
-recipe = Recipe(width=8, height=7, wrap_x=True, wrap_y=True, sigma=3.0, patch=5, iterations=1, seed=1,
+recipe = Recipe(width=6, height=5, wrap_x=True, wrap_y=True, sigma=3.0, patch=5, iterations=1, seed=1,
                 uniformity=0.05, contrast=0.7, flat=True, complete=True)
 made(recipe)
 recipe = replace(recipe, wrap_x=False, wrap_y=False)
 exemplar = (np.random.default_rng(0).random((15, 9, 4)) * 100).astype(np.float32)
-fixed = FixedPixels(np.indices((7, 8)).sum(0) < 5, SourceMap(np.zeros((7, 8), np.uint32)))
-made(recipe, exemplar, fixed=fixed, sigmas=np.geomspace(2, 5, 56).astype(np.float32).reshape(7, 8))
+fixed = FixedPixels(np.indices((5, 6)).sum(0) < 4, SourceMap(np.zeros((5, 6), np.uint32)))
+made(recipe, exemplar, fixed=fixed, sigmas=np.geomspace(2, 5, 30).astype(np.float32).reshape(5, 6))
 lattice = Lattice(np.array([[0.2, 0.05], [-0.03, 0.3]]), 9.0, np.eye(64))
 recipe = replace(recipe, in_step=InStep(lattice, lattice.frequencies, 0.5))
 made(recipe, exemplar)
@@ -75,9 +75,9 @@ synthesize(mesh, Frames.of(mesh, 1 / 10), (24, 24), levels, 1, "two.obj", resour
     "moments steerable": """
 from oiiotex.patchmatch.optimization import synthesize
 from oiiotex.patchmatch.recipe import Recipe
-exemplar = (np.random.default_rng(0).random((9, 10, 3)) * 100).astype(np.float32)
+exemplar = (np.random.default_rng(0).random((7, 8, 3)) * 100).astype(np.float32)
 for wrap, measure in ((True, "moments"), (False, "steerable")):
-    recipe = Recipe(width=8, height=7, wrap_x=wrap, wrap_y=wrap, sigma=3.0, patch=5, iterations=1, seed=1,
+    recipe = Recipe(width=6, height=5, wrap_x=wrap, wrap_y=wrap, sigma=3.0, patch=5, iterations=1, seed=1,
                     uniformity=0.05, contrast=0.7, flat=True, measure=measure, order=4)
     synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
 """,

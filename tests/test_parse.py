@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -22,6 +21,7 @@ from oiiotex.errors import ParameterError, one_line
 from oiiotex.filters import FILTERS
 from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.filters.texwarp import Warp
+from tests.everything import refusal
 
 FUZZ = settings(max_examples=150, deadline=None, derandomize=True, database=None)
 OPS = tuple(itertools.chain.from_iterable(LANGUAGE.ops.values()))
@@ -32,14 +32,6 @@ named = {"ids": lambda found: found.name}
 
 def read(*words: str) -> CommandLine:
     return parse(list(words), LANGUAGE)
-
-
-def refusal(call: Callable, *arguments: object) -> str:
-    with pytest.raises(ParameterError) as caught:
-        call(*arguments)
-    text = str(caught.value)
-    assert "\n" not in text
-    return text
 
 
 def steps(*words: str) -> list[tuple]:

@@ -16,7 +16,7 @@ from oiiotex.patchmatch.constraints import (
     ENOUGH,
     Constraints,
     FixedPixels,
-    coarse_image,
+    Octaves,
     coarse_mask,
     ease_from,
     first_level,
@@ -137,7 +137,7 @@ def test_colors_outside_do_not_show():
 def test_coarse_levels_are_means_of_allowed_pixels_alone():
     mask = stripes(20)
     values = np.where(mask[..., None], np.float32(40), np.float32(90)) * np.ones(3, np.float32)
-    coarse = coarse_image(values, mask, 71, 59)
+    coarse = Octaves(values, mask).reduced(71, 59)
     np.testing.assert_allclose(coarse[coarse_mask(mask, 71, 59)], 40, rtol=1e-5)
 
 

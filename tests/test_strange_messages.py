@@ -72,7 +72,7 @@ REQUESTS: tuple[dict[str, Any], ...] = (
     {"do": "cancel", "job": 1},
 )
 ASKED: tuple[dict[str, Any], ...] = (
-    {"do": "set", "room": "tile", "values": {"seed": 1, "sigma": 8, "mask": "", "inpaint": ""}},
+    {"do": "set", "room": "tile", "values": {"seed": 1, "sigma": 8, "mask": "", "fill": ""}},
     {"do": "set", "room": "view", "values": {"display": "d", "view": "v", "exposure": 0}},
     {"do": "set", "room": "zoom", "values": {"x": "1", "keys": [{"x": "1", "y": "1", "zoom": 1}]}},
     {"do": "set", "room": "variants", "values": {"list": []}},

@@ -19,7 +19,7 @@ from oiiotex.service.texture_file import read_texture_file
 from oiiotex.service.textures import OpenTexture
 from oiiotex.session import Session
 from oiiotex.wang.atlas import atlas_edges, atlas_numbers, first_tile
-from oiiotex.wang.cut import depths
+from oiiotex.wang.cut import depths, joined
 from oiiotex.wang.plane import CELLS, index_image, plane_of
 from oiiotex.wang.tiles import COUNTS, edges_of
 from tests import pictures
@@ -156,3 +156,12 @@ def test_the_courses_of_a_brick_wall_are_unbroken_across_tiles():
     upright = bricks.reshape(-1, 7, 6 * side).all(1)  # joints through a whole course
     own = np.delete(photo[..., 0] > 0.7, np.s_[::8], axis=0).reshape(-1, 7, 64).all(1)
     assert upright.sum(1).min() >= 0.9 * own.sum(1).min() * 6
+
+
+def test_a_strip_does_not_end_in_a_straight_line_where_nothing_is_better():
+    """A cut along the border costs as much as one inside: deeper, where the error is smaller, it is cheaper."""
+    lab, other = np.zeros((40, 8, 3), np.float32), np.ones((40, 8, 3), np.float32)
+    other[10:30, 4:] = 0.75
+    sources = np.zeros((40, 8), np.uint32), np.ones((40, 8), np.uint32)
+    depth = joined(*sources, lab, other, 8).sum(1)
+    assert (depth[14:26] > 4).all() and depth[0] == depth[-1] == 0

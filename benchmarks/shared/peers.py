@@ -8,7 +8,7 @@ default the current one::
     apt-get install --no-install-recommends gmic gegl
     python3 -m venv /tmp/peers
     /tmp/peers/bin/pip install resynthesizer PyPatchMatch img2texture numpy pillow
-    PEERS_PYTHON=/tmp/peers/bin/python python -m benchmarks.speed.tile
+    PEERS_PYTHON=/tmp/peers/bin/python python -m benchmarks.tilebench.compare
 
 `pip install gmic` is used for G'MIC if there is no `gmic` program. gimp-texturize is a
 plug-in of GIMP 2.10 (`apt-get install gimp-texturize`), run by `gimp-console`; Embark's texture-synthesis comes by

@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Superpixels and their hierarchy: time and memory compared with peers, under-segmentation on the maps of ground truth.
+"""Superpixels and their hierarchy: time compared with peers, under-segmentation on the maps of ground truth.
 
-python -m benchmarks.superpixels.quality [speed] [memory] [quality] [pictures FOLDER]
-python -m benchmarks.superpixels.quality quality-of PART,PART   (images whose names contain one of these)
+python -m benchmarks.superpixels.quality [speed] [quality]
 """
 
 from __future__ import annotations
 
-import resource
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable
@@ -22,8 +19,7 @@ from benchmarks.shared.measures import data_folder
 from benchmarks.superpixels.segmenters import by_boundary, by_color, scikit_slic
 from oiiotex.color.lab import lens_of
 from oiiotex.color.lab_on_device import LabGrid
-from oiiotex.core.image import Image, Part, from_buffer
-from oiiotex.core.window import Window
+from oiiotex.core.image import Image, from_buffer
 from oiiotex.session import Session
 from oiiotex.superpixels.hierarchy import hierarchy
 from oiiotex.superpixels.slic import SeedGrid, Slic
@@ -113,35 +109,6 @@ def speed() -> None:
     print(f"  hierarchy, {len(levels.sigmas)} levels          {best(lambda: hierarchy(found, resources)):6.3f} s")
 
 
-def memory() -> None:
-    """100 megapixels: seconds and peak memory of a separate process."""
-    code = "from benchmarks.superpixels.quality import hundred; hundred()"
-    print(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout, end="")
-
-
-def hundred() -> None:
-    """10000 x 10000: a photo repeated with its mirror images, made row by row."""
-    photo = load(data_folder() / "photos" / "pebbles_beach_shadow.jpg").first
-    pixels, spec = photo.pixels(), oiio.ImageSpec(photo.spec)
-    spec.width = spec.height = spec.full_width = spec.full_height = 10000
-    across = np.abs((np.arange(10000) // 4 + 1000) % 2000 - 1000) % 1000
-
-    def fetch(window: Window) -> np.ndarray:
-        rows = across[window.top : window.bottom], across[window.left : window.right]
-        return pixels[np.ix_(*rows)]
-
-    image = Image((Part("part0", spec, fetch, ready=True),))
-    resources = Session().resources
-    begin = time.perf_counter()
-    found = superpixels(image, lens_of(image, resources), resources)
-    middle = time.perf_counter()
-    levels = hierarchy(found, resources)
-    end = time.perf_counter()
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"10000x10000: {found.count} superpixels of {len(found.runs.left)} runs in {middle - begin:.1f} s,")
-    print(f"  hierarchy of {len(levels.sigmas)} levels in {end - middle:.2f} s; peak {peak:.0f} MB")
-
-
 # --- quality ---
 
 
@@ -186,7 +153,7 @@ def at_counts(found: Superpixels, session: Session) -> dict[int, np.ndarray]:
     return made
 
 
-def quality(names: str = "") -> None:
+def quality() -> None:
     """Under-segmentation error, per cent: hierarchy, SLIC at that count, that on a blurred image, and peers'.
 
     Columns: ours, our SLIC, our SLIC of a blurred image, scikit-image's SLIC, and the two hierarchical segmenters that
@@ -197,8 +164,6 @@ def quality(names: str = "") -> None:
     print(f"{'':28s}" + "".join(f"{c:>38d}" for c in COUNTS))
     print(f"{'':28s}" + "    ours  slic  blur  skim  ward bound" * len(COUNTS))
     for name, photo, regions in truths():
-        if not any(part in name for part in names.split(",")):
-            continue
         image = load(photo)
         lens = lens_of(image, session.resources)
         found = superpixels(image, lens, session.resources)
@@ -245,42 +210,6 @@ def load_pixels(pixels: np.ndarray, like: Image) -> Image:
     return from_buffer(made)
 
 
-def pictures(folder: Path) -> None:
-    """Borders over photos: of the finest superpixels dark, of about 60 bright."""
-    resources = Session().resources
-    folder.mkdir(parents=True, exist_ok=True)
-    mosaics = [p for p in sorted((data_folder() / "gt").glob("mosaic*.png")) if not p.stem.endswith("_gt")]
-    for path in [*sorted((data_folder() / "photos").glob("*.jpg"))[:14], *mosaics]:
-        image = load(path)
-        found = superpixels(image, lens_of(image, resources), resources)
-        levels = hierarchy(found, resources)
-        out = image.first.pixels()[..., :3].copy()
-        for count, color in ((found.count, (0, 0, 0)), (max(60, int(levels.counts[-1])), (255, 230, 0))):
-            labels = found.runs.relabeled(levels.partition_of(count)).pixels(0, out.shape[0], 0, out.shape[1])
-            edge = np.zeros(labels.shape, bool)
-            edge[:, 1:] |= labels[:, 1:] != labels[:, :-1]
-            edge[1:] |= labels[1:] != labels[:-1]
-            if count <= 60:
-                edge |= np.roll(edge, 1, 0) | np.roll(edge, 1, 1)
-            out[edge] = color
-        buffer = oiio.ImageBuf(oiio.ImageSpec(out.shape[1], out.shape[0], 3, oiio.UINT8))
-        buffer.set_pixels(buffer.roi, out)
-        buffer.write(str(folder / f"{path.stem}.png"))
-        print(f"{path.stem}: {found.count} superpixels, {levels.counts[-1]} at {levels.sigmas[-1]:.0f} px", flush=True)
-
-
-def main() -> None:
-    """Run what is named, or all but the pictures."""
-    words = sys.argv[1:] or ["speed", "memory", "quality"]
-    if words[0] == "pictures":
-        pictures(Path(words[1]))
-        return
-    if words[0] == "quality-of":
-        quality(words[1])
-        return
-    for word in words:
-        {"speed": speed, "memory": memory, "quality": quality}[word]()
-
-
 if __name__ == "__main__":
-    main()
+    for word in sys.argv[1:] or ("speed", "quality"):
+        {"speed": speed, "quality": quality}[word]()

@@ -31,7 +31,8 @@ from benchmarks.tiles import hex_tiling
 from oiiotex import filters
 from oiiotex.errors import Error
 from oiiotex.filters.texstationarity import COST
-from tools.docs.pictures.comparison import PHOTOS, SIGMA, buffer, square, ways
+from tools.docs.pictures.comparison import PHOTOS, SIGMA, square, ways
+from tools.docs.pictures.layout import image_of
 
 SIDE, PLANE = 256, 384  # px, of a photo and of what is judged
 PATCH, PATCHES = 11, 500
@@ -101,7 +102,7 @@ def texture_cost(lab: np.ndarray, photo: np.ndarray) -> float:
 
 def costs(path: Path, photo: oiio.ImageBuf) -> tuple[float, float, float]:
     """Stationarity, texture, sharpness over the photo's."""
-    plane = buffer(oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT))
+    plane = image_of(oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT))
     lab, like = lab_of(plane), lab_of(photo)
     even = filters.stationarity(plane, sigma=SIGMA).spec().get_float_attribute(COST)
     return even, texture_cost(lab, like), sharpness(lab[..., 0]) / sharpness(like[..., 0])

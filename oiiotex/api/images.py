@@ -11,24 +11,3 @@ from ..io.paint_palette import write_indexed
 from ..io.reading import read
 from ..io.writing import write
 from ..session import Session
-
-__all__ = [
-    "TAG",
-    "Image",
-    "Part",
-    "PieceCache",
-    "Session",
-    "Shown",
-    "Window",
-    "as_float",
-    "channels_of",
-    "from_array",
-    "read",
-    "resized",
-    "shown_by",
-    "tagged",
-    "usual_view",
-    "views",
-    "write",
-    "write_indexed",
-]

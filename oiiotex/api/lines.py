@@ -12,25 +12,3 @@ from ..cli.vocabulary import LANGUAGE
 from ..core.parameters import nearest
 from ..machine import forget_current_folder, memory, usable_threads
 from ..run import as_foreseen
-
-__all__ = [
-    "LANGUAGE",
-    "Display",
-    "Frame",
-    "Job",
-    "Rehearsals",
-    "Step",
-    "Task",
-    "WorkerDied",
-    "as_foreseen",
-    "exit_with",
-    "forget_current_folder",
-    "memory",
-    "nearest",
-    "parse",
-    "session_for",
-    "split_modifiers",
-    "usable_threads",
-    "work",
-    "worker_processes",
-]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Materials: kinds of maps by file names, MaterialX, USD and Blender documents, preview renders."""
 
+from ..capture.convention import convention_of
 from ..materials.documents import (
     BLENDER,
     Described,
@@ -19,38 +20,3 @@ from ..materials.wang_documents import WangMaterial, write_wang_materialx
 from ..wang.atlas import atlas_side, first_tile
 from ..wang.plane import index_image
 from ..wang.viewer import SHADERS, shader, viewer_page
-
-__all__ = [
-    "BLENDER",
-    "COLORS",
-    "LIT",
-    "PACKED",
-    "PACKED_ROLES",
-    "ROLES",
-    "SHADERS",
-    "Described",
-    "Looks",
-    "Name",
-    "WangMaterial",
-    "atlas_side",
-    "blender_catalog",
-    "first_tile",
-    "has_materialx",
-    "index_image",
-    "lab_of_srgb",
-    "label_colors",
-    "materialx_faults",
-    "photo_linear",
-    "read_name",
-    "save",
-    "shaded_sphere",
-    "shader",
-    "srgb_of",
-    "usd_faults",
-    "values",
-    "vectors",
-    "viewer_page",
-    "write_materialx",
-    "write_usd",
-    "write_wang_materialx",
-]

@@ -2,5 +2,3 @@
 """Measures of a result at each pixel, to show where it repeats."""
 
 from ..quality.copy_detection import region_uses
-
-__all__ = ["region_uses"]

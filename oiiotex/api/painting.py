@@ -8,18 +8,3 @@ from ..multiscale.synthesizer import MOST_LEVEL
 from ..quilting.guide_map import Meaning, Strays
 from ..quilting.painted_plans import changed_box, regridded
 from ..stationarity.measures import MEASURES
-
-__all__ = [
-    "AUTOMATIC",
-    "MEASURES",
-    "MOST_LEVEL",
-    "PRESETS",
-    "Meaning",
-    "Strays",
-    "changed_box",
-    "code_of",
-    "codes_of",
-    "color_of",
-    "read_graph",
-    "regridded",
-]

@@ -3,19 +3,5 @@
 
 from ..service.client import BRUSH, EXPORT, LOOKS, TILES, Client, Request, connect
 from ..service.messages import LinkError
-from ..service.pictures import spec_of
-from ..service.settings import ResidentSettings, reserved_folder
-
-__all__ = [
-    "BRUSH",
-    "EXPORT",
-    "LOOKS",
-    "TILES",
-    "Client",
-    "LinkError",
-    "Request",
-    "ResidentSettings",
-    "connect",
-    "reserved_folder",
-    "spec_of",
-]
+from ..service.pictures import image_of, spec_of
+from ..service.settings import ResidentSettings, release_folder, reserved_folder

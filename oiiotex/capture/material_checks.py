@@ -3,14 +3,14 @@
 
 Albedo: values that no daylit surface has, and baked lighting: low-frequency variation of lightness, or lightness that
 correlates with the normals (directional light) or with the heights (occlusion). Normals: unit vectors that point up.
-The sign of green follows from heights, or from the slopes, whose curl is 0 only with the correct sign.
+`convention` measures the sign of green.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -28,6 +28,7 @@ from ..scan import scan
 from ..session.progress import Progress
 from ..session.resources import Resources
 from ..stationarity.grid_statistics import MARGIN
+from .convention import convention_of, decoder, limits
 
 # CIE L of the darkest and the brightest sRGB values of nonmetals, 30 and 240 (Allegorithmic, The PBR guide, part 2:
 # charcoal and fresh snow), and of a surface that reflects more light than it receives
@@ -38,8 +39,6 @@ _DRIFT_SCALE = 1 / 8  # of the longer side
 _LIT, _OCCLUDED = 0.1, 0.25  # proportion of the variance of lightness explained by normals and by heights
 _LENGTH = 0.05  # tolerance of the length of a normal; 8 bits cause 0.007
 _LEAN = 5.0  # degrees
-_AGREE = 0.1  # least correlation of matching slopes; .52 and .22 by curl in two scans, .50 to .84 by heights
-_STEEPEST = 8.0  # slopes are clipped to this
 _FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff"}
 _GRID = 1024.0  # steps per unit: integer sums do not depend on their order
 
@@ -218,24 +217,12 @@ def _percent(share: float) -> str:
 # --- normals, heights, data ---
 
 
-def _decoder(one: _Map) -> Callable[[np.ndarray], np.ndarray]:
-    """Function from pixels to vectors (height, width, 2 or 3), decoded from 0 to 1 unless a value is negative."""
-    part = one.image.first
-    channels = list(channels_of(part.spec).color)
-
-    def plain(rows: np.ndarray) -> np.ndarray:
-        return as_float(rows[..., channels])
-
-    encoded = all(float(plain(part.read(band)).min()) >= 0 for band in bands(part))
-    return (lambda rows: 2 * plain(rows) - 1) if encoded else plain
-
-
 def _normals(one: _Map) -> Iterator[Fault]:
     part, name = one.image.first, one.image.source
     count = len(channels_of(part.spec).color)
     if count not in (2, 3):
         raise _Unusable("channels", f"has {count} channels apart from alpha: expected 2 or 3 for normals")
-    vectors, off, below, mean, total = _decoder(one), 0, 0, np.zeros(3, np.int64), 0
+    vectors, off, below, mean, total = decoder(one.image), 0, 0, np.zeros(3, np.int64), 0
     for band in bands(part):
         seen = vectors(part.read(band))
         squared = (seen**2).sum(-1)
@@ -261,7 +248,7 @@ def _normals(one: _Map) -> Iterator[Fault]:
 
 def _heights(one: _Map) -> Iterator[Fault]:
     part, name = one.image.first, one.image.source
-    low, high = _limits(one)
+    low, high = limits(one.image)
     one.measures |= {"least": low, "largest": high}
     if low == high:
         yield Fault(WARNING, name, "flat", f"all heights are {low:g}")
@@ -270,73 +257,28 @@ def _heights(one: _Map) -> Iterator[Fault]:
 
 
 def _data(one: _Map) -> Iterator[Fault]:
-    low, high = _limits(one)
+    low, high = limits(one.image)
     one.measures |= {"least": low, "largest": high}
     if low < 0 or high > 1:
         yield Fault(ERROR, one.image.source, "range", f"has values from {low:g} to {high:g}: expected 0 to 1")
 
 
-def _limits(one: _Map) -> tuple[float, float]:
-    """The smallest and the largest value."""
-    part, channels = one.image.first, list(channels_of(one.image.first.spec).color)
-    limits = [
-        (float(seen.min()), float(seen.max()))
-        for seen in (as_float(part.read(band)[..., channels]) for band in bands(part))
-    ]
-    return min(low for low, _ in limits), max(high for _, high in limits)
-
-
 # --- maps together ---
 
 
-def _slopes(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes to the right and down, in height per px, of OpenGL normals, in steps of 1 / `_GRID`: int64."""
-    z = vectors[..., 2] if vectors.shape[2] == 3 else np.sqrt(np.maximum(0, 1 - (vectors**2).sum(-1)))
-    over = np.maximum(z, np.float32(0.05))
-    return tuple(
-        np.rint(np.clip(each / over, -_STEEPEST, _STEEPEST) * _GRID).astype(np.int64)
-        for each in (-vectors[..., 0], vectors[..., 1])
-    )
-
-
 def _handedness(normal: _Map, height: _Map | None, convention: str) -> Iterator[Fault]:
-    """Sign of the green channel, from the curl of slopes and from heights."""
-    part, vectors, measures = normal.image.first, _decoder(normal), normal.measures
-    channel = None if height is None else channels_of(height.image.first.spec).first
-    low, high = (0.0, 1.0) if height is None else _limits(height)
-    sums = np.zeros((3, 3), np.int64)
-    for band in bands(part):
-        around = band.grown(0, 1) & part.window
-        if min(around.size) < 3:
-            continue
-        right, down = _slopes(vectors(part.read(around)))
-        pairs = [(_along(right, 0), _along(down, 1))]  # equal on a surface: its mixed second derivative
-        if height is not None:
-            raised = (as_float(height.image.first.read(around)[..., channel]) - low) / max(high - low, 1e-12)
-            steps = np.rint(raised * 2**16).astype(np.int64)
-            pairs += [(right[1:-1, 1:-1], _along(steps, 1)), (down[1:-1, 1:-1], _along(steps, 0))]
-        for n, (one, other) in enumerate(pairs):
-            sums[n] += [each.sum() for each in (one * other, one * one, other * other)]
-    alike = sums[:, 0] / np.sqrt(np.maximum(sums[:, 1].astype(float) * sums[:, 2], 1.0))
-    measures["no_curl"], found, by = float(alike[0]), None, ""
-    if abs(alike[0]) > _AGREE:
-        found, by = ("opengl" if alike[0] > 0 else "directx"), "its slopes"
-    if height is not None:
-        measures["agrees_x"], measures["agrees_y"] = alike[1:].tolist()
-        if alike[1] < -_AGREE:
-            yield Fault(ERROR, normal.image.source, "inverted", "its slopes along x are opposite to the heights")
-        if abs(alike[2]) > _AGREE:  # inverted heights flip both axes
-            found, by = ("opengl" if (alike[2] > 0) == (alike[1] >= -_AGREE) else "directx"), "the heights"
-    measures["convention"] = found
-    if found not in (None, convention):
-        points = "down (DirectX)" if found == "directx" else "up (OpenGL)"
-        text = f"green points {points}, judging by {by}; flip it: --mulc 1,-1,1 --addc 0,1,0"
-        yield Fault(ERROR, normal.image.source, "handedness", text)
-
-
-def _along(values: np.ndarray, axis: int) -> np.ndarray:
-    """Central differences along an axis, times two, without border pixels."""
-    return (values[2:, 1:-1] - values[:-2, 1:-1]) if axis == 0 else (values[1:-1, 2:] - values[1:-1, :-2])
+    """Sign of the green channel."""
+    found = convention_of(normal.image, None if height is None else height.image)
+    name = normal.image.source
+    normal.measures |= {"no_curl": found.no_curl, "convention": found.hand or None}
+    if found.agrees is not None:
+        normal.measures["agrees_x"], normal.measures["agrees_y"] = found.agrees
+    if found.inverted:
+        yield Fault(ERROR, name, "inverted", "its slopes along x are opposite to the heights")
+    if found.hand not in ("", convention):
+        points = "down (DirectX)" if found.hand == "directx" else "up (OpenGL)"
+        text = f"green points {points}, judging by {found.by}; flip it: --mulc 1,-1,1 --addc 0,1,0"
+        yield Fault(ERROR, name, "handedness", text)
 
 
 def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, resources: Resources) -> Iterator[Fault]:
@@ -344,7 +286,7 @@ def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, resources: Re
     part, name = albedo.image.first, albedo.image.source
     space = present(color_space(albedo.image, resources.color, resources.settings.autocc))  # checked in `_albedo`
     lens = lens_for(albedo.image, resources, space)
-    vectors = None if normal is None else _decoder(normal)
+    vectors = None if normal is None else decoder(normal.image)
     # products of 1, L, normal x and y, height: integers, whose sums do not depend on their order
     sums, steps = np.zeros((5, 5)), np.array([1, 64, 4096, 4096, 4096])[:, None]
     for band in bands(part):

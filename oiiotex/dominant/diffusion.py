@@ -86,11 +86,10 @@ def dominant_texture(
     most: int = 12000,
     mode: str = "diffusion",
     rule: str = "repaired",
-    seed: int = 0,
 ) -> Dominance:
     """LDR09 section 5 without the mask; parameters as for --texdominant.
 
-    `patch` is odd; without `step` there are at most `most` texels; `seed` chooses landmarks.
+    `patch` is odd; without `step` there are at most `most` texels.
     """
     with threadpool_limits(1, "blas"), resources.in_background(lambda: neighbor_correlation(pixels)) as correlated:
         side = patch or patch_size(pixels.lab[..., 0], resources.spread)
@@ -100,7 +99,7 @@ def dominant_texture(
         if not texels.count:
             return Dominance(texels, *nothing, rejected="no patch is opaque")
         with resources.stats.time("kernel and densities"):
-            chosen = landmarks(texels, seed)
+            chosen = landmarks(texels)
             kernel = kernel_of(texels, chosen)
             progress.advance(200, 600)
             if kernel is None:
@@ -329,14 +328,14 @@ def _larger_half(texels: Texels, chosen: np.ndarray, kernel: Kernel, resources: 
 # --- values per pixel ---
 
 
-def spread_over(texels: Texels, values: np.ndarray, shape: tuple[int, int], outside: float) -> np.ndarray:
-    """Values (N,) of texels at their centers, else at the nearest pixels: (h, w); `outside` beyond all patches."""
+def spread_over(texels: Texels, values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Values (N,) of texels at their centers, else at the nearest pixels: (h, w); 0 beyond all patches."""
     height, width = shape
     half, step = texels.patch // 2, texels.step
     down, across = (max(0, -(-(s - texels.patch + 1) // step)) for s in shape)
-    grid = np.full((down, across), outside, values.dtype)
+    grid = np.zeros((down, across), values.dtype)
     grid[(texels.rows - half) // step, (texels.columns - half) // step] = values
-    pixels = np.full(shape, outside, values.dtype)
+    pixels = np.zeros(shape, values.dtype)
     if not grid.size:
         return pixels
     inner = height - texels.patch + 1, width - texels.patch + 1
@@ -347,5 +346,5 @@ def spread_over(texels: Texels, values: np.ndarray, shape: tuple[int, int], outs
 
 def dominant_mask(dominant: Dominance, seen: np.ndarray) -> np.ndarray:
     """LDR09 step 7: centers of dominant texels dilated by a patch, (h, w) bool; false where `seen` is false."""
-    centers = spread_over(dominant.texels, (dominant.types == DOMINANT).astype(np.uint8), seen.shape, 0)
+    centers = spread_over(dominant.texels, (dominant.types == DOMINANT).astype(np.uint8), seen.shape)
     return (maximum_filter(centers, dominant.texels.patch, mode="constant") > 0) & seen

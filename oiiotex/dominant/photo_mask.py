@@ -57,7 +57,7 @@ class PhotoMask:
         return self._spread("score", ("density", "heat"), density, heat)
 
     def _spread(self, name: str, channels: tuple[str, ...], *values: np.ndarray) -> Part:
-        layers = [spread_over(self.texture.texels, v, self.pixels.seen.shape, 0) for v in values]
+        layers = [spread_over(self.texture.texels, v, self.pixels.seen.shape) for v in values]
         return self._part(name, channels, np.stack(layers, -1), {})
 
     def _part(self, name: str, channels: tuple[str, ...], values: np.ndarray, facts: dict[str, float]) -> Part:

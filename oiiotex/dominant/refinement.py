@@ -32,8 +32,8 @@ def refined_mask(dominant: Dominance, pixels: LabPixels, colors: np.ndarray) -> 
     seen, texels = pixels.seen, dominant.texels
     if not (dominant.types == DOMINANT).any():
         return np.zeros(seen.shape, bool)
-    own = spread_over(texels, (dominant.types == DOMINANT).astype(np.float32), seen.shape, 0)
-    every = spread_over(texels, np.ones(texels.count, np.float32), seen.shape, 0)
+    own = spread_over(texels, (dominant.types == DOMINANT).astype(np.float32), seen.shape)
+    every = spread_over(texels, np.ones(texels.count, np.float32), seen.shape)
     own, every = (uniform_filter(centers, texels.patch, mode="constant") for centers in (own, every))
     share = np.where(every > _COVERED, own / np.maximum(every, _COVERED), 0)
     mean = float(share[seen].mean(dtype=np.float64))

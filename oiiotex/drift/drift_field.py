@@ -32,7 +32,6 @@ _MOST_SPOTS, _LARGEST_SPOTS = 2, 0.15  # maximum number of stains, and share of 
 _MOST_CELLS = 1 << 14  # of the search for stains: sufficient for a photo 16 radii wide
 _AT_ONCE = 1 << 13  # values of discs sorted at a time, or as many as there are cells
 _PLANES = 28  # maximum number of arrays of cells between the sums and the results
-_LARGEST_CELL = 512  # px; bounds the number of values in a cell
 _NOISE = 1.0  # Lab; contrast below it is treated as noise and hardly amplified
 _LEAST_IN_SPOTS = 1 / 16  # minimum gain of contrast there: a stain adds its color to every element
 MOST_GAIN = 2.0  # contrast is at most doubled and at least halved
@@ -90,7 +89,7 @@ def drift_of(
         NaN or Inf, or the cells do not fit the budget.
     """
     whole, count = image.first.window, lens.count
-    cells = Cells.for_sigma(whole, radius, _LARGEST_CELL, _CELLS_PER_RADIUS, wraps)
+    cells = Cells.for_sigma(whole, radius, _CELLS_PER_RADIUS, wraps)
     places = cells.down + 2 * MARGIN, cells.across + 2 * MARGIN
     layout = dict.fromkeys(("level", "contrast"), ((*places, count), np.float64)) | {"spots": (places, np.float64)}
     layout["sums"] = ((*places, 1 + 2 * count), np.float64)

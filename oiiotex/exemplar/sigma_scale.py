@@ -22,7 +22,7 @@ from ..core.demand import SomeRows
 from ..deferred import np
 from ..io.disk_cache import cached_arrays, hash_of
 from ..opencl.device import Device
-from ..patchmatch.constraints import coarse_image, coarse_mask
+from ..patchmatch.constraints import Octaves, coarse_mask
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import require_memory, synthesize
 from ..patchmatch.recipe import Recipe
@@ -101,7 +101,7 @@ class SigmaTiles:
         if self.usable is not None and not self.usable.any():  # a mask too thin for the reduced size
             self.usable, self._factor, self.recipe = usable, 1.0, recipe
             e_width, e_height = values.shape[1::-1]
-        self.photo = coarse_image(values, usable, e_width, e_height)
+        self.photo = Octaves(values, usable).reduced(e_width, e_height)
 
     def limits(self) -> tuple[float, float]:
         """The smallest and the largest sigma of a scale, px of the full tile."""

@@ -120,9 +120,9 @@ class FixNonFinite(Area):
         return super().result(parts, session)
 
 
-def _numbers(value: float, help: str, example: str, advanced: bool = False) -> Any:
+def _numbers(value: float, help: str, example: str) -> Any:
     """A parameter with one number for all channels, or one per channel."""
-    return param(Numbers((value,)), help=help, example=example, advanced=advanced)
+    return param(Numbers((value,)), help=help, example=example)
 
 
 def _bound(which: str, example: str) -> Any:

@@ -14,7 +14,7 @@ import shlex
 import shutil
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypedDict
 
@@ -27,7 +27,7 @@ from ..api.lines import Job as LineJob
 from ..api.materials import label_colors
 from ..deferred import np, oiio
 from ..errors import Error, MemoryBudgetError, one_line, within
-from ..recipes.found import Material, extract, link_or_copy
+from ..recipes.found import MapFile, Material, Question, extract, link_or_copy, with_convention
 from ..recipes.lines import SOURCE, ProductStep, source_name, steps_of
 from ..recipes.recipe import LibraryRecipe
 from .catalog import SIDECAR
@@ -73,10 +73,11 @@ class Outcome(NamedTuple):
     """The result of a job."""
 
     name: str
-    sidecar: dict[str, Any] | None  # Content of asset.json; None if the job failed
+    sidecar: dict[str, Any] | None  # Content of asset.json; None if the job failed or asks
     error: str = ""
     seconds: float = 0.0
     short_of_memory: bool = False  # Whether more memory would help
+    asks: bool = False  # Whether `error` is a question
 
 
 def key_of(material: Material, recipe: LibraryRecipe, digests: Mapping[str, str]) -> str:
@@ -104,8 +105,8 @@ def make(job: AssetJob) -> Outcome:
     except Exception as error:  # a bug must not end a run either
         shutil.rmtree(folder, ignore_errors=True)
         kind = "" if isinstance(error, (Error, OSError)) else f"internal error: {type(error).__name__}: "
-        short = isinstance(error, MemoryBudgetError)
-        return Outcome(job.material.name, None, one_line(f"{kind}{error}"), time.perf_counter() - start, short)
+        short, asks = isinstance(error, MemoryBudgetError), isinstance(error, Question)
+        return Outcome(job.material.name, None, one_line(f"{kind}{error}"), time.perf_counter() - start, short, asks)
 
 
 def read_sidecar(folder: Path) -> dict[str, Any]:
@@ -141,10 +142,13 @@ class _Making:
 
     job: AssetJob
     folder: Path
+    maps: Mapping[str, MapFile] = field(default_factory=dict)  # with the convention of normals
 
     def sidecar(self, start: float) -> dict[str, Any]:
         """Make the asset, and return the content of its asset.json."""
-        job, material, recipe = self.job, self.job.material, self.job.recipe
+        job, recipe = self.job, self.job.recipe
+        material, told = with_convention(job.material, self._source)
+        self.maps = material.maps
         steps = steps_of(recipe, material.maps)
         tile = next((step for step in steps if step.outputs), None)
         if tile is None:
@@ -152,6 +156,7 @@ class _Making:
         keys, reasons = self._products(steps)
         maps = {role: read(self.folder / path) for role, path in tile.outputs.items()}
         measures, steps_px = self._measures(tile.product, maps)
+        measures |= told
         labels = self._labels(steps, maps["color"])
         if labels:
             measures["labels"] = len(labels)
@@ -179,7 +184,7 @@ class _Making:
         facts, spec = material.facts, maps["color"].first.spec
         sidecar = {
             "schema": SCHEMA, "version": __version__, "name": material.name,
-            "key": key_of(material, recipe, dict(job.digests)), "status": "review" if reasons else "ok",
+            "key": key_of(job.material, recipe, dict(job.digests)), "status": "review" if reasons else "ok",
             "reasons": reasons, "license": facts.license, "author": facts.author, "tags": list(facts.tags),
             "size_m": list(facts.size_m), "width": spec.width, "height": spec.height,
             "color_lab": [round(float(value), 3) for value in looks.mean_lab()], "lattice": steps_px,
@@ -248,6 +253,11 @@ class _Making:
         for role, file in self.job.material.maps.items():
             extract(Path(self.job.photos), file, self.folder / source_name(role, file))
 
+    def _source(self, role: str) -> Image:
+        """A map of the photographer."""
+        self._lay_out_sources()
+        return read(self.folder / source_name(role, self.job.material.maps[role]))
+
     # --- delivery ---
 
     def _textures(self, outputs: Mapping[str, str]) -> dict[str, str]:
@@ -281,16 +291,14 @@ class _Making:
 
     def _photo(self) -> np.ndarray:
         """The photo in the height of a card."""
-        self._lay_out_sources()
-        file = self.job.material.maps["color"]
-        photo = read(self.folder / source_name("color", file))
+        photo, file = self._source("color"), self.maps["color"]
         return materials.photo_linear(photo, self.job.recipe.space("color", file.floats), _session(self.job).resources)
 
     # --- description ---
 
     def _hand(self) -> str:
         """Convention of the delivered normals: 'opengl', 'directx' or ''."""
-        normal = self.job.material.maps.get("normal")
+        normal = self.maps.get("normal")
         if normal is None:
             return ""
         return self.job.recipe.deliver.normals or normal.hand
@@ -330,8 +338,7 @@ class _Making:
         lines = [parse(list(step.words), LANGUAGE).steps for step in steps if step.product in needed]
         if not size or any(each.op is not None and each.op.rescales for line in lines for each in line):
             return ()
-        self._lay_out_sources()
-        photo = read(self.folder / source_name("color", self.job.material.maps["color"])).first.spec
+        photo = self._source("color").first.spec
         return size[0] / photo.width, size[1] / photo.height
 
     def _sources(self) -> list[dict[str, str]]:
@@ -340,7 +347,7 @@ class _Making:
             {"role": role, "file": str(file), "sha256": digests[role]}
             | ({"channel": file.channel} if file.channel else {})
             | ({"normals": file.hand} if file.hand else {})
-            for role, file in self.job.material.maps.items()
+            for role, file in self.maps.items()
         ]
 
     def _files(self) -> list[dict[str, Any]]:

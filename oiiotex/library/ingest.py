@@ -28,6 +28,7 @@ from ..recipes.recipe import LibraryRecipe
 from .asset import AssetJob, Outcome, key_of, make, read_sidecar, role_of
 from .catalog import PLACES, SIDECAR, Asset, AssetLabel, Catalog
 from .digests import digest_of, digests_of, faults, is_text
+from .report import convention_text
 from .runs import WORK, FoldersAlone
 
 log = logging.getLogger("oiiotex")
@@ -135,6 +136,10 @@ class _IngestRun:
                 continue
             if before and self._is_made(before, key):
                 self._count(before.status)
+                self.unchanged += 1
+                continue
+            if before and before.status == "asked" and before.key == key:  # its maps do not tell
+                self._count("asked")
                 self.unchanged += 1
                 continue
             todo.append(job)
@@ -261,10 +266,13 @@ class _IngestRun:
         self.display.advance(self.made, self.total)
         name, sidecar = outcome.name, outcome.sidecar
         if sidecar is None:
-            self._count("failed")
-            self.say(f"{name}: failed: {outcome.error}")
+            status = "asked" if outcome.asks else "failed"
+            self._count(status)
+            self.say(f"{name}: {status}: {outcome.error}")
             why, root = (outcome.error,), str(self.photos)
-            self.catalog.put(Asset(name, self._key(job), "failed", "", why, root, seconds=outcome.seconds))
+            before = self.catalog.asset(name)
+            if not (outcome.asks and before and before.folder):  # keep an existing folder
+                self.catalog.put(Asset(name, self._key(job), status, "", why, root, seconds=outcome.seconds))
             self.catalog.release(name, self.name)
             return
         folder = self._published(job, sidecar)
@@ -273,11 +281,14 @@ class _IngestRun:
         self.catalog.release(name, self.name)
         own = sidecar["measures"]
         measures = ", ".join(f"{m} {own[m]:.3g}" for m in ("seam", "repeat") if m in own)
+        told = own.get("convention")
+        normals = "" if told is None else f", normals {convention_text(told)}"
         reasons = f" ({'; '.join(sidecar['reasons'])})" if sidecar["reasons"] else ""
         self.say(
             f"{name}: {sidecar['status']}{reasons}, {len(sidecar['files'])} files, "
             f"{sum(file['bytes'] for file in sidecar['files']) / 1e6:.1f} MB, {outcome.seconds:.1f} s"
             + (f", {measures}" if measures else "")
+            + normals
         )
 
     def _published(self, job: AssetJob, sidecar: dict[str, Any]) -> str:

@@ -18,7 +18,7 @@ from .catalog import Asset, Catalog
 
 FILE = "report.html"
 _MOST = 1000
-_COLUMNS = ("fidelity", "seam", "repeat", "loss", "regular", "normal_length", "height_steps")
+_COLUMNS = ("fidelity", "seam", "repeat", "loss", "regular", "normal_length", "height_steps", "convention")
 _STYLE = """
 body{font:14px/1.4 system-ui,sans-serif;margin:24px;color:#222;background:#fafafa}
 h1{font-size:20px;margin:0 0 4px}p{margin:0 0 14px;color:#555}
@@ -79,6 +79,11 @@ def write_report(catalog: Catalog, title: str) -> Path:
     return path
 
 
+def convention_text(correlation: float) -> str:
+    """The measured convention of normals."""
+    return f"{'OpenGL' if correlation > 0 else 'DirectX'} {abs(correlation):.2f}"
+
+
 def _row(library: Path, asset: Asset, measures: dict[str, float], columns: list[str], size: int) -> str:
     name, why = html.escape(asset.name), html.escape("; ".join(asset.reasons))
     link = f'<a href="{html.escape(asset.folder)}/">{name}</a>' if asset.folder else name
@@ -91,7 +96,8 @@ def _row(library: Path, asset: Asset, measures: dict[str, float], columns: list[
     cells = "".join(
         '<td class="n" data-v=""></td>'
         if value is None
-        else f'<td class="n" data-l="{column}" data-v="{value:.6g}">{value:{form}}</td>'
+        else f'<td class="n" data-l="{column}" data-v="{value:.6g}">'
+        f"{convention_text(value) if column == 'convention' else format(value, form)}</td>"
         for column, value, form in numbers
     )
     return (

@@ -43,7 +43,7 @@ class _TileRoom(TypedDict):
     width: _Side | None
     height: _Side | None
     mask: Annotated[int, Allowed(1, 1 << 20)] | Literal["", "dominant", "brush"]  # the id of a label
-    inpaint: Literal["", "brush"]
+    fill: Literal["", "brush"]
 
 
 class _ViewRoom(TypedDict):
@@ -103,7 +103,7 @@ class _PaintRoom(TypedDict):
 
 class _MasksRoom(TypedDict):
     mask: _File
-    inpaint: _File
+    fill: _File
 
 
 class _PhotoRoom(TypedDict):
@@ -130,7 +130,7 @@ def default_state(display: str, view: str, side: int) -> Values:
     `side`: size in pixels of the photo's square or of the graph's root; a zoom starts at its center.
     """
     tile: Values = dict.fromkeys(types_of(_TileRoom))
-    tile |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "inpaint": ""}
+    tile |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "fill": ""}
     middle = str((side // 2) << PLACE_BITS)
     return {
         "tile": tile,
@@ -140,7 +140,7 @@ def default_state(display: str, view: str, side: int) -> Values:
         "paint": {"width": 1024, "height": 1024, "layer": "coarse", "label": 1, "finer": 0, "brush": 64.0, "seed": 0},
         "output": {"tile": "", "painted": "", "type": ""},  # file names and pixel type; "": automatic
         "photo": {"space": ""},
-        "masks": {"mask": 0, "inpaint": 0},
+        "masks": {"mask": 0, "fill": 0},
         "painting": {"step": -1},  # the step of the painting that is shown; -1: the last
     }
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from ..api.images import Image, Part, Session, Shown, Window, channels_of, shown_by, views, write
 from ..api.painting import AUTOMATIC, PRESETS
-from ..api.service import BRUSH, EXPORT, Client, LinkError, ResidentSettings, connect, spec_of
+from ..api.service import BRUSH, EXPORT, Client, LinkError, ResidentSettings, connect, release_folder, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ParameterError
 from .document import INNER, Document
@@ -140,7 +140,7 @@ class Hub(Pages):
         name = chosen.get(what) or output_name(self.source.stem, what, pixel_type)
         return name, chosen["type"] or type_in(name, pixel_type)
 
-    async def save(self, made: dict[str, Any], name: str, pixel_type: str) -> str:
+    async def save(self, made: dict[str, Any], name: str, pixel_type: str, room: str) -> str:
         """Write an image of the resident process to the document's folder, in bands, at the lowest priority.
 
         Returns the name of the file.
@@ -153,6 +153,8 @@ class Hub(Pages):
             File name; a number is added if the file exists.
         pixel_type : str
             As `output` gives it.
+        room : str
+            That offers the file as a download.
         """
         client, facts = await self.client(), made["parts"][0]
 
@@ -171,7 +173,7 @@ class Hub(Pages):
             if self._pinned.pop(number, False):
                 client.drop(number)
         self.saved[path.name] = path
-        self.tell({"do": "saved", "name": path.name})
+        self.tell({"do": "saved", "name": path.name, "room": room})
         return path.name
 
     def release(self, client: Client, number: int) -> None:
@@ -303,16 +305,24 @@ class Hub(Pages):
         if write := self.document.unsaved():
             await asyncio.to_thread(write)
 
+    async def end(self) -> None:
+        """Disconnect the pages, finish files that are being saved, and drop everything else."""
+        for page in self.pages:
+            page.tell(None)
+        self.rooms["tile"].rest()
+        while self._tasks:
+            await asyncio.wait(self._tasks)
+        await asyncio.to_thread(self.close)
+
     def close(self) -> None:
-        """Save, and disconnect from the resident process."""
+        """Save, release the document, and disconnect from the resident process."""
         for save in (self.document.save, *(room.close for room in self.keepers)):
             try:
                 save()
             except Error as error:
                 log.error("Not saved: %s", error)
-        if self._client is not None:
-            with contextlib.suppress(LinkError):
-                self._client.close()
+        release_folder(self.spare)
+        self.rest()
 
 
 def _free(path: Path) -> Path:

@@ -13,7 +13,7 @@ from typing import Any
 from ..api.images import TAG, Image, Window, as_float, channels_of, from_array, resized
 from ..api.measures import region_uses
 from ..api.painting import PRESETS
-from ..api.service import BRUSH, spec_of
+from ..api.service import BRUSH, image_of, spec_of
 from ..deferred import np, oiio
 from ..errors import Error
 from .hub import Hub
@@ -22,9 +22,8 @@ from .pages import Page
 MOST_SHOWN = 2048  # px; longest side of an image sent to a page
 BINS = 64  # of a histogram, for each channel
 _COARSE = 128  # px; longer side of the photo for a coarse tile: patches are those of a full tile's coarse levels
-# px; the same for `clean`. Its mask leaves few whole patches on coarse levels, so its synthesis starts on finer ones
-_COARSE_CLEAN = 512
-_MASK_STEPS = 32  # patches along the longer side that the mask of `clean` is found from
+_COARSE_CLEAN = 192  # px; the same for `clean`, whose mask leaves few whole patches in smaller photos
+_MASK = {"keep": 1, "step": 3, "patch": 5}  # of `clean`; the whole photo's patches have up to 25 px
 _WINDOW = 4  # half the width of a Gaussian window, in sigma
 # by presets, or without a coarse tile
 _DECIDED = {"preset", "sigma", "amount", "patch", "contrast", "label", "sourcelabel", "size"}
@@ -65,39 +64,40 @@ class Inspection:
 
     async def _clean(self, values: Mapping[str, Any]) -> np.ndarray:
         client = await self._hub.client()
-        async with self._fitted(_COARSE_CLEAN) as (number, side):
-            looked = {"keep": 1, "step": max(1, side // _MASK_STEPS)}
-            facts, _ = await asyncio.wrap_future(client.make("dominant", [number], looked, priority=BRUSH))
+        async with self._fitted(_COARSE_CLEAN) as (number, smaller):
+            asked = client.make("dominant", [number], _MASK if smaller else {"keep": 1}, priority=BRUSH)
+            facts, _ = await asyncio.wrap_future(asked)
             masked = int(facts["images"][0]["number"])
-            asked, more = {**values, "preset": "clean"}, {"optional": {"mask": "dominant"}}
             try:
-                return await self._made("stationarize", masked, asked, read=None, until="look", **more)
+                return await self._made("stationarize", masked, {**values, "preset": "clean"}, {"mask": "dominant"})
             except Error:  # no dominant texture: the preset then uses the whole photo
-                asked |= {"preset": "even", "contrast": 0}
-                return await self._made("stationarize", number, asked, read=None, until="look")
+                return await self._made("stationarize", number, {**values, "preset": "even", "contrast": 0})
             finally:
                 client.drop(masked)
 
     @contextlib.asynccontextmanager
-    async def _fitted(self, side: int) -> AsyncIterator[tuple[int, int]]:
-        """The number of the photo, reduced to a longer side if it is larger, and that side."""
-        client, photo, longer = await self._hub.client(), await self._hub.photo(), max(self._photo_size)
-        if longer <= side:
-            yield photo, longer
+    async def _fitted(self, side: int) -> AsyncIterator[tuple[int, bool]]:
+        """The number of the photo, reduced to a longer side if it is larger, and whether it is."""
+        client, photo = await self._hub.client(), await self._hub.photo()
+        if max(self._photo_size) <= side:
+            yield photo, False
             return
-        facts, _ = await asyncio.wrap_future(client.make("fit", [photo], {"size": f"{side}x{side}"}, priority=BRUSH))
-        number = int(facts["images"][0]["number"])
+        asked = client.make("fit", [photo], {"size": f"{side}x{side}"}, priority=BRUSH, read="", keep=False)
+        facts, pixels = await asyncio.wrap_future(asked)
+        # a result that is kept would be reduced from the whole photo at each use
+        first = facts["images"][0] | {"parts": facts["images"][0]["parts"][:1]}
+        number = await asyncio.to_thread(client.put, image_of(first, pixels))
         try:
-            yield number, side
+            yield number, True
         finally:
             client.drop(number)
 
     async def _made(
-        self, op: str, number: int, values: Mapping[str, Any], read: str | None = "", **more: Any
+        self, op: str, number: int, values: Mapping[str, Any], optional: Mapping[str, str] | None = None
     ) -> np.ndarray:
-        """Pixels of an op's first result, or of its first preview."""
+        """Pixels of an op's first result."""
         client = await self._hub.client()
-        request = client.make(op, [number], values, priority=BRUSH, keep=False, read=read, **more)
+        request = client.make(op, [number], values, optional=optional, priority=BRUSH, keep=False, read="")
         return (await asyncio.wrap_future(request))[1][0]
 
     @property

@@ -31,8 +31,8 @@ class Page:
         self.wire = wire
         self._waiting: asyncio.Queue[str | bytes | None] = asyncio.Queue(_WAITING)
 
-    def tell(self, message: str | bytes) -> None:
-        """Queue a message. A page that is too slow is disconnected, and will reconnect."""
+    def tell(self, message: str | bytes | None) -> None:
+        """Queue a message; None ends the connection. A page that is too slow is disconnected, and will reconnect."""
         try:
             self._waiting.put_nowait(message)
         except asyncio.QueueFull:

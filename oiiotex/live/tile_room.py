@@ -23,7 +23,7 @@ from .photos.material import MaterialMaps, Outputs
 THUMBNAIL = 128  # px
 MOST_THUMBNAILS = 12
 _OPS = {"": "stationarize", "brush": "fill"}  # by what is replaced
-_BRUSHES = {"mask": "Source", "inpaint": "Replace"}  # and their titles on the page
+_BRUSHES = {"mask": "Source", "fill": "Replace"}  # and their titles on the page
 
 
 class TileRoom:
@@ -143,6 +143,12 @@ class TileRoom:
         else:
             await self._begin([self._material.outputs()])
 
+    def rest(self) -> None:
+        """Stop all work, except that on files that will be saved."""
+        self._stop_thumbnails()
+        if not self._saves:
+            self.stop()
+
     def stop(self) -> None:
         """Stop making the tile."""
         self._turn += 1
@@ -227,12 +233,12 @@ class TileRoom:
     @property
     def _op(self) -> str:
         """The filter that makes the tile."""
-        return _OPS[self._hub.document.state["tile"]["inpaint"]]
+        return _OPS[self._hub.document.state["tile"]["fill"]]
 
     def _values(self) -> dict[str, Any]:
         """Modifiers with other values than the default, except images."""
         tile = self._hub.document.state["tile"]
-        if tile["inpaint"]:
+        if tile["fill"]:
             values = {"patch": tile["patch"], "seed": tile["seed"] or None}
             values |= {"structure": tile["structure"]} if tile["structure"] != 0.5 else {}
             values |= {"sourcelabel": tile["mask"]} if isinstance(tile["mask"], int) else {}
@@ -262,7 +268,7 @@ class TileRoom:
             optional["mask"] = await self._brush("mask")
         elif tile["mask"]:
             number = (await self._hub.made("label"))["number"]
-        return [number, *([await self._brush("inpaint")] if tile["inpaint"] else [])], optional
+        return [number, *([await self._brush("fill")] if tile["fill"] else [])], optional
 
     def _mask(self, name: str) -> Path | None:
         """The file of a painted mask. Each stroke has another file, so that lines and undo find it."""
@@ -292,8 +298,8 @@ class TileRoom:
         elif tile["mask"]:
             words.append("--texlabel:keep=1")
         maps = [word for one in source.maps for word in one.words]
-        if tile["inpaint"]:
-            maps.append(str(self._mask("inpaint")))
+        if tile["fill"]:
+            maps.append(str(self._mask("fill")))
         words += [*maps, word_of(f"--tex{self._op}", images | self._values() | self._material.values)]
         return line([*words, *self._material.written()], *self._hub.output("tile"))
 

@@ -322,9 +322,9 @@ def _fitted(texels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return texels.astype(np.float32)
 
 
-def _side_by_side(panels: list[np.ndarray], height: int, gap: int = 6) -> np.ndarray:
+def _side_by_side(panels: list[np.ndarray], height: int) -> np.ndarray:
     """Place panels of equal height side by side."""
-    paper = np.full((height, gap, 3), decoded(np.float32(_PAPER)))
+    paper = np.full((height, 6, 3), decoded(np.float32(_PAPER)))
     row = [piece for panel in panels for piece in (repeated(panel, 1, height), paper)]
     return np.concatenate(row[:-1], axis=1)
 

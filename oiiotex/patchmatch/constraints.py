@@ -56,7 +56,7 @@ class FixedPixels:
             Geometry of the level.
         """
         values = present(self.places).gather(exemplar) if self.values is None else self.values
-        shown = coarse_image(values, self.where, geometry.width, geometry.height)
+        shown = Octaves(values, self.where).reduced(geometry.width, geometry.height)
         kept = coarse_mask(self.where, geometry.width, geometry.height)
         return np.where(present(kept)[..., None], to_grid(shown, geometry.steps), OUTSIDE)
 
@@ -182,29 +182,6 @@ def coarse_mask(mask: np.ndarray | None, width: int, height: int) -> np.ndarray 
     return shrink(shrink(mask, height, 0), width, 1)
 
 
-def coarse_image(
-    image: SomeRows, mask: np.ndarray | None, width: int, height: int, rows: slice | None = None
-) -> np.ndarray:
-    """An image on a level: means over the pixels in the mask only, so that others do not bleed in.
-
-    Parameters
-    ----------
-    image : (rows, columns, channels) float32
-    mask : (rows, columns) bool or None
-        Pixels that count. None: all.
-    width, height : int
-        Size of the level.
-    rows : slice, optional
-        Rows of the level to compute.
-
-    Returns
-    -------
-    (height or rows, width, channels) float32
-        0 where no pixel counts.
-    """
-    return Octaves(image, mask).reduced(width, height, rows)
-
-
 class Octaves:
     """An image at its own size, and on request at 1/2, 1/4 ... of it: coarse levels need not read all pixels.
 
@@ -230,7 +207,22 @@ class Octaves:
         return self
 
     def reduced(self, width: int, height: int, rows: slice | None = None) -> np.ndarray:
-        """As `coarse_image`, from the smallest octave that is `FINER` than the level."""
+        """The image on a level: means over the pixels in the mask only, so that others do not bleed in.
+
+        They are taken from the smallest octave that is `FINER` than the level.
+
+        Parameters
+        ----------
+        width, height : int
+            Size of the level.
+        rows : slice, optional
+            Rows of the level to compute.
+
+        Returns
+        -------
+        (height or rows, width, channels) float32
+            0 where no pixel counts.
+        """
         at = max(k for k, one in enumerate(self._sums) if k == 0 or _finer(one, width, height))
         sums = resized(self._sums[at], width, height, rows)
         if not self._weights:

@@ -11,12 +11,13 @@ import struct
 import zipfile
 import zlib
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
+from ..api.images import Image
 from ..api.lines import nearest
-from ..api.materials import PACKED, PACKED_ROLES, Name, read_name
+from ..api.materials import PACKED, PACKED_ROLES, Name, convention_of, read_name
 from ..errors import Error, ParameterError
 from .recipe import Facts, LibraryRecipe, facts_beside
 
@@ -45,7 +46,7 @@ class MapFile:
     member : str
         Name in the archive; '': a file.
     hand : str
-        Convention of normals: 'opengl' or 'directx'; '': unknown.
+        Convention of normals: 'opengl' or 'directx'; '': to be measured.
     channel : str
         The channel to use; '': all.
     """
@@ -77,6 +78,10 @@ class Material:
     maps: dict[str, MapFile]
     facts: Facts
     questions: tuple[str, ...] = ()
+
+
+class Question(Error):
+    """Only the recipe can decide; the material waits for it."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +140,39 @@ def materials(photos: Path, recipe: LibraryRecipe) -> list[Material]:
             if file.path not in there:
                 raise ParameterError(f"assets.{material.name}: {file}: no such file in {photos}")
     return [found[name] for name in sorted(found)]
+
+
+def with_convention(material: Material, map_of: Callable[[str], Image]) -> tuple[Material, dict[str, float]]:
+    """The material with the convention of its normals: that of the name or the recipe, or the measured one.
+
+    Parameters
+    ----------
+    material : Material
+    map_of : callable
+        Reads the map of a role.
+
+    Returns
+    -------
+    material : Material
+    measures : dict
+        `convention`: the correlation that has decided, positive for OpenGL. Empty if nothing was measured.
+
+    Raises
+    ------
+    Question
+        The map does not tell.
+    """
+    normal = material.maps.get("normal")
+    if normal is None or normal.hand:
+        return material, {}
+    found = convention_of(map_of("normal"), map_of("height") if "height" in material.maps else None)
+    if not found.hand:
+        raise Question(
+            f"which convention do the normals have? They do not tell (correlation {abs(found.ratio):.2f});"
+            ' set normals = "opengl" or "directx"'
+        )
+    maps = {**material.maps, "normal": replace(normal, hand=found.hand)}
+    return replace(material, maps=maps), {"convention": found.ratio}
 
 
 def extract(photos: Path, file: MapFile, target: Path) -> None:
@@ -271,10 +309,7 @@ def _material(name: str, candidates: list[_Candidate], facts: Facts, recipe: Lib
         if packed is not None and role not in maps:
             maps[role] = replace(packed, channel=channel)
     if "normal" in maps:
-        hand = maps["normal"].hand or facts.normals
-        if not hand:
-            questions.append('which convention do the normals have? Set normals = "opengl" or "directx"')
-        maps["normal"] = replace(maps["normal"], hand=hand)
+        maps["normal"] = replace(maps["normal"], hand=maps["normal"].hand or facts.normals)
     if "color" not in maps and not questions:
         questions.append("which file is the color? Set maps = { color = FILE }, or skip = true to ignore the material")
     ordered = {role: maps[role] for role in sorted(maps, key=lambda role: (role != "color", role))}

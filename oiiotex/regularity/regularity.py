@@ -8,7 +8,7 @@ from .autocorrelation import Autocorrelation, autocorrelation, high_passed, wrap
 from .lattice import Lattice
 
 
-def peaks_over_floor(values: np.ndarray, lattice: Lattice, wraps: bool, usable: np.ndarray | None = None) -> np.ndarray:
+def peaks_over_floor(values: np.ndarray, lattice: Lattice, wraps: bool) -> np.ndarray:
     """The normalized autocorrelation at the lattice's first three vectors, minus its mean over the cell around each.
 
     Parameters
@@ -19,8 +19,6 @@ def peaks_over_floor(values: np.ndarray, lattice: Lattice, wraps: bool, usable: 
         Lattice of these pixels.
     wraps : bool
         The image is a torus.
-    usable : (height, width) bool or None
-        Pixels that count, if it is not a torus. None: all.
 
     Returns
     -------
@@ -30,8 +28,8 @@ def peaks_over_floor(values: np.ndarray, lattice: Lattice, wraps: bool, usable: 
     if wraps:
         likeness = wrapped_autocorrelation(values)
     else:
-        counted = np.ones(values.shape[:2], bool) if usable is None else usable
-        likeness = autocorrelation(high_passed(values.astype(np.float64), counted), counted)
+        everywhere = np.ones(values.shape[:2], bool)
+        likeness = autocorrelation(high_passed(values.astype(np.float64), everywhere), everywhere)
     return np.array([_peak_over_floor(likeness, lattice, vector) for vector in lattice.first_vectors()])
 
 

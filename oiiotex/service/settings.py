@@ -18,6 +18,7 @@ from ..session import Session
 from ..session.settings import Settings
 
 IDLE = 600.0  # s without a client until the process ends
+_RESERVED: dict[Path, int] = {}  # open lock files by folder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +75,7 @@ def runtime_folder() -> Path:
 
 
 def reserved_folder(path: Path) -> Path:
-    """A folder in memory for work on a file, reserved for this process until it ends.
+    """A folder in memory for work on a file, reserved for this process until it ends or `release_folder` is called.
 
     Raises
     ------
@@ -84,10 +85,17 @@ def reserved_folder(path: Path) -> Path:
     name = hashlib.sha256(str(path.resolve()).encode(errors="surrogateescape")).hexdigest()[:16]
     folder = runtime_folder() / f"live-{name}"
     folder.mkdir(mode=0o700, exist_ok=True)
-    lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)  # held until the process ends
+    lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         os.close(lock)
         raise Error(f"{path} is open in another --texlive: end it, or choose another file with document=") from None
+    _RESERVED[folder] = lock
     return folder
+
+
+def release_folder(folder: Path) -> None:
+    """End the reservation of a folder, if it is reserved."""
+    if (lock := _RESERVED.pop(folder, None)) is not None:
+        os.close(lock)

@@ -31,7 +31,6 @@ from ..multiscale.synthesizer import MOST_LEVEL
 from ..session import Session
 from .settings import ResidentSettings
 
-SUFFIX = ".oiiotex"
 FOLDERS = "OIIOTEX_TEXTURE_PATH"
 MOST_NAME, MOST_QUERY, MOST_TEXT = 4096, 1000, 1000  # characters of a file name, of the query, of a value
 MOST_SIDE = 2**31 - 1024  # px: OpenImageIO uses 32-bit integers, and adds a tile

@@ -22,7 +22,7 @@ SHARES = 64  # per bin: a value between two bins is split between them in intege
 SITES = 32  # per axis, at which local statistics are compared
 POWER_VARIANCES = (0.0, 1.0, 2.0, 15.0, 96.0)  # of x^p for a normal x: (2p - 1)!! - E[x^p]^2
 FLAT = 1e-6  # Lab; a smaller deviation is rounding
-_CELLS_PER_SIGMA, _LARGEST_CELL = 8, 512  # px
+_CELLS_PER_SIGMA = 8
 _CELL_ROWS = 64  # of cells at a time
 
 
@@ -81,7 +81,7 @@ def stationarity_cost(
         around = rows_around(lab, rows, halo, wrap_y)
         return np.stack([p[halo:-halo] for c in range(3) for p in responses(around[..., c], (wrap_x, False))], -1)
 
-    cells = Cells.for_sigma(Window(0, 0, width, height), sigma, _LARGEST_CELL, _CELLS_PER_SIGMA)
+    cells = Cells.for_sigma(Window(0, 0, width, height), sigma, _CELLS_PER_SIGMA)
     return _histogram_cost(cells, values, ranges, *windows)
 
 

@@ -23,6 +23,7 @@ from ..core.window import Domain, Window
 from ..deferred import np
 
 CELLS_PER_SIGMA = 2.5
+LARGEST_CELL = 512  # px; bounds the number of values in a cell
 _ROUNDING = 1e-2  # bound of the error of places that kernels compute in floats, in cells or px
 MARGIN = 2  # cells beyond each border: the support of a B-spline
 # in squared cells: of a cubic B-spline, of a cell, and of the tents by which a `CellGrid` is gathered and read
@@ -52,21 +53,19 @@ class Cells:
 
     @classmethod
     def for_sigma(
-        cls, window: Window, sigma: float, largest: int, per_sigma: float = CELLS_PER_SIGMA,
+        cls, window: Window, sigma: float, per_sigma: float = CELLS_PER_SIGMA,
         wraps: tuple[bool, bool] = (False, False),
     ) -> Cells:  # fmt: skip
-        """`per_sigma` cells per sigma, each from 1 to `largest` px.
+        """`per_sigma` cells per sigma, each from 1 to `LARGEST_CELL` px.
 
         Parameters
         ----------
         sigma : float
             px.
-        largest : int
-            px.
         wraps : (bool, bool)
             As in `Cells`.
         """
-        return cls(window, max(1, min(largest, round(sigma / per_sigma))), wraps)
+        return cls(window, max(1, min(LARGEST_CELL, round(sigma / per_sigma))), wraps)
 
     @property
     def across(self) -> int:

@@ -27,7 +27,6 @@ from .grid_statistics import MARGIN, Cells, correlated, padded, smoothing_taps
 from .steerable import ORIENTATIONS, RADIUS, responses_in
 
 _PLANES = 24  # maximum number of arrays of cells between the sums and the results
-_LARGEST_CELL = 512  # px
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ def deviation_of(
     ImageError
         NaN or Inf, or the statistics of the cells do not fit the budget.
     """
-    cells, count = Cells.for_sigma(image.first.window, sigma, _LARGEST_CELL), lens.count
+    cells, count = Cells.for_sigma(image.first.window, sigma), lens.count
     ranges = RANGES if lens.space is not None else (RANGES[0],) * count
     dtype: type[np.generic]
     look: Callable[[np.ndarray, np.ndarray | None], np.ndarray]

@@ -49,8 +49,10 @@ def joined(inside: np.ndarray, strip: np.ndarray, lab: np.ndarray, lab_strip: np
     band : int
         Maximum depth of the strip beyond its border, px.
     """
+    # before the first column, both are the strip by constraint: the step there counts as that of the first column, or
+    # the cut would follow the border at half the price
     gap = ((lab[:, :band] - lab_strip[:, :band]) ** 2).sum(-1)
-    cut = depths(gap + np.pad(gap, ((0, 0), (1, 0)))[:, :-1])
+    cut = depths(gap + np.pad(gap, ((0, 0), (1, 0)), "edge")[:, :-1])
     kept = np.arange(band) < cut[:, None]
     out = inside.copy()
     out[:, :band] = np.where(kept, strip[:, :band], inside[:, :band])

@@ -45,7 +45,7 @@ def run_frames(command: CommandLine, words: list[str]) -> int:
 
             return max(status, run_in_parallel(tasks, workers, session, display, command))
         for number, task in enumerate(tasks, 1):
-            display.frame(number, len(tasks))
+            display.frame(number, len(tasks), task.frame.file)
             try:
                 status = max(status, run_task(task, session))
             except Error as error:

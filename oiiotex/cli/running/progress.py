@@ -61,9 +61,9 @@ class Display:
         self._first = self._done = done
         self._total, self._begun = 0, time.monotonic()
 
-    def frame(self, number: int, count: int) -> None:
-        """Set the current frame of a sequence, from 1 to `count`."""
-        self._prefix = f"frame {number}/{count}: " if count > 1 else ""
+    def frame(self, number: int, count: int, name: str = "") -> None:
+        """Set the current frame of a sequence, from 1 to `count`, and its name if it is a file of --each."""
+        self._prefix = f"{name or 'frame'} {number}/{count}: " if count > 1 else ""
 
     @contextlib.contextmanager
     def shown(self) -> Iterator[None]:

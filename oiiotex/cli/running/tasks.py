@@ -8,6 +8,7 @@ import io
 import logging
 import os
 import threading
+from collections.abc import Iterator
 from typing import NamedTuple, cast
 
 from ... import __version__
@@ -48,7 +49,29 @@ class Job(NamedTuple):
 
 def run_task(task: Task, session: Session, shares: Shares | None = None) -> int:
     """Run a task; returns its exit code."""
-    return session.resources.on_a_device(lambda: _run_chain(task, session, shares))
+    with _named(task.frame):
+        return session.resources.on_a_device(lambda: _run_chain(task, session, shares))
+
+
+@contextlib.contextmanager
+def _named(frame: Frame) -> Iterator[None]:
+    """Begin warnings during a block with the frame's file or number."""
+
+    def name(record: logging.LogRecord) -> bool:
+        if record.levelno >= logging.WARNING:
+            record.msg, record.args = f"{_name_of(frame)}: {record.getMessage()}", ()
+        return True
+
+    if _name_of(frame):
+        log.addFilter(name)
+    try:
+        yield
+    finally:
+        log.removeFilter(name)
+
+
+def _name_of(frame: Frame) -> str:
+    return frame.file or (f"frame {frame.number}" if frame.number is not None else "")
 
 
 def _run_chain(task: Task, session: Session, shares: Shares | None) -> int:
@@ -122,5 +145,5 @@ def skip(error: Error, frame: Frame, command: CommandLine) -> None:
     """Log the error of a frame if --skip-bad-frames or --each is set, else raise it."""
     if "--skip-bad-frames" not in command.settings and not frame.file:
         raise error
-    which = frame.file or (f"frame {frame.number}" if frame.number is not None else "")
-    log.error("oiiotex ERROR: %s%s", f"{which}: " if which and (error.op or error.step) else "", error)
+    which = f"{_name_of(frame)}: " if _name_of(frame) and (error.op or error.step) else ""
+    log.error("oiiotex ERROR: %s%s", which, error)

@@ -5,7 +5,7 @@ import { button, make, segments } from "./controls.js";
 import { Viewer } from "./viewer.js";
 
 const STEP = 0.02; // of the view, of an arrow key
-const USUAL = { structure: 0.5, seed: 0, measure: "histogram", mask: "", inpaint: "" }; // other parameters: null
+const USUAL = { structure: 0.5, seed: 0, measure: "histogram", mask: "", fill: "" }; // other parameters: null
 
 export class Compare {
   constructor(room) {
@@ -34,7 +34,7 @@ export class Compare {
     this.picker.set("");
     this.use = button("Use", "Set the parameters to those of the tile that is shown", () => room.set({ ...this.stored[this.showing].tile }), { disabled: true });
     this.text = make("span", { className: "fact", ariaLive: "polite", hidden: true });
-    tileView.element.append(make("div", { className: "bar low" }, this.text,
+    tileView.element.append(this.bar = make("div", { className: "bar low" }, this.text,
       button("Fit", "Fit the images into the views (F)", () => this.fit()), button("1:1", "One pixel of the file for one pixel of the screen (0)", () => this.oneToOne()), this.linkButton, this.wipeButton,
       this.picker, button("Set A", "Store the tile as A (Shift A)", () => this.store("A")), button("Set B", "Store the tile as B (Shift B)", () => this.store("B")), this.use));
   }

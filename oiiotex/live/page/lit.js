@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The maps of a material: next to each other, and lit on a plane. Shading is one GGX lobe (Walter, Marschner, Li,
-// Torrance, EGSR 2007) over Lambert, as in --texpreview; heights displace the plane (relief mapping by a linear search).
+// The maps of a material: next to each other, and lit on a plane. Shading, lights and sky are those of the previews of
+// a library (Looks._lit in materials/preview.py); heights displace the plane (relief mapping by a linear search).
 
 import { make } from "./controls.js";
 import { canvasOf } from "./wire.js";
@@ -13,13 +13,19 @@ void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 -
 const FRAGMENT = `#version 300 es
 precision highp float;
 uniform sampler2D color, normal, roughness, height, ao, metal;
-uniform vec2 view, tile, light; // px of the canvas; sides of a tile, the longer is 1; place of the light, -1 to 1
-uniform float depth, hand, bumps; // hand: 1, or -1 for DirectX; bumps: normals come from heights
+uniform vec2 view, tile, light; // px of the canvas; sides of a tile, the longer is 1; place of the key light, -1 to 1
+uniform float depth, hand, bumps, gain; // hand: 1, or -1 for DirectX; bumps: normals come from heights
 out vec4 seen;
-const float PI = 3.14159265;
-vec3 linear(vec3 c) { return pow(c, vec3(2.2)); }
-float ggx(float nh, float a) { float d = nh * nh * (a * a - 1.0) + 1.0; return a * a / (PI * d * d); }
-float smith(float n, float a) { return 2.0 * n / (n + sqrt(a * a + (1.0 - a * a) * n * n)); }
+const float PI = 3.14159265, SKY = 0.7, GROUND = 0.25;
+float smith(float n, float a) { return 2.0 * n / max(n + sqrt(a * a + (1.0 - a * a) * n * n), 1e-6); }
+vec3 encoded(vec3 c) { return mix(1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, 12.92 * c, lessThanEqual(c, vec3(0.0031308))); }
+vec3 lit(vec3 n, vec3 v, vec3 towards, float strength, vec3 base, float m, float a) {
+  vec3 l = normalize(towards), h = normalize(l + v), f0 = mix(vec3(0.04), base, m);
+  float nl = max(dot(n, l), 0.0), nv = max(dot(n, v), 1e-3), nh = max(dot(n, h), 0.0), d = nh * nh * (a * a - 1.0) + 1.0;
+  vec3 f = f0 + (1.0 - f0) * pow(1.0 - dot(h, v), 5.0);
+  vec3 glance = f * (a * a / max(PI * d * d, 1e-9)) * smith(nl, a) * smith(nv, a) / max(4.0 * nl * nv, 1e-4);
+  return strength * nl * (base * (1.0 - m) * (1.0 - f) / PI + glance);
+}
 void main() {
   vec2 at = (gl_FragCoord.xy * 2.0 - view) / view.y;
   vec3 eye = vec3(0.0, -1.5, 1.9), ahead = normalize(-eye), right = vec3(1.0, 0.0, 0.0), up = cross(right, ahead);
@@ -42,15 +48,11 @@ void main() {
     n = vec3(-slope * depth / (2.0 * px * tile), 1.0);
   }
   n = normalize(n);
-  vec3 l = normalize(vec3(light * 1.4, 0.8)), v = -ray, h = normalize(l + v);
-  float a = max(0.03, pow(textureGrad(roughness, uv, dx, dy).r, 2.0)), m = textureGrad(metal, uv, dx, dy).r;
-  vec3 base = linear(textureGrad(color, uv, dx, dy).rgb), f0 = mix(vec3(0.04), base, m);
-  float nl = max(dot(n, l), 0.0), nv = max(dot(n, v), 1e-3), nh = max(dot(n, h), 0.0), vh = max(dot(v, h), 0.0);
-  vec3 f = f0 + (1.0 - f0) * pow(1.0 - vh, 5.0);
-  vec3 gloss = f * ggx(nh, a) * smith(nl, a) * smith(nv, a) / (4.0 * nv);
-  vec3 rough = base * (1.0 - m) / PI * nl;
-  vec3 sky = base * mix(0.25, 0.7, 0.5 + 0.5 * n.z) * 0.45 * textureGrad(ao, uv, dx, dy).r;
-  seen = vec4(pow(clamp(sky + 2.6 * (rough + min(gloss, 4.0)), 0.0, 1.0), vec3(1.0 / 2.2)), 1.0);
+  float r = textureGrad(roughness, uv, dx, dy).r, m = textureGrad(metal, uv, dx, dy).r, a = pow(max(r, 0.05), 2.0);
+  vec3 base = textureGrad(color, uv, dx, dy).rgb, gloss = 0.04 * (1.0 - m) * (1.0 - r) + base * m;
+  vec3 sum = mix(GROUND, SKY, 0.5 + 0.5 * n.y) * textureGrad(ao, uv, dx, dy).r * (base * (1.0 - m) + gloss);
+  sum += lit(n, -ray, vec3(light, 0.55), 3.6, base, m, a) + lit(n, -ray, vec3(0.8, 0.15, 0.35), 0.8, base, m, a);
+  seen = vec4(encoded(clamp(gain * sum, 0.0, 1.0)), 1.0);
 }`;
 
 export class Lit {
@@ -58,7 +60,7 @@ export class Lit {
   constructor(room) {
     this.room = room;
     this.maps = new Map(); // { canvas, hand } by role
-    this.light = [-0.5, 0.5];
+    this.light = [-0.55, 0.65];
     this.lit = make("canvas", { role: "img", ariaLabel: "Material lit on a plane", tabIndex: 0, hidden: true, title: "Move the pointer, or use the arrows, to move the light" });
     this.flat = make("canvas", { role: "img", ariaLabel: "Maps of the material", hidden: true });
     this.lit.addEventListener("pointermove", (event) => {
@@ -81,8 +83,10 @@ export class Lit {
   }
 
   take(facts, bytes) {
-    this.maps.set(facts.role, { canvas: canvasOf(facts, bytes), hand: facts.hand });
-    [this.color, this.size] = [this.room.tile, this.room.size]; // of the same tile: coarse ones that follow have no maps yet
+    if (facts.role === "color") {
+      this.base = canvasOf(facts, bytes); // in sRGB, whatever the view
+      [this.color, this.size] = [this.room.tile, this.room.size]; // of the same tile: coarse ones that follow have no maps yet
+    } else this.maps.set(facts.role, { canvas: canvasOf(facts, bytes), hand: facts.hand });
     this.stale = true;
     this.draw();
   }
@@ -108,17 +112,18 @@ export class Lit {
   /** All maps in a grid, the color first. */
   drawMaps() {
     const context = this.flat.getContext("2d");
-    const { width, height } = this.flat;
+    const top = this.room.tileView.bar.offsetHeight + 12; // the buttons hide nothing
+    const width = this.flat.width, height = this.flat.height - top;
     const all = [["color", this.color], ...[...this.maps].map(([role, { canvas }]) => [role, canvas])];
     const across = Math.ceil(Math.sqrt(all.length)), down = Math.ceil(all.length / across);
     const [wide, high] = [width / across, height / down];
     context.fillStyle = "#141414";
-    context.fillRect(0, 0, width, height);
+    context.fillRect(0, 0, width, top + height);
     context.font = "12px system-ui, sans-serif";
     all.forEach(([role, canvas], n) => {
       const scale = Math.min((wide - 12) / canvas.width, (high - 30) / canvas.height);
       const [w, h] = [canvas.width * scale, canvas.height * scale];
-      const [x, y] = [(n % across) * wide + (wide - w) / 2, Math.floor(n / across) * high + 24 + (high - 30 - h) / 2];
+      const [x, y] = [(n % across) * wide + (wide - w) / 2, top + Math.floor(n / across) * high + 24 + (high - 30 - h) / 2];
       context.drawImage(canvas, x, y, w, h);
       context.fillStyle = "#c9c9c9";
       context.fillText(role, x, y - 5);
@@ -136,6 +141,7 @@ export class Lit {
     set("view", this.lit.width, this.lit.height);
     set("tile", ...this.size.map((n) => n / Math.max(...this.size)));
     set("light", ...this.light);
+    set("gain", 2 ** this.room.shell.state.view.exposure);
     set("depth", this.maps.has("height") ? DEPTH : 0);
     set("hand", this.maps.get("normal")?.hand === "directx" ? -1 : 1);
     set("bumps", this.maps.has("height") && !this.maps.has("normal") ? 1 : 0);
@@ -167,11 +173,12 @@ export class Lit {
   fill() {
     const { gl } = this;
     Object.entries(PLAIN).forEach(([name, plain], n) => {
-      const picture = name === "color" ? this.color : this.maps.get(name)?.canvas ?? (name === "roughness" ? this.inverted("gloss") : null);
+      const picture = name === "color" ? this.base : this.maps.get(name)?.canvas ?? (name === "roughness" ? this.inverted("gloss") : null);
       gl.activeTexture(gl.TEXTURE0 + n);
       gl.bindTexture(gl.TEXTURE_2D, this.textures[n]);
-      if (picture) gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, picture);
-      else gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array([...plain, 255]));
+      const format = name === "color" ? gl.SRGB8_ALPHA8 : gl.RGBA;
+      if (picture) gl.texImage2D(gl.TEXTURE_2D, 0, format, gl.RGBA, gl.UNSIGNED_BYTE, picture);
+      else gl.texImage2D(gl.TEXTURE_2D, 0, format, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array([...plain, 255]));
       gl.generateMipmap(gl.TEXTURE_2D);
       gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
     });

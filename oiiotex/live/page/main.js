@@ -204,7 +204,10 @@ on("message", (message) => {
     if (message.state === null ? !first : !first && message.document !== shell.facts.document) return location.replace(addressOf(message.key)); // of another server
     photos.greet(message);
     $("copy").disabled = message.state === null;
-    if (message.state === null) return shell.status("");
+    if (message.state === null) {
+      shell.status("");
+      return photos.tellLeft();
+    }
     shell.state = message.state;
     shell.facts = message;
     if (first) build();
@@ -214,7 +217,7 @@ on("message", (message) => {
     showUnsaved(message.unsaved);
     showHistory(message.history);
     shell.status("");
-    photos.tellRefused();
+    photos.tellLeft();
   } else if (message.do === "set") {
     Object.assign(shell.state[message.room], message.values);
     if (message.room === "view") showLooking();
@@ -235,7 +238,7 @@ on("message", (message) => {
     shell.status(message.text);
   } else if (message.do === "saved") {
     shell.status(`Saved as ${message.name}`);
-    for (const room of Object.values(rooms)) room.output?.offer(message.name);
+    rooms[message.room]?.output.offer(message.name);
   } else if (message.do === "error") {
     shell.status(message.text, true);
   } else if (message.do === "line") {

@@ -13,7 +13,7 @@ export function measuresOf(lines) {
     const [, grade, sentence] = /^(good|fair|poor): (.*)$/.exec(text) ?? [];
     const row = figure(text);
     if (grade) verdicts.push(make("p", { className: grade }, make("span", { className: "mark", textContent: MARKS[grade], role: "img", ariaLabel: grade }), sentence));
-    else if (level === "warning") verdicts.push(make("p", { className: "fair" }, make("span", { className: "mark", textContent: MARKS.fair, role: "img", ariaLabel: "warning" }), text));
+    else if (level === "warning") verdicts.push(make("p", { className: "fair" }, make("span", { className: "mark", textContent: MARKS.fair, role: "img", ariaLabel: "warning" }), text[0].toUpperCase() + text.slice(1)));
     else if (row) rows.push(row);
     else others.push(make("p", { textContent: text }));
   }

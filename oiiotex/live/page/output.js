@@ -14,8 +14,8 @@ export class Output {
     this.file = words("File", { title: "Name of the file in the document's folder: .png, .exr, .tif or .jpg. Empty: automatic", change: (text) => this.rename(text) });
     this.type = choice("Type", { title: "Pixel type of the file", options: [["", "Automatic"], ...TYPES], change: (type) => shell.set("output", { type }) });
     this.line = make("textarea", { className: "line", readOnly: true, rows: 3, spellcheck: false, ariaLabel: "Command that makes this file", title: "The command that makes this file. Copy it with C" });
-    this.download = make("a", { className: "download", hidden: true });
-    this.element = section("Save", this.file, this.type, make("div", { className: "buttons" }, ...buttons, this.download), this.line);
+    this.downloads = make("span", { className: "downloads" });
+    this.element = section("Save", this.file, this.type, make("div", { className: "buttons" }, ...buttons, this.downloads), this.line);
   }
 
   rename(text) {
@@ -37,8 +37,9 @@ export class Output {
     this.file.field.placeholder = line.slice(line.lastIndexOf(" -o ") + 4);
   }
 
-  /** Offer a saved file as a download. */
+  /** Offer a saved file as a download, next to the other maps that were saved with it. */
   offer(name) {
-    Object.assign(this.download, { hidden: false, href: `saved/${encodeURIComponent(name)}`, download: name, textContent: `Download ${name}` });
+    this.downloads.append(make("a", { className: "download", href: `saved/${encodeURIComponent(name)}`, download: name, textContent: `Download ${name}` }));
+    while (this.downloads.children.length > (this.name === "tile" ? 1 + this.shell.facts.maps.length : 1)) this.downloads.firstChild.remove();
   }
 }

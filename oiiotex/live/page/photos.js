@@ -76,6 +76,7 @@ export class Photos {
     else if (message.do === "spaces") this.askWith(message);
     else if (message.do === "again") location.reload();
     else if (message.do === "opened") this.opened(message);
+    else if (message.do === "closed") this.leave(message.photo, message.text);
     else return false;
     return true;
   }
@@ -88,17 +89,26 @@ export class Photos {
   /** Go to a photo that was opened, and say there what was not. */
   opened({ photo, refused }) {
     const text = [...this.refused.splice(0), ...refused].join("; ");
-    if (text) sessionStorage.setItem("refused", `Not opened: ${text}`);
-    if (photo !== null && photo !== this.key) location.href = addressOf(photo);
-    else if (text) this.tellRefused();
+    if (photo !== null && photo !== this.key) this.leave(photo, text && `Not opened: ${text}`, true);
+    else if (text) this.tell(`Not opened: ${text}`, true);
     else this.shell.status("This photo is already open");
   }
 
-  tellRefused() {
-    const text = sessionStorage.getItem("refused");
-    sessionStorage.removeItem("refused");
-    if (!text) return;
-    this.shell.status(text, true);
+  /** Go to another photo, or to none, and say something there. */
+  leave(key, text, wrong = false) {
+    if (text) sessionStorage.setItem("said", JSON.stringify([text, wrong]));
+    location.href = addressOf(key ?? "");
+  }
+
+  /** Say what the page has left to say. */
+  tellLeft() {
+    const said = sessionStorage.getItem("said");
+    sessionStorage.removeItem("said");
+    if (said) this.tell(...JSON.parse(said));
+  }
+
+  tell(text, wrong) {
+    this.shell.status(text, wrong);
     this.said.textContent = text;
   }
 
@@ -114,6 +124,7 @@ export class Photos {
     document.getElementById("ask").hidden = !this.own()?.asks;
     this.apply.hidden = facts.working;
     this.cancel.hidden = !facts.working;
+    const focused = document.activeElement.closest?.("#photos li")?.dataset.key;
     this.list.replaceChildren(...facts.list.map((one) => {
       const link = make("a", { href: addressOf(one.key), className: "photo", title: `${one.name}${one.roles.length ? `: color, ${one.roles.join(", ")}` : ""}${one.text ? `. ${one.text}` : ""}` });
       if (one.key === this.key) link.setAttribute("aria-current", "page");
@@ -122,9 +133,12 @@ export class Photos {
       const said = one.asks ? "no color space" : one.text;
       if (said) link.append(make("small", { textContent: said, className: one.wrong || one.asks ? "wrong" : "" }));
       if (one.text === "making") link.append(make("progress", { max: 1, value: one.done / one.total, ariaLabel: `Tile of ${one.name}` }));
-      link.dataset.key = one.key;
-      return make("li", {}, link);
+      const close = button("×", `Close ${one.name}. Its document ${one.document} keeps the parameters, masks and paintings`, () => this.ask({ do: "close", key: one.key }), { className: "close", ariaLabel: `Close ${one.name}`, disabled: facts.working });
+      const item = make("li", {}, link, close);
+      item.dataset.key = one.key;
+      return item;
     }));
+    if (focused) (this.list.querySelector(`[data-key="${focused}"] a`) ?? this.list.querySelector("a")).focus();
   }
 
   showProgress({ key, done, total }) {
@@ -149,7 +163,7 @@ export class Photos {
     const close = () => this.opening.close();
     this.opening.replaceChildren(
       make("h2", { textContent: "Open photos" }),
-      make("p", { textContent: `Photos in ${this.facts.folder}${names.length ? ":" : ": none."} Maps of one material are opened together, for example wall_color.png and wall_normal.png.` }),
+      make("p", { textContent: `${names.length ? "Photos" : "There are no photos"} in ${this.facts.folder}. Maps of one material are opened together, for example wall_color.png and wall_normal.png.` }),
       make("div", { className: "files" }, ...boxes),
       make("p", { className: "hint", textContent: "Photos from this computer are copied into this folder. You can also drop them on the page." }),
       make("form", { className: "buttons" },

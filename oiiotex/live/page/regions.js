@@ -9,14 +9,14 @@ export class Regions {
     this.room = room;
     this.shell = room.shell;
     this.brush = { name: "", tool: "brush", diameter: 48 };
-    this.planes = { mask: null, inpaint: null }; // Uint8, at the photo's preview size
+    this.planes = { mask: null, fill: null }; // Uint8, at the photo's preview size
     this.shownOver = "";
     this.overlay = null;
     this.overlays = segments("Overlay", [["", "Photo", "Photo without overlay"], ["dominant", "Dominant", "Overlay of the dominant texture (LDR09) (M)"], ["label", "Labels", "Overlay of the coarsest label map (LSA16)"],
       ["drift", "Drift", "False color: how much local statistics differ from the rest, as in gradients and stains (D)"], ["repetition", "Repetition", "False color: how often a region of the photo is used (R)"]], (name) => this.showOver(name));
     this.overlays.set("");
     this.room.photoView.bar.append(this.overlays);
-    this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Source", "Paint the valid source pixels (P)"], ["inpaint", "Replace", "Paint the area to replace"]], (name) => this.setBrush(name));
+    this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Source", "Paint the valid source pixels (P)"], ["fill", "Replace", "Paint the area to replace"]], (name) => this.setBrush(name));
     this.erase = button("Erase", "The brush erases (E)", () => this.setTool(this.brush.tool === "erase" ? "brush" : "erase"));
     this.diameter = slider("Size", { title: "Brush diameter, in pixels of the photo ([ and ])", low: 2, high: 400, log: true, reset: 48, digits: 0, change: (diameter) => { this.brush.diameter = diameter; } });
     this.diameter.set(48);
@@ -31,7 +31,7 @@ export class Regions {
     const { width, height } = this.room.photo;
     context.drawImage(this.room.inspect.picture("photo", this.room.photo), 0, 0, width, height);
     if (this.overlay && this.overlay.name === this.shownOver) context.drawImage(this.overlay.canvas, 0, 0, width, height);
-    const name = this.brush.name || (this.shell.state.tile.mask === "brush" ? "mask" : this.shell.state.tile.inpaint ? "inpaint" : "");
+    const name = this.brush.name || (this.shell.state.tile.mask === "brush" ? "mask" : this.shell.state.tile.fill ? "fill" : "");
     const plane = this.planes[name];
     if (plane && !this.shownOver) {
       if (this.tintOf !== plane || this.tintStale) {

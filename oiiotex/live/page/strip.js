@@ -104,7 +104,7 @@ export class Strip {
       return one;
     });
     const group = (caption, what, none) => make("div", { className: "group" }, make("span", { className: "caption", textContent: caption }), ...(what.length ? what : [make("span", { className: "hint", textContent: none })]));
-    this.element.replaceChildren(group("Presets", presets, "Coarse tiles of the presets ..."), group("Variants", variants, "Press V to keep a variant"), group("Seeds", seeds, "Press Show seeds to preview eight more"));
+    this.element.replaceChildren(group("Presets", presets, "Coarse tiles of the presets ..."), group("Variants", variants, "Press V to keep a variant"), group("Seeds", seeds, "Press Show seeds"));
     this.element.querySelectorAll("button")[focused]?.focus();
     this.room.compare.peek(null);
   }

@@ -86,7 +86,7 @@ export class TileRoom {
       width: whole("Width", { title: "Width of the tile, in pixels. Empty: the photo's width", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[0], change: (width) => set({ width }) }),
       height: whole("Height", { title: "Height of the tile, in pixels. Empty: the photo's height", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[1], change: (height) => set({ height }) }),
       mask: choice("Source", { title: "Valid source pixels: the part of the photo that patches are copied from", options: [["", "Whole photo"], ["dominant", "Dominant texture"], ["brush", "Painted mask"]], change: (mask) => this.setMask(mask) }),
-      inpaint: choice("Replace", { title: "Area to replace. A painted area is filled from Source (--texfill), with Patch, Structure and Seed", options: [["", "Everything"], ["brush", "Painted area"]], change: (inpaint) => set({ inpaint }) }),
+      fill: choice("Replace", { title: "Area to replace. A painted area is filled from Source (--texfill), with Patch, Structure and Seed", options: [["", "Everything"], ["brush", "Painted area"]], change: (fill) => set({ fill }) }),
     };
     this.measures = make("div", { className: "measures", ariaLive: "polite" }, make("p", { className: "stale", textContent: "Measured when the tile is finished." }));
     this.output = new Output(this.shell, "tile", [button("Save", "Write the tile to the document's folder, in the background", () => { this.tell(); this.shell.ask("tile", { do: "save" }); })]);
@@ -96,7 +96,7 @@ export class TileRoom {
         make("div", { className: "buttons" }, button("Keep variant", "Add these parameters to the variants below (V)", () => this.strip.keep()), button("Show seeds", "Preview eight more seeds at low resolution", () => this.strip.askSeeds()), button("Show presets", "Preview all presets with the other parameters, at low resolution", () => this.shell.ask("tile", { do: "presets" })))),
       section("Measures", this.measures),
       this.output.element,
-      section("Regions", this.controls.mask, this.controls.inpaint, ...this.regions.elements));
+      section("Regions", this.controls.mask, this.controls.fill, ...this.regions.elements));
   }
 
   /** Values in effect where the photo decides, before its result is known. */
@@ -136,7 +136,9 @@ export class TileRoom {
     this.modes.set(mode);
     const plane = mode === "plane";
     this.planeCanvas.hidden = !plane;
-    this.tileView.canvas.hidden = plane || mode === "maps" || mode === "lit";
+    const maps = mode === "maps" || mode === "lit";
+    this.tileView.canvas.hidden = plane || maps;
+    this.compare.bar.hidden = maps; // what it does is not shown there
     this.lit?.show(mode);
     this.compare.setWipe(this.compare.wipe);
     if (plane) this.drawPlane();
@@ -187,7 +189,7 @@ export class TileRoom {
     if (facts.kind === "photo") {
       this.photo = Object.assign(canvasOf(facts, bytes), { histogram: facts.histogram });
       this.inspect.draw();
-      for (const name of ["mask", "inpaint"]) {
+      for (const name of ["mask", "fill"]) {
         if (this.regions.planes[name]?.length !== facts.width * facts.height) this.regions.planes[name] = null;
       }
       if (this.photoView.fitted) this.photoView.fit();
@@ -202,6 +204,7 @@ export class TileRoom {
       this.tileView.empty.hidden = true;
       this.compare.taken();
       this.picked();
+      this.lit?.draw(); // the exposure may have changed
       this.element.dataset.turn = String(facts.turn);
       this.element.dataset.tile = facts.whole ? "whole" : "coarse";
       if (this.strip.keeping) this.strip.keep();

@@ -380,7 +380,7 @@ class PaintRoom:
         if not 1 <= times <= _MOST_TIMES:
             raise ParameterError(f"times={times}: expected an integer from 1 to {_MOST_TIMES}")
         if times == 1:
-            return self._hub.save(self._made, *self._hub.output("painted"))
+            return self._hub.save(self._made, *self._hub.output("painted"), "paint")
         width, height = self._whole.size
         size = times * width, times * height
         before = await asyncio.to_thread(self._steps.enlarged, self._step, times, self._hub.session.resources.budget)

@@ -78,7 +78,7 @@ class LiveSewing:
                 request = _asked(client, labeled, paintings, values, EXPORT, self._hub.advancing())
                 facts, _ = await asyncio.wrap_future(request)
                 try:
-                    await self._hub.save(facts["images"][0], name, pixel_type)
+                    await self._hub.save(facts["images"][0], name, pixel_type, "paint")
                 finally:
                     client.drop(facts["images"][0]["number"])
             finally:

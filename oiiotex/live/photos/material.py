@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ...api.images import as_float
-from ...api.service import BRUSH, Client
+from ...api.materials import srgb_of
+from ...api.service import BRUSH, Client, image_of
 from ...deferred import np
 from ..hub import Hub, MaterialMap
 from ..inspection import reduced
@@ -52,7 +53,7 @@ class MaterialMaps:
 
     async def save(self, images: list[dict[str, Any]], outputs: Outputs) -> None:
         """Write the images of a tile and its maps."""
-        names = [await self._hub.save(image, *output) for image, output in zip(images, outputs, strict=True)]
+        names = [await self._hub.save(image, *output, "tile") for image, output in zip(images, outputs, strict=True)]
         if len(names) > 1:
             self._hub.tell({"do": "note", "text": f"Saved {len(names)} maps: {', '.join(names)}"})
 
@@ -67,13 +68,24 @@ class MaterialMaps:
         self._numbers = []
 
     async def find(self, client: Client, images: list[dict[str, Any]]) -> None:
-        """Read the maps of a finished tile, and show them to all pages."""
-        self._shown = []
-        for one, image in zip(self._hub.source.maps, images[1:], strict=True):
+        """Read the maps of a finished tile, and show them to all pages; first its color in sRGB, to be lit."""
+        self._shown, maps = [], self._hub.source.maps
+        for one, image in zip((None, *maps) if maps else (), images, strict=bool(maps)):
             _, (pixels,) = await asyncio.wrap_future(client.read(image["number"], priority=BRUSH))
-            facts = {"room": "tile", "kind": "map", "role": one.role, "hand": one.hand}
-            self._shown.append((facts, self._picture(one, reduced(as_float(pixels), MOST_MAP))))
+            role, hand = (one.role, one.hand) if one else ("color", "")
+            if one is None:
+                picture = await asyncio.to_thread(self._srgb, image["parts"][0], pixels)
+            else:
+                picture = self._picture(one, reduced(as_float(pixels), MOST_MAP))
+            self._shown.append(({"room": "tile", "kind": "map", "role": role, "hand": hand}, picture))
         self.show()
+
+    def _srgb(self, facts: dict[str, Any], pixels: np.ndarray) -> np.ndarray:
+        """Pixels of a tile as sRGB in 8 bits, as they are lit in previews of a library, whatever the view."""
+        part = image_of({"source": "tile", "parts": [facts]}, [pixels]).first
+        scale = min(1.0, MOST_MAP / max(pixels.shape[:2]))
+        size = [max(1, round(n * scale)) for n in pixels.shape[:2]]
+        return np.rint(255 * srgb_of(part, self._hub.session.resources, size)).astype(np.uint8)
 
     def show(self, page: Page | None = None) -> None:
         """Show the maps of the finished tile to a page, or to all."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The strip of open photos: opening, color spaces, and a batch with the parameters of one photo."""
+"""The strip of open photos: opening and closing, color spaces, and a batch with the parameters of one photo."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .upload import MOST, Upload, photos_in
 
 MOST_PHOTOS = 64
 _THUMBNAIL = 96  # px
-_OWN = {"mask", "inpaint"}  # parameters of the Tile room that mean something in one photo only
+_OWN = {"mask", "fill"}  # parameters of the Tile room that mean something in one photo only
 _USUAL = "sRGB", "lin_rec709", "ACEScg", "data"  # offered first, in the config's own names
 
 
@@ -38,7 +38,9 @@ class PhotoStrip(Pages):
         self._states: dict[str, dict[str, Any]] = {}  # of the batch, by key
         self._uploads: dict[Page, Upload] = {}
         self._stored: set[Path] = set()  # uploads that are not opened yet
-        self._running: set[asyncio.Task[None]] = set()
+        self._saving: dict[str, asyncio.Task[None]] = {}  # regularly, by key
+        self._closing: set[Path] = set()  # photos whose files are still being written
+        self._added = 0
         self._batch: asyncio.Task[None] | None = None
         self._making: Hub | None = None  # the one that the batch works on
         self._canceled = False
@@ -52,14 +54,14 @@ class PhotoStrip(Pages):
 
     def start(self) -> None:
         """Save changes regularly, and prepare the first photo."""
-        for work in (hub.autosave() for hub in self.hubs.values()):
-            self._running.add(asyncio.create_task(work))
+        for key, hub in self.hubs.items():
+            self._saving[key] = asyncio.create_task(hub.autosave())
         for hub in list(self.hubs.values())[:1]:
-            self._running.add(asyncio.create_task(hub.warm_up()))
+            hub.begin(hub.warm_up())
 
     async def end(self) -> None:
         """Save all documents, and disconnect from the resident process."""
-        for task in self._running:
+        for task in self._saving.values():
             task.cancel()
         for hub in self.hubs.values():
             await asyncio.to_thread(hub.close)
@@ -72,7 +74,8 @@ class PhotoStrip(Pages):
 
     def add(self, hub: Hub, path: Path | None = None) -> str:
         """Add a hub, of a photo in `path`. Returns its key, which addresses have."""
-        key = str(len(self.hubs) + 1)
+        self._added += 1
+        key = str(self._added)
         self.hubs[key] = hub
         self._states[key] = {"text": ""}
         if path is not None:
@@ -119,12 +122,14 @@ class PhotoStrip(Pages):
         keys = list[str]()
         for photo in materials_of(photos):
             try:
+                if photo.path in self._closing:
+                    raise Error(f"{photo.path.name}: its files are still being written: open it again afterwards")
                 if photo.path not in self._keys:
                     require_memory(photo, self.session)
                     small = await asyncio.to_thread(_small, photo.image)  # also finds damaged pixels
                     (key,) = self.open([photo])
                     self._thumbnails[key] = small
-                    self._running.add(asyncio.create_task(self.hubs[key].autosave()))
+                    self._saving[key] = asyncio.create_task(self.hubs[key].autosave())
                 keys.append(self._keys[photo.path])
             except Error as error:
                 refused.append(str(error))
@@ -135,6 +140,38 @@ class PhotoStrip(Pages):
                 path.unlink(missing_ok=True)
         self._tell_list()
         page.tell(json.dumps({"do": "opened", "photo": keys[0] if keys else None, "refused": refused}))
+
+    async def _close(self, key: str, page: Page) -> None:
+        """Close a photo. Its document and its files are kept, and its pages are told the photo to go to."""
+        if (hub := self.hubs.get(key)) is None:  # another page was faster
+            return
+        if self._batch is not None:
+            raise Error("parameters are being applied to the open photos: wait, or cancel")
+        for shown in hub.pages:
+            hub.left(shown)  # ends its stroke
+        await hub.save_all()
+        if hub.unsaved:
+            raise Error(f"{hub.source.stem} stays open. {hub.unsaved}")
+        if self.hubs.get(key) is not hub:
+            return
+        keys = list(self.hubs)
+        n = keys.index(key)
+        paths = {path for path, other in self._keys.items() if other == key}
+        for by_key in (self.hubs, self._states, self._thumbnails):
+            by_key.pop(key, None)
+        self._keys = {path: other for path, other in self._keys.items() if other != key}
+        self._closing |= paths
+        self._saving.pop(key).cancel()
+        hub.watch = lambda message: None
+        text = f"Closed {hub.source.stem}. {hub.document.path.name} keeps its parameters"
+        hub.tell({"do": "closed", "photo": next(iter(keys[n + 1 :] + keys[:n][::-1]), None), "text": text})
+        if page not in hub.pages:
+            page.tell(json.dumps({"do": "note", "text": text}))
+        self._tell_list()
+        try:
+            await hub.end()
+        finally:
+            self._closing -= paths
 
     def _facts(self, key: str = "") -> dict[str, Any]:
         """What pages know of the open photos; `key`: the photo of the page."""
@@ -181,6 +218,8 @@ class PhotoStrip(Pages):
             self._upload(asked, data, page)
         elif do == "open":
             self.begin(self._open([str(name) for name in asked["names"]][:MOST_PHOTOS], page), page)
+        elif do == "close":
+            self.begin(self._close(str(asked["key"]), page), page)
         elif do == "thumbnails":
             self.begin(self._show_thumbnails(page), page)
         elif do == "spaces":

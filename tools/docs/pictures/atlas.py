@@ -13,7 +13,7 @@ import trimesh
 from oiiotex import filters
 from oiiotex.atlas.mesh import Mesh, read_mesh
 from tests.test_atlas import bumpy
-from tools.docs.pictures.layout import beside, pixels, shrunk, stacked, test_photo, write_jpeg
+from tools.docs.pictures.layout import beside, draw, pixels, shrunk, stacked, test_photo, write_jpeg
 
 PHOTOS = ("rust_barrel_side.jpg", "stained_plaster_wall.jpg")
 PANE, SIDE = 300, 640  # px of a pane and of an atlas
@@ -75,10 +75,7 @@ def figure_7() -> None:
         for name, path in paths.items():
             objects[name].export(path)
         for name in PHOTOS:
-            photo = test_photo(name)
-            if photo is None:
-                return
-            photo = shrunk(photo, 384)
+            photo = test_photo(name, 384)
             mask = filters.dominant(photo)
 
             def made(shape: str, photo: oiio.ImageBuf = photo, **more: object) -> tuple[np.ndarray, oiio.ImageBuf]:
@@ -91,4 +88,4 @@ def figure_7() -> None:
 
 
 if __name__ == "__main__":
-    figure_7()
+    draw(figure_7)

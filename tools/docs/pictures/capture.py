@@ -3,17 +3,13 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import numpy as np
 import OpenImageIO as oiio
 
 from oiiotex import filters
 from oiiotex.capture.homography import homography
-from tools.docs.pictures.layout import beside, pixels, shrunk, write_jpeg
+from tools.docs.pictures.layout import beside, draw, opened, pixels, shrunk, test_photo, write_jpeg
 
-DATA = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data"))
 SLANTS = {
     "facade_tiles.jpg": ((38, 30), (470, 84), (452, 330), (8, 372)),
     "fabric_gingham_weave.jpg": ((120, 20), (400, 30), (500, 360), (-10, 350)),
@@ -44,14 +40,14 @@ def rectified() -> None:
     """Two oblique photos, and the results of --texrectify by their lattices."""
     panes = []
     for name, corners in SLANTS.items():
-        photo = slanted(oiio.ImageBuf(str(DATA / "photos" / name)), corners)
+        photo = slanted(opened(f"photos/{name}"), corners)
         panes += [pixels(photo), pixels(shrunk(filters.rectify(photo), 360))]
     write_jpeg(beside(*panes), "rectify_lattices.jpg")
 
 
 def estimated() -> None:
     """A photo, and the heights, normals, ambient occlusion and roughness that it is taken for."""
-    photo = shrunk(oiio.ImageBuf(str(DATA / "photos" / "pebbles_beach_shadow.jpg")), 320)
+    photo = test_photo("pebbles_beach_shadow.jpg", 320)
     made = filters.estimateheight(photo, normal=True)
     occlusion = filters.estimateao(made["height"])
     roughness = filters.estimateroughness(photo)
@@ -60,5 +56,4 @@ def estimated() -> None:
 
 
 if __name__ == "__main__":
-    rectified()
-    estimated()
+    draw(rectified, estimated)

@@ -18,8 +18,7 @@ from oiiotex.errors import Error
 from oiiotex.filters.texstationarity import COST
 from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.wang.tiles import edges_of
-from tools.docs.pictures.layout import beside, shrunk, stacked, test_photo, write_jpeg
-from tools.docs.pictures.stationarize import one_channel
+from tools.docs.pictures.layout import beside, draw, image_of, shrunk, stacked, test_photo, write_jpeg
 from tools.docs.pictures.wang_plane import random_plane
 
 PHOTOS = (
@@ -39,19 +38,9 @@ SEED = 1
 Way = Callable[[oiio.ImageBuf], oiio.ImageBuf]
 
 
-def buffer(picture: np.ndarray) -> oiio.ImageBuf:
-    """(h, w, 3) of 0 .. 1 as sRGB."""
-    made = oiio.ImageBuf(oiio.ImageSpec(picture.shape[1], picture.shape[0], 3, oiio.FLOAT))
-    made.set_pixels(made.roi, np.ascontiguousarray(picture, np.float32))
-    made.specmod().attribute("oiio:ColorSpace", "srgb_rec709_scene")
-    return made
-
-
-def square(name: str, side: int) -> oiio.ImageBuf | None:
+def square(name: str, side: int) -> oiio.ImageBuf:
     """The middle of a test photo, reduced to a square."""
     photo = test_photo(f"{name}.jpg")
-    if photo is None:
-        return None
     spec = photo.spec()
     least = min(spec.width, spec.height)
     x, y = (spec.width - least) // 2, (spec.height - least) // 2
@@ -60,7 +49,7 @@ def square(name: str, side: int) -> oiio.ImageBuf | None:
 
 def seamless(photo: oiio.ImageBuf) -> oiio.ImageBuf:
     """The photo blended with itself shifted by half."""
-    return buffer(made_seamless(photo.get_pixels(oiio.FLOAT)))
+    return image_of(made_seamless(photo.get_pixels(oiio.FLOAT)))
 
 
 def dominant_mask(photo: oiio.ImageBuf) -> np.ndarray:
@@ -70,12 +59,12 @@ def dominant_mask(photo: oiio.ImageBuf) -> np.ndarray:
 
 def of_the_dominant(photo: oiio.ImageBuf) -> oiio.ImageBuf:
     """Toroidal PatchMatch from the dominant texture alone, as MJH17 compares with LDR09 (figure 7)."""
-    return filters.patchmatch(photo, mask=one_channel(dominant_mask(photo)), size=TILE, seed=SEED)
+    return filters.patchmatch(photo, mask=image_of(dominant_mask(photo)), size=TILE, seed=SEED)
 
 
 def of_the_destained(photo: oiio.ImageBuf) -> oiio.ImageBuf:
     """Toroidal PatchMatch of the photo with everything but its dominant texture resynthesized; compare figure 6."""
-    clean = filters.fill(photo, one_channel(~dominant_mask(photo)), seed=SEED)
+    clean = filters.fill(photo, image_of(~dominant_mask(photo)), seed=SEED)
     return filters.patchmatch(clean, size=TILE, seed=SEED)
 
 
@@ -96,7 +85,7 @@ def laid_at_random(tiles: Sequence[oiio.ImageBuf]) -> oiio.ImageBuf:
     count, _, side = WANG
     plane = random_plane(edges_of(count), side, side, SEED)
     laid = [np.concatenate([tiles[n].get_pixels(oiio.FLOAT) for n in row], axis=1) for row in plane]
-    return buffer(np.concatenate(laid))
+    return image_of(np.concatenate(laid))
 
 
 def ways() -> dict[str, Way]:
@@ -130,11 +119,9 @@ def cost(made: oiio.ImageBuf) -> float:
     return filters.stationarity(made, sigma=SIGMA).spec().get_float_attribute(COST)
 
 
-def compared(name: str) -> list[str] | None:
+def compared(name: str) -> list[str]:
     """Write the picture of a photo; the cells of its row in the table."""
     photo = square(name, SIDE)
-    if photo is None:
-        return None
     panes, cells = [], []
     for column, way in ways().items():
         try:
@@ -156,8 +143,6 @@ def failures() -> None:
     columns = []
     for name in FAILURES:
         photo = square(name, 320)
-        if photo is None:
-            return
         made = filters.stationarize(photo, seed=SEED)
         columns.append(np.concatenate([pane(photo, 1), np.full((8, PANE, 3), 255, np.uint8), pane(made, 2)]))
     write_jpeg(beside(*columns), "comparison_failures.jpg")
@@ -216,11 +201,9 @@ More is in the [gallery](../gallery.md).
 """
 
 
-def main() -> None:
+def page() -> None:
     """Write the page and its pictures."""
-    rows = {name: cells for name in PHOTOS if (cells := compared(name)) is not None}
-    if len(rows) < len(PHOTOS):
-        return
+    rows = {name: compared(name) for name in PHOTOS}
     failures()
     names = list(ways())
     table = ["| | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
@@ -231,4 +214,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    draw(page)

@@ -7,7 +7,6 @@ import numpy as np
 import OpenImageIO as oiio
 
 from benchmarks.labels.levels import Case, cases
-from benchmarks.shared.measures import data_folder
 from benchmarks.shared.mosaics import suite
 from benchmarks.subtextures.decompose import PAPER, grouped_by
 from oiiotex import filters
@@ -16,7 +15,18 @@ from oiiotex.filters.texdecompose import Decompose
 from oiiotex.labels.legend import colors_of
 from oiiotex.run import run
 from oiiotex.session import Session
-from tools.docs.pictures.layout import beside, halved, pixels, shrunk, small, stacked, write_jpeg
+from tools.docs.pictures.layout import (
+    beside,
+    draw,
+    halved,
+    opened,
+    pixels,
+    shrunk,
+    small,
+    stacked,
+    test_photo,
+    write_jpeg,
+)
 
 SIDE = 128  # px, of a pane
 LANDSCAPES = (
@@ -65,7 +75,7 @@ def landscapes() -> None:
     """CZF02 figure 8: outdoor photos and their subtextures."""
     panes = []
     for name in LANDSCAPES:
-        photo = shrunk(oiio.ImageBuf(str(data_folder() / name)), 512)
+        photo = shrunk(opened(name), 512)
         ids = filters.decompose(photo).get_pixels(oiio.UINT32)[..., 0]
         panes.append(beside(small(pixels(photo), 192), painted(ids, 192), gap=2))
     write_jpeg(stacked([beside(*panes[n : n + 2]) for n in range(0, len(panes), 2)], 6), "decompose_landscapes.jpg")
@@ -75,7 +85,7 @@ def composites() -> None:
     """CZF02 figure 7: photos, their subtextures, and what is composed of these at one and a half times the width."""
     rows = []
     for name, values, patch in COMPOSED:
-        photo = shrunk(oiio.ImageBuf(str(data_folder() / name)), 512)
+        photo = shrunk(opened(name), 512)
         parts = filters.decompose(photo, keep=True, **values)
         made = filters.composite(parts, size=(768, 512), patch=patch)
         ids = parts["label.1"].get_pixels(oiio.UINT32)[..., 0]
@@ -87,7 +97,7 @@ def unshifted() -> None:
     """Photos, their subtextures, and those that plain comparison finds."""
     rows = []
     for name in UNSHIFTED:
-        photo = shrunk(oiio.ImageBuf(str(data_folder() / "photos" / name)), 512)
+        photo = test_photo(name, 512)
         row = [small(pixels(photo), 192)]
         for values in ({}, {"shift": 0.0}):
             ids = filters.decompose(photo, **values).get_pixels(oiio.UINT32)[..., 0]
@@ -98,8 +108,4 @@ def unshifted() -> None:
 
 
 if __name__ == "__main__":
-    mosaics()
-    judged()
-    landscapes()
-    composites()
-    unshifted()
+    draw(mosaics, judged, landscapes, composites, unshifted)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from pathlib import Path
 
@@ -12,13 +11,24 @@ import OpenImageIO as oiio
 from scipy import ndimage
 
 from benchmarks.dominant.composites import TWELVE, composite, seen_as
+from benchmarks.shared.measures import data_folder
 from oiiotex import filters
 from oiiotex.charts.dominant_chart import COLORS, Plot
 from oiiotex.dominant.diffusion import dominant_texture
 from oiiotex.dominant.refinement import refined_mask
 from oiiotex.session import Session
-from tools.demo import save
-from tools.docs.pictures.layout import beside, halved, pixels, shrunk, small, stacked, test_photo, write_jpeg
+from tools.docs.pictures.layout import (
+    beside,
+    draw,
+    halved,
+    image_of,
+    pixels,
+    shrunk,
+    small,
+    stacked,
+    test_photo,
+    write_jpeg,
+)
 
 MODES = ("diffusion", "euclidean", "spectral")
 COLUMNS = (
@@ -37,26 +47,19 @@ def dominant_columns() -> None:
     """LDR09 figure 6: photos, what is dominant in them, the same by eq. 7, the larger half of a normalized cut."""
     panes = []
     for name in COLUMNS:
-        photo = test_photo(name)
-        if photo is None:
-            return
-        photo = shrunk(photo, 160)
+        photo = test_photo(name, 160)
         panes.append(beside(pixels(photo), *(kept_alone(photo, mode=m) for m in MODES)))
     pairs = [beside(*panes[n : n + 2], gap=24) for n in range(0, len(panes), 2)]
     write_jpeg(stacked(pairs), "dominant_columns.jpg")
 
 
-def every_photo(side: int = 112, per_row: int = 4) -> None:
+def every_photo() -> None:
     """All test photos, each next to its dominant texture."""
-    folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos"
     panes = []
-    for path in sorted(folder.glob("*")):
-        photo = shrunk(oiio.ImageBuf(str(path)), 256)
-        panes.append(small(beside(pixels(photo), kept_alone(photo), gap=4), 2 * side))
-    if not panes:
-        print(f"no photos in {folder}: the sheet stays as it is")
-        return
-    rows = [beside(*panes[n : n + per_row], gap=16) for n in range(0, len(panes), per_row)]
+    for path in sorted((data_folder() / "photos").iterdir()):
+        photo = test_photo(path.name, 256)
+        panes.append(small(beside(pixels(photo), kept_alone(photo), gap=4), 224))
+    rows = [beside(*panes[n : n + 4], gap=16) for n in range(0, len(panes), 4)]
     write_jpeg(stacked(rows), "dominant_photos.jpg")
 
 
@@ -73,9 +76,9 @@ def every_composite() -> None:
     write_jpeg(stacked(rows), "dominant_composites.jpg")
 
 
-def painted_wall(side: int = 160) -> np.ndarray:
+def painted_wall() -> np.ndarray:
     """LDR09 figure 8: paint that is plain at the left and ever more spotted to the right."""
-    y, x = np.mgrid[0:side, 0 : side * 3 // 2]
+    y, x = np.mgrid[0:160, 0:240]
     spots = ndimage.gaussian_filter(np.random.default_rng(3).normal(0, 1, y.shape), 2.5, mode="wrap")
     spots = (spots / spots.std() > 2.6 - 2.2 * x / x.max())[..., None] * 1.0
     spots = ndimage.gaussian_filter(spots, (0.6, 0.6, 0))
@@ -86,37 +89,27 @@ def painted_wall(side: int = 160) -> np.ndarray:
 
 def dominant_failures() -> None:
     """LDR09 figure 8: a smooth transition, and cracks of all directions and widths."""
-    with tempfile.TemporaryDirectory() as folder:
-        save(painted_wall(), Path(folder) / "paint.png")
-        photos = [oiio.ImageBuf(f"{folder}/paint.png"), test_photo("sandstone_wall_cracked.jpg")]
-        if photos[1] is None:
-            return
-        panes = [beside(pixels(p), kept_alone(p)) for p in (shrunk(photo, 240) for photo in photos)]
+    photos = shrunk(image_of(painted_wall() / 255), 240), test_photo("sandstone_wall_cracked.jpg", 240)
+    panes = [beside(pixels(photo), kept_alone(photo)) for photo in photos]
     write_jpeg(beside(*panes, gap=24), "dominant_failures.jpg")
 
 
-def clean_quilt(name: str = "stained_plaster_wall.jpg", side: int = 384) -> None:
+def clean_quilt() -> None:
     """A photo, its dominant texture, a quilt of that alone, a quilt of the whole; how the texture was found."""
-    photo = test_photo(name)
-    if photo is None:
-        return
-    photo = shrunk(photo, side)
+    photo = test_photo("stained_plaster_wall.jpg", 384)
     with tempfile.TemporaryDirectory() as folder:
         parts = filters.dominant(photo, keep=True, chart=Path(folder) / "chart.png")
         write_jpeg(pixels(oiio.ImageBuf(f"{folder}/chart.png")), "dominant_chart.jpg")
     mask = parts["dominant"]
-    quilts = [filters.quilt(photo, size=(side, side), patch=48, seed=1, **m) for m in ({"mask": mask}, {})]
+    quilts = [filters.quilt(photo, size=(384, 384), patch=48, seed=1, **m) for m in ({"mask": mask}, {})]
     left = np.where(mask.get_pixels(oiio.FLOAT) > 0.5, pixels(photo), 255).astype(np.uint8)
     write_jpeg(halved(beside(pixels(photo), left, *(pixels(q) for q in quilts))), "dominant_quilt.jpg")
 
 
-def texel_points(name: str = "stained_plaster_wall.jpg", side: int = 384) -> None:
+def texel_points() -> None:
     """LDR09 figure 4 (c): texels on their first three components, by density; and by type."""
-    photo = test_photo(name)
-    if photo is None:
-        return
-    session = Session()
-    found = dominant_texture(seen_as(pixels(shrunk(photo, side)) / 255.0, session), session.resources, session.progress)
+    session, photo = Session(), pixels(test_photo("stained_plaster_wall.jpg", 384))
+    found = dominant_texture(seen_as(photo / 255.0, session), session.resources, session.progress)
     density = np.log(np.maximum(found.density, 1e-9))
     order = np.argsort(density)  # the dense ones above
     share = np.linspace(0, 1, len(order))[:, None]
@@ -134,9 +127,4 @@ def texel_points(name: str = "stained_plaster_wall.jpg", side: int = 384) -> Non
 
 
 if __name__ == "__main__":
-    texel_points()
-    dominant_columns()
-    dominant_failures()
-    clean_quilt()
-    every_photo()
-    every_composite()
+    draw(texel_points, dominant_columns, dominant_failures, clean_quilt, every_photo, every_composite)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import subprocess
@@ -15,6 +14,7 @@ import numpy as np
 import OpenImageIO as oiio
 import skimage
 
+from benchmarks.shared.measures import data_folder
 from tests.lattices import regular
 from tests.masonry import ashlar
 from tools.demo import save
@@ -32,8 +32,7 @@ def entries() -> list[tuple[str, str]]:
 
 def collect(folder: Path) -> None:
     """Put the photos that there are, and the drawn ones, where lines find them."""
-    data = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data"))
-    for file in (Path(skimage.__file__).parent / "data" / "brick.png", *data.rglob("*.jpg")):
+    for file in (Path(skimage.__file__).parent / "data" / "brick.png", *data_folder().rglob("*.jpg")):
         if not (folder / file.name).exists():
             (folder / file.name).symlink_to(file.resolve())
     drawn = {"ashlar": ashlar(512, 512, 3, (36, 80), 5)[0], "parquet": regular("parquet", 192, 192, 1)}

@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
-import os
+import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex import filters
+from benchmarks.shared.measures import data_folder
 from tools.demo import save
 
 FOLDER = Path(__file__).parents[3] / "docs" / "pictures"
@@ -81,19 +82,33 @@ def small(picture: np.ndarray, side: int) -> np.ndarray:
     return picture[step // 2 :: step, step // 2 :: step]
 
 
-def test_photo(name: str) -> oiio.ImageBuf | None:
-    """One of the test photos, 8 bit; None with a word where they are not."""
-    path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / name
-    if not path.is_file():
-        print(f"no {path}: its picture stays as it is")
-        return None
-    return shrunk(oiio.ImageBuf(str(path)), 1024)
+def image_of(values: np.ndarray, kind: oiio.BASETYPE = oiio.FLOAT) -> oiio.ImageBuf:
+    """An image of (height, width) or (height, width, channels): three channels are sRGB, one is data."""
+    values = np.atleast_3d(values)
+    made = oiio.ImageBuf(oiio.ImageSpec(values.shape[1], values.shape[0], values.shape[2], kind))
+    made.set_pixels(made.roi, np.ascontiguousarray(values, np.uint32 if kind == oiio.UINT32 else np.float32))
+    if values.shape[2] == 3:
+        made.specmod().attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    return made
 
 
-def labeled(name: str, side: int) -> dict[str, oiio.ImageBuf] | None:
-    """A test photo with its label parts, or None where there are no photos."""
-    path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / f"{name}.jpg"
+def opened(name: str) -> oiio.ImageBuf:
+    """A file of the test data; raises FileNotFoundError."""
+    path = data_folder() / name
     if not path.is_file():
-        print(f"no {path}: its pictures stay as they are")
-        return None
-    return filters.label(shrunk(oiio.ImageBuf(str(path)), side), keep=True)
+        raise FileNotFoundError(path)
+    return oiio.ImageBuf(str(path))
+
+
+def test_photo(name: str, side: int = 1024) -> oiio.ImageBuf:
+    """One of the test photos, 8 bit, with its longer side at most `side`; raises FileNotFoundError."""
+    return shrunk(opened(f"photos/{name}"), side)
+
+
+def draw(*pictures: Callable[[], object]) -> None:
+    """Draw the pictures that the command line names, else all; one whose photos are not there stays as it is."""
+    for picture in [one for one in pictures if one.__name__ in sys.argv[1:]] or pictures:
+        try:
+            picture()
+        except FileNotFoundError as error:
+            print(f"no {error}: {picture.__name__} stays as it is")

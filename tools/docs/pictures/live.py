@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import OpenImageIO as oiio
 
+from benchmarks.shared.measures import data_folder
 from tests.browser import Served, chromium, end_resident
 
-DATA = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")).absolute()
+DATA = data_folder().absolute()
 PICTURES = Path(__file__).parents[3] / "docs" / "pictures"
 SIZE = {"width": 1280, "height": 720}
 SPACE = "srgb_rec709_scene"

@@ -10,7 +10,8 @@ import numpy as np
 
 from benchmarks.motion.flicker import filled, pixels, prepare
 from benchmarks.motion.shots import photo_named, rendered
-from tools.docs.pictures.layout import beside, halved, stacked, test_photo, write_jpeg
+from benchmarks.shared.measures import data_folder
+from tools.docs.pictures.layout import beside, draw, halved, stacked, write_jpeg
 
 PHOTO = "castle_brick_broken.jpg"
 COUNT = 5
@@ -21,12 +22,8 @@ def eight_bit(values: np.ndarray) -> np.ndarray:
     return np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
 
 
-def main() -> None:
+def shot() -> None:
     """First and last frame of a shot, before and after, and the plate between them."""
-    if test_photo(PHOTO) is None:
-        return
-    from benchmarks.shared.measures import data_folder
-
     frames = rendered(photo_named(data_folder() / "photos" / PHOTO), "pan", COUNT, 0)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -38,4 +35,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    draw(shot)

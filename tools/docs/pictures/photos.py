@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from pathlib import Path
 
@@ -18,8 +17,9 @@ from oiiotex.labels.legend import colors_of
 from tools.demo import gravel, save, stained
 from tools.docs.pictures.layout import (
     beside,
+    draw,
     halved,
-    labeled,
+    image_of,
     pixels,
     shrunk,
     small,
@@ -45,32 +45,22 @@ def demo_pictures() -> None:
 
 def flattened_wall() -> None:
     """A stained wall, flattened, and its map of stationarity."""
-    wall = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / "stained_plaster_wall.jpg"
-    if not wall.is_file():
-        print(f"no {wall}: its picture stays as it is")
-        return
-    photo = shrunk(oiio.ImageBuf(str(wall)), 320)
+    photo = test_photo("stained_plaster_wall.jpg", 320)
     deviation = filters.stationarity(photo).get_pixels(oiio.FLOAT) / 30.0  # white is 30 Lab units
     gray = np.repeat((255 * np.clip(deviation, 0, 1)).astype(np.uint8), 3, axis=2)
     write_jpeg(beside(pixels(photo), pixels(filters.flatten(photo)), gray), "flatten_wall.jpg")
 
 
-def labeled_photo(name: str, side: int = 512) -> dict[str, oiio.ImageBuf] | None:
-    """A test photo made small, with its label maps; None where there are no photos."""
-    path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / name
-    if not path.is_file():
-        print(f"no {path}: its picture stays as it is")
-        return None
-    return filters.label(shrunk(oiio.ImageBuf(str(path)), side), keep=True)
+def labeled_photo(name: str, side: int = 512) -> dict[str, oiio.ImageBuf]:
+    """A test photo made small, with its label maps."""
+    return filters.label(test_photo(f"{name}.jpg", side), keep=True)
 
 
 def cut_labels() -> None:
     """One label of a photo, and what --texcut makes of it, 2 x 2."""
     rows = []
-    for name, level, label in (("flower_meadow_stones.jpg", -2, 1), ("fieldstone_wall_kodim01.jpg", -2, 1)):
+    for name, level, label in (("flower_meadow_stones", -2, 1), ("fieldstone_wall_kodim01", -2, 1)):
         photo = labeled_photo(name)
-        if photo is None:
-            return
         first, *maps = photo.values()
         ids = maps[level].get_pixels(oiio.UINT32)
         label = int(np.bincount(ids.ravel())[1:].argsort()[-label] + 1)
@@ -80,17 +70,9 @@ def cut_labels() -> None:
     write_jpeg(stacked(rows), "cut_labels.jpg")
 
 
-def _id_picture(ids: np.ndarray) -> oiio.ImageBuf:
-    made = oiio.ImageBuf(oiio.ImageSpec(ids.shape[1], ids.shape[0], 1, oiio.UINT32))
-    made.set_pixels(made.roi, np.ascontiguousarray(ids.astype(np.uint32))[..., None])
-    return made
-
-
 def painted_meadow() -> None:
     """A palette, a painting at one scale and at two, of a meadow."""
-    photo = labeled_photo("flower_meadow_stones.jpg", 640)
-    if photo is None:
-        return
+    photo = labeled_photo("flower_meadow_stones", 640)
     first, *maps = photo.values()
     level = len(maps) - 1
     write_jpeg(beside(halved(pixels(first)), pixels(filters.palette(photo, level=level, side=64))), "palette.jpg")
@@ -102,8 +84,8 @@ def painted_meadow() -> None:
     details = np.zeros(painting.shape, int)
     details[60:170, 60:260] = fine[0]
     details[(x - 350) ** 2 + (y - 250) ** 2 < 70**2] = fine[1]
-    once = filters.paint(photo, _id_picture(painting), level=level)
-    over = filters.paint(photo, _id_picture(painting), fine=_id_picture(details), level=level)
+    once = filters.paint(photo, image_of(painting, oiio.UINT32), level=level)
+    over = filters.paint(photo, image_of(painting, oiio.UINT32), fine=image_of(details, oiio.UINT32), level=level)
     looks = np.array([[81, 94, 53], [93, 94, 77], [150, 150, 140], [60, 110, 40]], np.uint8)
     plain = looks[np.where(painting == coarse[1], 1, 0)]
     shown = looks[np.select([details == fine[0], details == fine[1], painting == coarse[1]], [2, 3, 1], 0)]
@@ -114,10 +96,8 @@ def painted_meadow() -> None:
 def composites() -> None:
     """Photos, and larger textures made of them without a guide."""
     rows = []
-    for name, below in (("flower_meadow_stones.jpg", 1), ("moss_grass_stones_ground.jpg", 2)):
+    for name, below in (("flower_meadow_stones", 1), ("moss_grass_stones_ground", 2)):
         photo = labeled_photo(name, 640)
-        if photo is None:
-            return
         made = filters.composite(photo, level=max(1, len(photo) - 1 - below), size=(1280, 800), seed=1)
         rows.append(beside(halved(pixels(next(iter(photo.values())))), halved(pixels(made))))
     write_jpeg(stacked(rows), "composite.jpg")
@@ -128,8 +108,6 @@ def layered_textures() -> None:
     rows = []
     for name, count in LAYERED:
         photo = test_photo(name)
-        if photo is None:
-            return
         lab = filters.lab(photo).get_pixels(oiio.FLOAT)[..., :3]
         _, clusters = kmeans2(lab.reshape(-1, 3).astype(np.float64), count, minit="++", rng=np.random.default_rng(0))
         maps = [clusters.reshape(lab.shape[:2]) + 1]
@@ -141,20 +119,16 @@ def layered_textures() -> None:
             pieces = sum(ndimage.label(ids == label)[1] for label in np.unique(ids))
             print(f"{name}: {len(np.unique(ids))} labels in {pieces} pieces")
             panes.append(np.rint(255 * colors_of(small(ids, SIDE))).astype(np.uint8))
-        rows.append(np.pad(beside(*panes), ((0, 10), (0, 0), (0, 0)), constant_values=255))
-    width = max(row.shape[1] for row in rows)
-    rows = [np.pad(r, ((0, 0), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows]
-    write_jpeg(np.concatenate(rows), "label_layers.jpg")
+        rows.append(beside(*panes))
+    write_jpeg(stacked(rows), "label_layers.jpg")
 
 
-def moved_borders(sigma: float = 94.0, side: int = 340) -> None:
+def moved_borders() -> None:
     """LSA16 section 3.2: borders of superpixels at two scales 3 px apart, and of two hierarchies of one scale.
 
     From the hierarchy; by SLIC alone, where its grid of seeds loses a column; from hierarchies whose seeds differ.
     """
-    photo = test_photo("stone_breccia.jpg")
-    if photo is None:
-        return
+    photo, sigma, side = test_photo("stone_breccia.jpg"), 94.0, 340
     pairs = (
         ({"sigma": sigma}, {"sigma": sigma + 3}),
         ({"finest": sigma}, {"finest": sigma + 3}),
@@ -173,15 +147,12 @@ def moved_borders(sigma: float = 94.0, side: int = 340) -> None:
     write_jpeg(beside(*panes), "superpixel_moves.jpg")
 
 
-def mean_colors(counts: tuple[int, ...] = (400, 100, 40), side: int = 240) -> None:
+def mean_colors() -> None:
     """LSA16 figure 2: superpixels in their mean colors, of the hierarchy, of SLIC, of SLIC of a blurred photo."""
-    photo = test_photo("stone_breccia.jpg")
-    if photo is None:
-        return
-    photo = shrunk(photo, 512)
+    photo, side = test_photo("stone_breccia.jpg", 512), 240
     spec, seen = photo.spec(), pixels(photo)
     ways: list[list[np.ndarray]] = [[], [], []]
-    for count in counts:
+    for count in (400, 100, 40):
         sigma = (spec.width * spec.height / count) ** 0.5
         blurred = photo.copy()
         blurred.set_pixels(blurred.roi, ndimage.gaussian_filter(seen, (sigma / 4, sigma / 4, 0)))
@@ -210,25 +181,17 @@ def quilts() -> None:
     """Test photos and what is quilted from them; a guide and its quilt; the content of a photo."""
     panes = []
     for name in ("castle_brick_broken", "clover_lawn", "onyx_veins"):
-        path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / f"{name}.jpg"
-        if not path.is_file():
-            print(f"no {path}: the quilts stay as they are")
-            return
-        photo = shrunk(oiio.ImageBuf(str(path)), 512)
+        photo = test_photo(f"{name}.jpg", 512)
         quilt = pixels(filters.quilt(photo, size=(768, 512), seed=1))
         panes.append(halved(beside(pixels(photo)[:512], quilt)))
     write_jpeg(np.concatenate(panes), "quilts.jpg")
-    parts = labeled("stone_breccia", 768)
-    if parts is None:
-        return
+    parts = labeled_photo("stone_breccia", 768)
     areas = {n: np.bincount(parts[f"label.{n}"].get_pixels(oiio.UINT32).ravel())[1:] for n in range(1, len(parts))}
     level = max(n for n, counts in areas.items() if len(counts) >= 3)
     wanted = 1 + np.argsort(-areas[level], kind="stable")[:3]
     y, x = np.mgrid[:60, :90]
     guide = wanted[np.where(np.hypot(y - 30, x - 30) < 20, 1, np.where(x + 12 * np.sin(y / 8) > 60, 2, 0))]
-    held = oiio.ImageBuf(oiio.ImageSpec(90, 60, 1, oiio.UINT32))
-    held.set_pixels(held.roi, guide.astype(np.uint32)[..., None])
-    quilt = filters.quilt(parts, guide=held, level=level, size=(1080, 720), seed=1)
+    quilt = filters.quilt(parts, guide=image_of(guide, oiio.UINT32), level=level, size=(1080, 720), seed=1)
     gray = np.searchsorted(np.sort(wanted), guide) * 100 + 40
     drawn = np.repeat(np.repeat(np.repeat(gray[..., None].astype(np.uint8), 3, 2), 6, 0), 6, 1)
     write_jpeg(beside(drawn, halved(pixels(quilt))), "quilt_guide.jpg")
@@ -239,15 +202,15 @@ def quilts() -> None:
     write_jpeg(beside(*panes), "content.jpg")
 
 
-def quilts_beside_peers(size: tuple[int, int] = (400, 300)) -> None:
+def quilts_beside_peers() -> None:
     """Crops of photos, what the peers that are installed synthesize, --texquilt and its patch=96; at half the size."""
     tools = [tool for tool in SYNTHESIZERS if tool.available()]
     print("compared with quilts:", ", ".join(tool.name for tool in tools) or "no peer, the picture stays as it is")
-    rows = []
+    if not tools:
+        return
+    rows, size = [], (400, 300)
     for name, (x, y) in CROPS.items():
         photo = test_photo(f"{name}.jpg")
-        if photo is None or not tools:
-            return
         crop = np.ascontiguousarray(pixels(photo)[y : y + 256, x : x + 256])
         panes = [halved(crop)]
         with tempfile.TemporaryDirectory() as folder:
@@ -258,18 +221,12 @@ def quilts_beside_peers(size: tuple[int, int] = (400, 300)) -> None:
             exemplar = shrunk(oiio.ImageBuf(f"{folder}/crop.png"), 256)
             exemplar.read(force=True)
             panes += [halved(pixels(filters.quilt(exemplar, size=size, patch=p, seed=1))) for p in (None, 96)]
-        rows.append(np.pad(beside(*panes), ((0, 8), (0, 0), (0, 0)), constant_values=255))
-    write_jpeg(np.concatenate(rows), "quilt_peers.jpg", quality=60)
+        rows.append(beside(*panes))
+    write_jpeg(stacked(rows, 8), "quilt_peers.jpg", quality=60)
 
 
 if __name__ == "__main__":
-    quilts()
-    quilts_beside_peers()
-    demo_pictures()
-    flattened_wall()
-    cut_labels()
-    painted_meadow()
-    composites()
-    layered_textures()
-    moved_borders()
-    mean_colors()
+    draw(
+        quilts, quilts_beside_peers, demo_pictures, flattened_wall, cut_labels, painted_meadow, composites,
+        layered_textures, moved_borders, mean_colors,
+    )  # fmt: skip

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from pathlib import Path
 
@@ -13,17 +12,21 @@ import OpenImageIO as oiio
 from oiiotex import filters
 from oiiotex.wang.tiles import edges_of
 from tools.demo import gravel, save, stained
-from tools.docs.pictures.layout import beside, halved, pixels, shrunk, stacked, test_photo, write_jpeg
+from tools.docs.pictures.layout import (
+    beside,
+    draw,
+    halved,
+    image_of,
+    opened,
+    pixels,
+    shrunk,
+    stacked,
+    test_photo,
+    write_jpeg,
+)
 from tools.docs.pictures.wang_plane import random_plane
 
 SEED = 7
-
-
-def one_channel(values: np.ndarray) -> oiio.ImageBuf:
-    """(height, width) floats as an image."""
-    made = oiio.ImageBuf(oiio.ImageSpec(values.shape[1], values.shape[0], 1, oiio.FLOAT))
-    made.set_pixels(made.roi, np.ascontiguousarray(values[..., None], np.float32))
-    return made
 
 
 def ellipse(photo: oiio.ImageBuf, x: float, y: float, across: float, down: float) -> np.ndarray:
@@ -42,65 +45,54 @@ def stained_gravel() -> oiio.ImageBuf:
     return photo
 
 
+def filled(photo: oiio.ImageBuf, marked: np.ndarray, **values: object) -> np.ndarray:
+    """A photo, the region, and the photo filled, at half the size."""
+    made = filters.fill(photo, image_of(marked), seed=SEED, **values)
+    shown = np.where(marked[..., None], pixels(photo) // 2, pixels(photo))
+    return halved(beside(pixels(photo), shown, pixels(made)))
+
+
 def stains_removed() -> None:
-    """A photo, the region, and the photo filled: gravel and a wall from themselves, soil from a lawn."""
+    """Regions that are filled: gravel and a wall from themselves, soil from a lawn."""
     rows = []
-    wall = test_photo("stained_plaster_wall.jpg")
-    cases = [(stained_gravel(), (0.66, 0.36, 0.2, 0.17))]
-    cases += [] if wall is None else [(shrunk(wall, 512), (0.53, 0.45, 0.12, 0.18))]
-    for photo, place in cases:
-        marked = ellipse(photo, *place)
-        made = filters.fill(photo, one_channel(marked), seed=SEED)
-        shown = np.where(marked[..., None], pixels(photo) // 2, pixels(photo))
-        rows.append(halved(beside(pixels(photo), shown, pixels(made))))
-    clover, ground = (test_photo(f"{name}.jpg") for name in ("clover_lawn", "moss_grass_stones_ground"))
-    if clover is not None and ground is not None:
-        photo, source = shrunk(ground, 512), shrunk(clover, 512)
-        lit = pixels(photo) * np.linspace(1, 0.6, 512)[None, :, None]
-        photo.set_pixels(photo.roi, np.ascontiguousarray(lit / 255, np.float32))
-        marked = ellipse(photo, 0.55, 0.5, 0.38, 0.2)
-        made = filters.fill(photo, one_channel(marked), source=source, seed=SEED)
-        shown = np.where(marked[..., None], pixels(photo) // 2, pixels(photo))
-        rows.append(halved(beside(pixels(photo), shown, pixels(made))))
+    wall = test_photo("stained_plaster_wall.jpg", 512)
+    for photo, place in ((stained_gravel(), (0.66, 0.36, 0.2, 0.17)), (wall, (0.53, 0.45, 0.12, 0.18))):
+        rows.append(filled(photo, ellipse(photo, *place)))
+    source, photo = (test_photo(f"{name}.jpg", 512) for name in ("clover_lawn", "moss_grass_stones_ground"))
+    lit = pixels(photo) * np.linspace(1, 0.6, 512)[None, :, None]
+    photo.set_pixels(photo.roi, np.ascontiguousarray(lit / 255, np.float32))
+    rows.append(filled(photo, ellipse(photo, 0.55, 0.5, 0.38, 0.2), source=source))
     write_jpeg(stacked(rows), "fill_repair.jpg")
 
 
-def gradient_of_sigmas(side: tuple[int, int] = (768, 256)) -> None:
+def gradient_of_sigmas() -> None:
     """MJH17 figures 10 and 11, first row: sigma grows from left to right, linearly, over a photo of rust."""
-    photo = test_photo("rust_barrel_side.jpg")
-    if photo is None:
-        return
-    photo = shrunk(photo, 768)
-    ramp = np.linspace(4, 128, side[0])[None, :].repeat(side[1], 0)
-    made = filters.stationarize(photo, size=side, sigmamap=one_channel(ramp), tile="y", seed=SEED)
-    write_jpeg(stacked([pixels(photo)[: side[1]], pixels(made)]), "stationarize_sigmamap.jpg")
+    photo = test_photo("rust_barrel_side.jpg", 768)
+    ramp = np.linspace(4, 128, 768)[None, :].repeat(256, 0)
+    made = filters.stationarize(photo, size=(768, 256), sigmamap=image_of(ramp), tile="y", seed=SEED)
+    write_jpeg(stacked([pixels(photo)[:256], pixels(made)]), "stationarize_sigmamap.jpg")
 
 
-def material_set(side: int = 384) -> None:
+def maps_of_rock(side: int, *names: str) -> list[oiio.ImageBuf]:
+    """Maps of a rock; all but colors and normals have one channel."""
+    maps = [shrunk(opened(f"pbr/mossy_rock/mossy_rock_{name}.jpg"), side) for name in names]
+    gray = (name not in ("albedo", "normal") for name in names)
+    return [oiio.ImageBufAlgo.channels(m, (0,)) if one else m for m, one in zip(maps, gray, strict=True)]
+
+
+def material_set() -> None:
     """Albedo, normals, roughness and height of a rock, and their tiles, made together."""
-    folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "pbr" / "mossy_rock"
-    names = ("albedo", "normal", "roughness", "height")
-    if not folder.is_dir():
-        print(f"no {folder}: its picture stays as it is")
-        return
-    maps = [shrunk(oiio.ImageBuf(str(folder / f"mossy_rock_{name}.jpg")), side) for name in names]
-    gray = [maps[0], maps[1], *(oiio.ImageBufAlgo.channels(m, (0,)) for m in maps[2:])]
-    made = filters.stationarize(gray[0], maps=gray[1:], kinds=("color", "normal", "data", "data"), seed=SEED)
-    rows = [beside(*(np.broadcast_to(pixels(m), (side, side, 3)) for m in row)) for row in (maps, made)]
+    maps = maps_of_rock(384, "albedo", "normal", "roughness", "height")
+    made = filters.stationarize(maps[0], maps=maps[1:], kinds=("color", "normal", "data", "data"), seed=SEED)
+    rows = [beside(*(np.broadcast_to(pixels(m), (384, 384, 3)) for m in row)) for row in (maps, made)]
     write_jpeg(halved(stacked(rows)), "stationarize_material.jpg")
 
 
-def levelled_heights(side: int = 256) -> None:
+def levelled_heights() -> None:
     """The relief of a rock, lit from the upper left: the photo's, led by colors alone, matched, and levelled."""
-    folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "pbr" / "mossy_rock"
-    if not folder.is_dir():
-        print(f"no {folder}: its picture stays as it is")
-        return
-    albedo, height = (
-        shrunk(oiio.ImageBuf(str(folder / f"mossy_rock_{name}.jpg")), side) for name in ("albedo", "height")
-    )
-    height = oiio.ImageBufAlgo.copy(oiio.ImageBufAlgo.channels(height, (0,)), "float")
-    ways = ({"match": (1, 0)}, {}, {"relevel": True})
+    albedo, height = maps_of_rock(256, "albedo", "height")
+    height = oiio.ImageBufAlgo.copy(height, "float")
+    ways = ({"mapweights": (1, 0)}, {}, {"relevel": True})
     made = [filters.stationarize(albedo, maps=[height], kinds=("color", "height"), seed=SEED, **way)[1] for way in ways]
     write_jpeg(beside(*map(lit, (height, *made))), "stationarize_heights.jpg")
 
@@ -113,17 +105,14 @@ def lit(height: oiio.ImageBuf, steepness: float = 25) -> np.ndarray:
     return np.repeat(np.rint(255 * np.clip(shade, 0, 1)).astype(np.uint8)[..., None], 3, -1)
 
 
-def wang_plane(side: int = 128, rows: int = 4, columns: int = 6) -> None:
+def wang_plane() -> None:
     """One tile of moss again and again, and 16 Wang tiles of the same photo laid out at random."""
-    photo = test_photo("moss_grass_stones_ground.jpg")
-    if photo is None:
-        return
-    photo = shrunk(photo, 384)
-    one = pixels(filters.stationarize(photo, size=(side, side), seed=SEED))
-    tiles = [pixels(tile) for tile in filters.stationarize(photo, size=(side, side), variants=16, seed=SEED)]
-    plane = random_plane(edges_of(16), rows, columns, SEED)
+    photo, size = test_photo("moss_grass_stones_ground.jpg", 384), (128, 128)
+    one = pixels(filters.stationarize(photo, size=size, seed=SEED))
+    tiles = [pixels(tile) for tile in filters.stationarize(photo, size=size, variants=16, seed=SEED)]
+    plane = random_plane(edges_of(16), 4, 6, SEED)
     laid = np.concatenate([np.concatenate([tiles[n] for n in row], axis=1) for row in plane])
-    write_jpeg(stacked([np.tile(one, (rows // 2, columns, 1)), laid]), "stationarize_wang.jpg", quality=50)
+    write_jpeg(stacked([np.tile(one, (2, 6, 1)), laid]), "stationarize_wang.jpg", quality=50)
 
 
 def previewed() -> None:
@@ -134,9 +123,4 @@ def previewed() -> None:
 
 
 if __name__ == "__main__":
-    stains_removed()
-    gradient_of_sigmas()
-    material_set()
-    levelled_heights()
-    wang_plane()
-    previewed()
+    draw(stains_removed, gradient_of_sigmas, material_set, levelled_heights, wang_plane, previewed)

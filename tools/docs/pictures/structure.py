@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sheet of structures in the page of --texstationarize: `python -m tools.docs.pictures.structure [PHOTO ...]`.
+"""The sheet of structures in the page of --texstationarize: `python -m tools.docs.pictures.structure`.
 
 Photos next to their tiles by default and by the presets keep, even and clean.
 """
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 
 from oiiotex import filters
-from tools.docs.pictures.layout import beside, pixels, shrunk, stacked, test_photo, write_jpeg
+from tools.docs.pictures.layout import beside, draw, pixels, stacked, test_photo, write_jpeg
 
 SEED = 1
 PHOTOS = (
@@ -22,24 +20,19 @@ PHOTOS = (
 )  # fmt: skip
 
 
-def row(name: str, side: int) -> np.ndarray | None:
-    """A photo and its four tiles; None where there is no such photo."""
-    photo = test_photo(name)
-    if photo is None:
-        return None
-    photo = shrunk(photo, side)
+def row(name: str, side: int = 256) -> np.ndarray:
+    """A photo and its four tiles."""
+    photo = test_photo(name, side)
     ways = ({}, {"preset": "keep"}, {"preset": "even"}, {"preset": "clean"})
     tiles = (filters.stationarize(photo, seed=SEED, **way) for way in ways)
     height = round(0.75 * side)  # so that rows are of one height
     return beside(pixels(photo)[:height], *(pixels(tile)[:height] for tile in tiles))
 
 
-def main(names: tuple[str, ...], side: int = 256) -> None:
+def structures() -> None:
     """One row for each photo."""
-    rows = [one for one in (row(name, side) for name in names) if one is not None]
-    if rows:
-        write_jpeg(stacked(rows), "stationarize_structures.jpg", quality=60)
+    write_jpeg(stacked([row(name) for name in PHOTOS]), "stationarize_structures.jpg", quality=60)
 
 
 if __name__ == "__main__":
-    main(tuple(sys.argv[1:]) or PHOTOS)
+    draw(structures)

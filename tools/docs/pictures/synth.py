@@ -16,16 +16,15 @@ from oiiotex import filters
 from oiiotex.session import Session
 from tests import pictures
 from tools.demo import save
-from tools.docs.pictures.layout import beside, pixels, shrunk, stacked, write_jpeg
-from tools.docs.pictures.multiscale import DATA
+from tools.docs.pictures.layout import beside, opened, pixels, shrunk, stacked, write_jpeg
+from tools.docs.pictures.multiscale import MAP
 
-MAP = DATA / "multiscale" / "map1800_bobruisk" / "graph.json"
 PANE = 190  # px
 
 
 def photo(name: str, side: int) -> oiio.ImageBuf:
     """The middle of a test photo."""
-    whole = oiio.ImageBuf(str(DATA / "photos" / f"{name}.jpg"))
+    whole = opened(f"photos/{name}.jpg")
     spec = whole.spec()
     x, y = (spec.width - side) // 2, (spec.height - side) // 2
     return oiio.ImageBufAlgo.cut(whole, oiio.ROI(x, x + side, y, y + side))
@@ -115,7 +114,7 @@ def locked() -> np.ndarray:
 
 def crops() -> np.ndarray:
     """Figure 8: four crops of 128 x 128 of one photo, and windows at their four scales."""
-    whole = oiio.ImageBuf(str(DATA / "photos" / "bark_flaky.jpg"))
+    whole = opened("photos/bark_flaky.jpg")
     with tempfile.TemporaryDirectory() as folder:
         graph = Path(folder) / "bark.json"
         filters.graph(whole, json=graph, scales=4, side=128)

@@ -11,19 +11,17 @@ import OpenImageIO as oiio
 from oiiotex import filters
 from oiiotex.library.commands import run
 from tests.browser import DRAWING, chromium
-from tools.docs.pictures.layout import pixels, shrunk, stacked, test_photo, write_jpeg
+from tools.docs.pictures.layout import draw, pixels, stacked, test_photo, write_jpeg
 
 SIDE, SEED = 192, 7  # of a tile, px
 
 
-def main() -> None:
+def viewer() -> None:
     """Moss, to the horizon and from above."""
-    photo = test_photo("moss_grass_stones_ground.jpg")
-    if photo is None:
-        return
+    photo = test_photo("moss_grass_stones_ground.jpg", 3 * SIDE)
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
-        atlas = filters.stationarize(shrunk(photo, 3 * SIDE), variants=16, pack="atlas", size=(SIDE, SIDE), seed=SEED)
+        atlas = filters.stationarize(photo, variants=16, pack="atlas", size=(SIDE, SIDE), seed=SEED)
         atlas.write(str(folder / "atlas.png"))
         run(["wang", str(folder / "moss"), f"color={folder / 'atlas.png'}"])
         with chromium(DRAWING) as browser:
@@ -40,4 +38,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    draw(viewer)
