@@ -6,7 +6,8 @@ python -m benchmarks.motion.long_shot [--photos roof_slates] [--motion travel] [
 The shot pans and zooms at once; grain, light and object are those of `benchmarks.motion.flicker`. Quarters of the shot
 are measured one by one, so that what grows with time is seen. Drift is the distance, px of the frame, between where the
 fill lies on the surface in the first frame and where it lies later: the largest of all pixels of the region. Level is
-the mean of the fill over that of the photo in its place, relative to the same in the surroundings, in percent from 100.
+how much the mean of the fill changes from the first frame, where both show the same part of it, relative to the same in
+the surroundings: the largest change, percent.
 """
 
 from __future__ import annotations
@@ -20,10 +21,11 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 
 from benchmarks.motion.flicker import filled, flicker, prepare
-from benchmarks.motion.shots import Frame, photo_named, rendered
+from benchmarks.motion.shots import HEIGHT, WIDTH, Frame, photo_named, places, rendered
 from benchmarks.shared.measures import data_folder
 from oiiotex.capture.homography import through
 from oiiotex.motion.frame_motion import Shot, read_shot
+from oiiotex.motion.sampling import at_points
 
 
 def drift(first: Frame, frame: Frame, shot: Shot) -> float:
@@ -35,10 +37,15 @@ def drift(first: Frame, frame: Frame, shot: Shot) -> float:
     return float(np.linalg.norm(back - points, axis=1).max())
 
 
-def level(frame: Frame, result: np.ndarray) -> float:
-    """Mean of the fill over that of its surroundings."""
+def level(first: Frame, frame: Frame, results: tuple[np.ndarray, np.ndarray]) -> float:
+    """Change of the fill's mean from the first frame, relative to its surroundings; 1 is none."""
+    across = places(frame.matrix @ np.linalg.inv(first.matrix))
+    home = at_points(results[0], across)
+    at_home = at_points(first.mask[..., None].astype(np.float32), across)[..., 0]
+    seen = ((across > 6) & (across < (WIDTH - 6, HEIGHT - 6))).all(2)
     around = binary_dilation(frame.mask, iterations=40) & ~binary_dilation(frame.mask, iterations=3)
-    return float(result[frame.mask].mean() / result[around].mean())
+    inside, around = seen & frame.mask & (at_home > 0.99), seen & around & (at_home < 0.01)
+    return float(results[1][inside].mean() / home[inside].mean() * home[around].mean() / results[1][around].mean())
 
 
 def main() -> None:
@@ -59,13 +66,14 @@ def main() -> None:
             prepare(frames, folder)
             results = filled(frames, "tracked", folder)
             shot = read_shot(folder / "tracked.npz", 1 << 30)
-        start = level(frames[0], results[0])
         ends = [round(n * (len(frames) - 1) / 4) for n in range(5)]
         for first, last in (*itertools.pairwise(ends), (0, ends[-1])):
             part = slice(first, last + 1)
             fine, coarse = flicker(frames[part], results[part])
             moved = max(drift(frames[0], frame, shot) for frame in frames[part])
-            change = max((abs(level(f, r) / start - 1) for f, r in zip(frames[part], results[part], strict=True)))
+            change = max(
+                abs(level(frames[0], f, (results[0], r)) - 1) for f, r in zip(frames[part], results[part], strict=True)
+            )
             span = f"{frames[first].number}-{frames[last].number}"
             print(f"| {photo} | {span} | {fine:.2f} | {coarse:.2f} | {moved:.2f} | {100 * change:.1f} |", flush=True)
 
