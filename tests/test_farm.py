@@ -68,10 +68,11 @@ def test_what_is_good_is_not_computed_again_and_what_is_not_is(folder, monkeypat
     pieces[3].write_bytes(pieces[3].read_bytes()[:-20])  # cut off
     pieces[5].unlink()
     computed = []
-    keep = Checkpoint._keep
+    keep = Checkpoint.keep
     monkeypatch.setattr(
-        Checkpoint, "_keep", lambda self, file, pixels: (computed.append(file), keep(self, file, pixels))
-    )
+        Checkpoint, "keep",
+        lambda self, key, place, pixels: (computed.append(self._file(key, place)), keep(self, key, place, pixels)),
+    )  # fmt: skip
     for number in (1, 2):
         run([*LINE, "-o", "out.exr", "--share", f"{number}/2", "-v", "--threads", "2"])  # how it is run says nothing
     assert {path.name for path in computed} == {pieces[3].name, pieces[5].name}

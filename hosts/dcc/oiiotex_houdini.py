@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import cast
 
 import hou
-from oiiotex_line import role_of, run, tile_line
+from oiiotex_line import material_of, run, tile_line
 
 _INPUTS = {  # role: input of mtlxstandard_surface, signature of mtlximage
     "color": ("base_color", "color3"),
@@ -30,17 +30,10 @@ def shelf():
     files = [hou.text.expandString(name.strip()) for name in chosen.split(";") if name.strip()]
     if not files:
         return None
-    maps = {"color": files[0]} if len(files) == 1 else {role_of(path): path for path in files}
-    if None in maps or len(maps) < len(files):
-        hou.ui.displayMessage(
-            "expected file names that end with different roles, such as wall_color.png, wall_normal.png"
-        )
-        return None
-    first = Path(files[0])
-    name = first.stem if len(files) == 1 else first.stem.rpartition("_")[0]
     try:
+        maps, name = material_of(files)
         with hou.InterruptableOperation("oiiotex: making tiles", open_interrupt_dialog=True):
-            words, tiles = tile_line(maps, first.parent / f"{name}_tile")
+            words, tiles = tile_line(maps, Path(files[0]).parent / f"{name}_tile")
             run(words)
     except RuntimeError as error:
         hou.ui.displayMessage(str(error), severity=hou.severityType.Error)

@@ -26,6 +26,24 @@ def role_of(path):
     return role if role in roles else None
 
 
+def material_of(files):
+    """The maps of a material by role, and its name, from file names such as `wall_color.png`; one file is a photo.
+
+    Raises
+    ------
+    RuntimeError
+        The names do not end with different roles.
+    """
+    first = Path(files[0])
+    if len(files) == 1:
+        return {"color": files[0]}, first.stem
+    maps = {role_of(path): path for path in files}
+    if None in maps or len(maps) < len(files):
+        example = "such as wall_color.png, wall_normal.png"
+        raise RuntimeError(f"expected file names that end with different roles, {example}")
+    return maps, first.stem.rpartition("_")[0]
+
+
 def tile_line(maps, out, kind="exr", space=None, **modifiers):
     """The line that makes tiles of the maps of a material, and the files it writes: color maps in linear Rec.709.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from maya import cmds
-from oiiotex_line import role_of, run, tile_line
+from oiiotex_line import material_of, run, tile_line
 
 _LINEAR = "scene-linear Rec.709-sRGB"
 _INPUTS = {  # role: output of aiImage, input of aiStandardSurface
@@ -37,14 +37,9 @@ def make_material(**modifiers):
     files = list(cmds.fileDialog2(fileMode=4, caption="Maps of a material (color, normal, roughness, ...)") or [])
     if not files:
         return None
-    maps = {"color": files[0]} if len(files) == 1 else {role_of(path): path for path in files}
-    if None in maps or len(maps) < len(files):
-        cmds.warning("expected file names that end with different roles, such as wall_color.png, wall_normal.png")
-        return None
-    first = Path(files[0])
-    name = first.stem if len(files) == 1 else first.stem.rpartition("_")[0]
-    words, tiles = tile_line(maps, first.parent / f"{name}_tile", kind="tx", **modifiers)
     try:
+        maps, name = material_of(files)
+        words, tiles = tile_line(maps, Path(files[0]).parent / f"{name}_tile", kind="tx", **modifiers)
         run(words)
     except RuntimeError as error:
         cmds.warning(str(error))

@@ -3,15 +3,12 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..deferred import np
 from ..errors import ImageError, ParameterError
-
-log = logging.getLogger("oiiotex")
 
 _INSTALL = "pip install 'oiiotex[atlas]'"
 _FLAT = 1e-12  # of the squared extent of the mesh, or of the unit square: a smaller area is degenerate

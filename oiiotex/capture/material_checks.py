@@ -315,6 +315,3 @@ def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, resources: Re
         if share > _OCCLUDED and covariance[0, 3] > 0:
             text = f"{_percent(share)} of its lightness follows the heights: baked occlusion, or dark recesses"
             yield Fault(WARNING, name, "occluded", text)
-
-
-_LOOKS = {"color": _albedo, "normal": _normals, "height": _heights, "data": _data}

@@ -52,13 +52,10 @@ class Checkpoint:
         place : Window
         make : callable
         """
-        file = self._file(key, place)
-        pixels = _read(file)
+        pixels = self.kept(key, place)
         if pixels is None:
             pixels = make()
-            self._keep(file, pixels)
-        else:
-            self.count += 1
+            self.keep(key, place, pixels)
         return pixels
 
     def kept(self, key: str, place: Window) -> np.ndarray | None:
@@ -69,7 +66,18 @@ class Checkpoint:
 
     def keep(self, key: str, place: Window, pixels: np.ndarray) -> None:
         """Write a piece."""
-        self._keep(self._file(key, place), pixels)
+        if not self._works:
+            return
+        plain = io.BytesIO()
+        np.save(plain, pixels, allow_pickle=False)
+        try:
+            make_folders(self.folder)  # --create-dir makes those above it later
+            with temporary_beside(self._file(key, place)) as temporary:
+                temporary.write_bytes(zlib.compress(plain.getbuffer(), _SPEED))
+            self.count += 1
+        except (OSError, Error) as error:  # the run itself may still succeed
+            self._works = False
+            log.warning("resume: cannot write checkpoints to %s: %s", self.folder, error)
 
     def holds(self, key: str, place: Window) -> bool:
         """Whether the complete piece exists."""
@@ -77,20 +85,6 @@ class Checkpoint:
 
     def _file(self, key: str, place: Window) -> Path:
         return self.folder / f"{key[:32]}.{place}.piece"
-
-    def _keep(self, file: Path, pixels: np.ndarray) -> None:
-        if not self._works:
-            return
-        plain = io.BytesIO()
-        np.save(plain, pixels, allow_pickle=False)
-        try:
-            make_folders(self.folder)  # --create-dir makes those above it later
-            with temporary_beside(file) as temporary:
-                temporary.write_bytes(zlib.compress(plain.getbuffer(), _SPEED))
-            self.count += 1
-        except (OSError, Error) as error:  # the run itself may still succeed
-            self._works = False
-            log.warning("resume: cannot write checkpoints to %s: %s", self.folder, error)
 
     def discard(self) -> None:
         """Remove all pieces, if this run wrote or used any; other files are kept."""

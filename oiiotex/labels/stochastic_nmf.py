@@ -39,7 +39,6 @@ _FIRST = 100  # steps of the first G
 _FRUITLESS, _COMBINED = 55, 5  # of the authors' program
 _GAIN = 1e-2  # least relative decrease of the error in a round; a tenth of it changes no score by .01
 _SETTLED = 1e-6  # greatest change of a converged membership
-_FAR = -1e37  # value of padding, which a projection removes
 _BOUNDS = 20  # iterations of the bound of a norm
 
 

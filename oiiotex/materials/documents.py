@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 import uuid
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -16,7 +15,6 @@ from .naming import COLORS
 if TYPE_CHECKING:
     import MaterialX
 
-log = logging.getLogger("oiiotex")
 
 HEX = "_hextiled"  # suffix of the hex-tiled material's name
 BLENDER = "blender_assets.cats.txt"

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import itertools
-import logging
 from typing import Any
 
 from .. import filters, host
@@ -22,8 +21,6 @@ from .pictures import image_facts, window_of
 from .textures import opened
 
 MOST_IMAGES = 4096  # per client
-
-log = logging.getLogger("oiiotex")
 
 
 class Bench:

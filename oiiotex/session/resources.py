@@ -63,7 +63,7 @@ class Resources:
         self.keeper: Checkpoint | None = None
         self.memory = 0
         self._memory: OrderedDict[Hashable, tuple[Any, tuple[object, ...]]] = OrderedDict()
-        self._checkpoints: dict[Path, Checkpoint] = {}
+        self._checkpoints: dict[Path, Checkpoint] = {}  # by file, shared by the op and the writer
 
     @property
     def budget(self) -> int:
@@ -74,14 +74,6 @@ class Resources:
     def thread_count(self) -> int:
         """Number of CPU threads for computation."""
         return self.settings.threads or usable_threads()
-
-    def checkpoint(self, path: Path) -> Checkpoint:
-        """The checkpoint of a file, shared by the op and the writer."""
-        return self._checkpoints.setdefault(path, Checkpoint(path))
-
-    def forget_checkpoint(self, path: Path) -> None:
-        """Drop the checkpoint of a file after it was written, or failed."""
-        self._checkpoints.pop(path, None)
 
     @functools.cached_property
     def device(self) -> Device:
@@ -206,7 +198,7 @@ class Resources:
     @contextlib.contextmanager
     def keeping(self, path: str | os.PathLike[str]) -> Iterator[Checkpoint]:
         """Within this block, ops with resume=1 store finished pieces next to `path`."""
-        before, keeper = self.keeper, self.checkpoint(Path(path))
+        before, keeper = self.keeper, self._checkpoints.setdefault(Path(path), Checkpoint(Path(path)))
         self.keeper = keeper
         try:
             yield keeper
@@ -229,7 +221,7 @@ class Resources:
                 yield
                 keeper.discard()
         finally:
-            self.forget_checkpoint(Path(path))
+            self._checkpoints.pop(Path(path), None)
 
     def require(self, need: int, task: str, advice: str = "reduce the size of the image") -> None:
         """Check a task, in bytes, against the memory budget.

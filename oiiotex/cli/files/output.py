@@ -30,8 +30,6 @@ from ..stack import output_settings
 from ..stack.chain import Chain
 from ..stack.output_settings import pixel_type
 
-log = logging.getLogger("oiiotex")
-
 
 @dataclass(frozen=True)
 class WriteModifiers:
