@@ -48,7 +48,7 @@ def read() -> dict[str, dict[str, float]]:
 
 def write(spent: Mapping[str, Mapping[str, float]]) -> None:
     """Renew the files that were run, and forget those that are gone."""
-    text, old = "# CPU seconds on two quiet cores (AMD EPYC, Zen 4), kernels compiled: tests/budget.py\n", read()
+    text, old = "# CPU seconds on two cores (AMD EPYC, Zen 4), kernels compiled: tests/budget.py\n", read()
     for kind in KINDS:
         files = {
             file: value for file, value in (old[kind] | spent[kind]).items() if FILE.with_name(f"{file}.py").exists()
