@@ -33,8 +33,9 @@ class Fill(Reported, MaterialOp, InBands):
 
     PatchMatch finds patches that fit the surroundings, from coarse to fine levels (BSFG09: Barnes, Shechtman,
     Finkelstein, Goldman, PatchMatch, SIGGRAPH 2009; levels as in MJH17). Each filled pixel is a copy of one source
-    pixel with all channels. With `source`, the copies take lighting and color level from the surroundings. All other
-    pixels stay bit-identical, except in the zone of `cut`.
+    pixel with all channels. Close to the border, `blend` adjusts its color, so that no step is visible. With `source`,
+    the copies take lighting and color level from the surroundings. Pixels outside the region stay bit-identical,
+    except in the zone of `cut`.
 
     If some pixels of the region are already known, for example from the previous frame, paste them into the photo and
     mark only the rest: the fill continues them like all other pixels. To exclude them as a source, use `mask`.
