@@ -137,6 +137,7 @@ export class Regions {
     this.tintStale = true;
     this.room.photoView.redraw();
     if (this.shell.state.tile[name] !== "brush") this.room.set({ [name]: "brush" });
+    this.room.tell(); // with the stroke, so that none arrives without the other
   }
 
   fill(value) {

@@ -126,6 +126,11 @@ export class TileRoom {
     if (Object.keys(told).length) this.shell.set("tile", told);
   }
 
+  /** Send what the page's user has changed before leaving. */
+  hide() {
+    this.tell();
+  }
+
   setMask(mask) {
     if (mask === "dominant") this.regions.showOver("dominant");
     this.set({ mask });
