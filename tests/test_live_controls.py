@@ -58,7 +58,7 @@ def state(page, name: str) -> object:
 
 def test_a_file_that_is_saved_while_it_is_made_equals_its_line_in_the_type_that_is_chosen(page, folder):
     wait(page, "document.querySelector('.measures p.good')")
-    assert page.locator("#progress").evaluate("(one) => getComputedStyle(one).visibility") == "hidden"
+    wait(page, "getComputedStyle(document.getElementById('progress')).visibility === 'hidden'")
     for name, pixel_type in (("", "half"), ("wall.exr", "float")):
         page.fill("input[type=text] >> nth=0", name)
         page.locator("input[type=text] >> nth=0").blur()
@@ -117,7 +117,11 @@ def marked(page) -> int:
 
 
 def test_parameters_and_masks_have_one_history_that_survives_the_page(page, folder):
-    title = page.get_attribute("#undo", "title")
+    seed = page.get_by_label("Seed", exact=True).first
+    seed.fill("7")
+    seed.blur()
+    title = "Undo: seed (Ctrl Z)"
+    wait(page, f"document.getElementById('undo').title === {title!r}")  # all earlier changes have arrived
     before = {name: state(page, f"tile.{name}") for name in ("flatten", "structure", "mask")}
     slider = page.get_by_label("Structure", exact=True)
     slider.scroll_into_view_if_needed()

@@ -85,6 +85,18 @@ def at_step(page, step: int, last: int) -> None:
     assert f"Step {step} of {last}" in page.inner_text(".hint:visible")
 
 
+def at_same_step(*pages, folder: Path) -> int:
+    """Wait until all pages show the last saved step, with the same painting; its number."""
+    until = time.monotonic() + 60
+    while True:
+        shown = {(int(page.get_attribute("[data-step]", "data-step")), page.evaluate(PAINTED)) for page in pages}
+        last = max(int(path.stem) for path in folder.glob("??????.png"))
+        if {step for step, _ in shown} == {last} and len(shown) == 1:
+            return last
+        assert time.monotonic() < until, (last, shown)
+        time.sleep(0.05)
+
+
 @pytest.fixture
 def small(folder) -> Path:
     """With a document whose painting begins small."""
@@ -160,12 +172,12 @@ def test_two_pages_paint_at_once_and_none_takes_the_others_work_away(browser, sm
         other.wait_for_selector("[data-step='1']")
         one.mouse.move(view["x"] + 0.8 * view["width"], view["y"] + 0.7 * view["height"], steps=8)
         set_field(other, "Width", 320)
-        other.wait_for_selector("[data-step]")
+        for page in (one, other):
+            wait(page, "document.getElementById('undo').title.startsWith('Undo: Canvas 320x192')")
         one.mouse.up()
-        wait(one, "document.body.dataset.busy === 'false'")
-        one.wait_for_timeout(1500)
-        planes = [page.evaluate(PAINTED) for page in (one, other)]
-        assert planes[0] == planes[1]
+        for page in (one, other):
+            wait(page, "document.getElementById('undo').title.startsWith('Undo: Stroke')")
+        last = at_same_step(one, other, folder=small / "photo.paint")
         layer = load(sorted((small / "photo.paint").glob("??????.png"))[-1])
         assert layer.shape[:2] == (192, 320)
         first, second = (
@@ -176,7 +188,6 @@ def test_two_pages_paint_at_once_and_none_takes_the_others_work_away(browser, sm
         painted = layer[:, : begun.shape[1], :3][changed]
         shares = [(painted == np.array(c.split(","), int)).all(-1).sum() / changed.size for c in (first, second)]
         assert min(shares) > 0.01, shares
-        last = int(one.get_attribute("[data-step]", "data-step"))
         for step in range(last - 1, -1, -1):  # and every one of these steps is undone
             one.keyboard.press("Control+z")
             one.wait_for_selector(f"[data-step='{step}']")
