@@ -56,6 +56,14 @@ def state(page, name: str) -> object:
     return page.evaluate(STATE.format(name))
 
 
+NOTED = """() => {
+  window.noted = [];  // all texts of the status
+  const added = (changes) => changes.flatMap((one) => [...one.addedNodes]);
+  const take = (changes) => noted.push(...added(changes).map((node) => node.textContent));
+  new MutationObserver(take).observe(document.getElementById("status"), { childList: true });
+}"""
+
+
 def test_a_file_that_is_saved_while_it_is_made_equals_its_line_in_the_type_that_is_chosen(page, folder):
     wait(page, "document.querySelector('.measures p.good')")
     wait(page, "getComputedStyle(document.getElementById('progress')).visibility === 'hidden'")
@@ -63,11 +71,12 @@ def test_a_file_that_is_saved_while_it_is_made_equals_its_line_in_the_type_that_
         page.fill("input[type=text] >> nth=0", name)
         page.locator("input[type=text] >> nth=0").blur()
         page.get_by_label("Type").first.select_option('""' if pixel_type == "half" else f'"{pixel_type}"')
+        page.evaluate(NOTED)
         page.keyboard.press("s")
         page.keyboard.press("v")
         page.get_by_role("button", name="Save", exact=True).first.click()
-        wait(page, "document.getElementById('status').textContent.startsWith('The tile will be saved')")
-        wait(page, "document.getElementById('status').textContent.startsWith('Saved as')")
+        wait(page, "noted.some((text) => text.startsWith('Saved as'))")
+        assert "The tile will be saved when it is finished" in page.evaluate("noted")
         line = shlex.split(page.input_value(".line >> nth=0"))
         assert line[-4:] == ["-d", pixel_type, "-o", name or "photo_tile.exr"]
         saved = load(folder / line[-1])
@@ -170,17 +179,19 @@ USUAL |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "fill
 
 SET = """async (values) => {
   const { rooms, shell } = await import("./main.js");
-  if (Object.entries(values).every(([name, value]) => shell.state.tile[name] === value)) return;
-  delete document.querySelector("[data-tile]").dataset.tile;
+  if (Object.entries(values).every(([name, value]) => shell.state.tile[name] === value)) return 0;
   rooms.tile.set(values);
+  return Number(rooms.tile.element.dataset.turn) + 1;
 }"""
+SETTLED = """document.querySelector('[data-tile=whole]') && document.body.dataset.busy === 'false'
+  && !document.querySelector('.stale')"""
 
 
 def finished(page, **values) -> None:
-    """Set parameters, and wait for the tile and its measures."""
-    page.evaluate(SET, values)
-    page.wait_for_selector("[data-tile=whole]")
-    wait(page, "document.body.dataset.busy === 'false' && !document.querySelector('.stale')")
+    """Set parameters when all earlier work is done, and wait for the tile and its measures."""
+    wait(page, SETTLED)
+    turn = page.evaluate(SET, values)
+    wait(page, f"Number(document.querySelector('[data-turn]').dataset.turn) >= {turn} && {SETTLED}")
 
 
 def test_a_preset_is_shown_coarse_and_chosen_by_a_click(page):

@@ -163,7 +163,6 @@ def test_two_pages_paint_at_once_and_none_takes_the_others_work_away(browser, sm
     try:
         one, other = opened(browser, server.url), opened(browser, server.url)
         one.bring_to_front()
-        one.locator(".swatch").nth(0).click()
         view = one.locator("canvas[aria-label=Painting]").bounding_box()
         one.mouse.move(view["x"] + 0.2 * view["width"], view["y"] + 0.3 * view["height"])
         one.mouse.down()
