@@ -25,6 +25,7 @@ from oiiotex.color.display import shown_by, usual_view, views
 from tests import pictures
 from tests.browser import Served, chromium, end_resident, resident_pid
 from tests.conftest import load, oiiotex, save
+from tests.faults import wait_for
 
 SPACE = "srgb_rec709_scene"
 PIXELS = """async (name) => {
@@ -333,7 +334,8 @@ def test_two_pages_see_the_same_and_a_killed_server_is_reopened(page, browser, s
     page.select_option("select[title^='Statistics']", json.dumps("moments"))
     wait(other, "document.querySelector(\"select[title^='Statistics']\").value === '\"moments\"'")
     page.keyboard.press("v")
-    page.wait_for_timeout(1200)  # the last second may be lost
+    document = folder / "photo.texlive.json"  # without the last half second
+    wait_for(lambda: document.exists() and '"measure": "moments"' in document.read_text(), served.process)
     page.keyboard.press("p")
     view = page.locator("canvas[aria-label=Photo]").bounding_box()
     page.mouse.move(view["x"] + 200, view["y"] + 200)

@@ -177,6 +177,7 @@ USUAL = dict.fromkeys(("flatten", "sigma", "amount", "contrast", "patch", "width
 USUAL |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "fill": ""}
 
 
+DRAWN = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
 SET = """async (values) => {
   const { rooms, shell } = await import("./main.js");
   if (Object.entries(values).every(([name, value]) => shell.state.tile[name] === value)) return 0;
@@ -237,13 +238,13 @@ def test_two_stored_tiles_a_wipe_and_linked_views_compare(page):
     for key, now in (("End", "100"), ("Home", "0")):  # A alone, then B alone
         divider.press(key)
         assert divider.get_attribute("aria-valuenow") == now
-        page.wait_for_timeout(100)
+        page.evaluate(DRAWN)
         sides[key] = page.evaluate(CANVAS, ["tileView", "canvas"])
     page.keyboard.press("w")
-    page.wait_for_timeout(100)
+    page.evaluate(DRAWN)
     assert page.evaluate(CANVAS, ["tileView", "canvas"]) == sides["Home"] != sides["End"]
     page.keyboard.press("a")
-    page.wait_for_timeout(100)
+    page.evaluate(DRAWN)
     assert page.evaluate(CANVAS, ["tileView", "canvas"]) == sides["End"]
     page.get_by_role("button", name="Use").click()
     assert state(page, "tile.seed") == 0
