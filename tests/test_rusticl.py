@@ -11,11 +11,19 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.gpu.run import kernel_tests, run_tests
+from benchmarks.gpu.run import run_tests
 from tests.test_same_bits import bits
 
 LIBRARY = os.environ.get("OIIOTEX_RUSTICL") or next(map(str, Path("/usr/lib").glob("*/libRusticlOpenCL.so.1")), "")
-SECONDS = 180  # for all tests of kernels; what does not fit is counted
+SECONDS = 900  # in which the tests end on any machine
+# those that compare a kernel with an oracle; what the program does with kernels is the same on all devices
+FILES = [
+    f"tests/test_{name}.py"
+    for name in (
+        "atlas", "candidates", "histograms", "label_kernels", "moments", "multiscale", "patchmatch", "quilting",
+        "squares", "steerable", "superpixels", "use_prices",
+    )
+]  # fmt: skip
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not LIBRARY, reason="NOTHING RUN ON RUSTICL: not installed: mesa-opencl-icd"),
@@ -33,10 +41,7 @@ def test_rusticl_makes_the_same_bits(rusticl):
     assert bits("rusticl", tiny=False) == bits("0", tiny=False)
 
 
-def test_tests_of_kernels_pass_on_rusticl(rusticl, capsys):
-    files = [file for file in kernel_tests() if "promises" not in file]  # the other tests have run its kernels
-    done = run_tests(files, "rusticl", SECONDS)
-    with capsys.disabled():
-        print(f"\nrusticl: {done['passed']} of {done['collected']} passed, {done['skipped']} skipped {done['ended']}")
-    assert not done["failed"], done["failures"]
-    assert done["passed"] > 10, done  # slow machines run fewer within the time
+def test_tests_of_kernels_pass_on_rusticl(rusticl):
+    done = run_tests(FILES, "rusticl", SECONDS)
+    assert not done["failed"] and not done["ended"], done
+    assert done["passed"] + done["skipped"] == done["collected"] > 200, done
