@@ -25,8 +25,8 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     found |= {"corners": Numbers((3, 2, 66, 5, 70, 60, 1, 62))} if op.name == "rectify" else {}
     found |= {"side": 32} if op.name == "palette" else {}
     found |= {"fail": "none"} if op.name == "checkmaterial" else {}
-    found |= {"mesh": pictures.cube_file(), "size": Size(32, 28)} if op.name == "atlas" else {}
-    found |= {"size": Size(56, 48)} if op.name == "cut" else {}
+    found |= {"mesh": pictures.cube_file(), "size": Size(20, 18)} if op.name == "atlas" else {}
+    found |= {"size": Size(32, 32)} if op.name == "cut" else {}
     found |= {"labels": quarters()} if op.name in LABELED else {}
     return found | {name: value for name, value in more.items() if name in names}
 
