@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nonsense of all kinds: what comes out is a result or an `oiiotex.Error`, never another exception."""
+"""Nonsense lines and files: what comes out is a result or an `oiiotex.Error`, never another exception."""
 
 from __future__ import annotations
 
@@ -8,44 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from oiiotex.cli.language.parse import Refused, parse, split_modifiers
-from oiiotex.cli.vocabulary import LANGUAGE
-from oiiotex.errors import Error, ParameterError, one_line
 from tests import fuzz
-
-FUZZ = settings(
-    max_examples=400,
-    deadline=None,
-    derandomize=True,
-    database=None,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
-)
-
-# --- modifiers ---
-
-
-@FUZZ
-@given(st.text("-:='\"{}ab 1,.\u00e9\udce9\n\t", max_size=40))
-def test_any_word_splits_into_modifiers_or_is_refused(word):
-    try:
-        name, modifiers = split_modifiers(word)
-    except ParameterError as error:
-        assert one_line(word.split(":")[0]).strip() in str(error)
-    else:
-        assert all(modifiers) and ":" not in name.split("{")[0]
-
-
-@FUZZ
-@given(
-    st.dictionaries(st.text("abc_1", min_size=1), st.text("ab:=., +-{}1\u00e9", max_size=12).map(str.strip), max_size=4)
-)
-def test_quoted_modifiers_come_back_as_they_were(modifiers):
-    word = "--op" + "".join(f':{name}="{value}"' for name, value in modifiers.items())
-    assert split_modifiers(word) == ("--op", modifiers)
-
 
 # --- command lines ---
 
@@ -61,19 +25,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_any_command_line_is_done_or_refused(folder, first):
     for number in range(first, first + 100):
         fuzz.do(fuzz.line(number), folder)
-
-
-@FUZZ
-@given(st.lists(st.one_of(st.text(max_size=12), st.sampled_from([name for name, _, _ in fuzz.options()])), max_size=8))
-def test_any_words_are_parsed_or_refused(words):
-    try:
-        command = parse(words, LANGUAGE)
-    except Error as error:
-        assert str(error)
-    else:
-        assert not any(
-            isinstance(LANGUAGE.find(step.word.split(":")[0]), Refused) for step in command.steps if step.option
-        )
 
 
 # --- files ---
