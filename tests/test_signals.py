@@ -22,8 +22,10 @@ ENDS = [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals, mounts and limits of POSIX")
 
 
-@pytest.mark.parametrize("name", ["out.exr", "out.tif", "out.png", "out.jpg"])
-@pytest.mark.parametrize(("number", "code"), ENDS)
+@pytest.mark.parametrize(
+    ("name", "number", "code"),
+    [*(("out.exr", *end) for end in ENDS), *((name, *ENDS[1]) for name in ("out.tif", "out.png", "out.jpg"))],
+)
 def test_a_signal_while_writing_leaves_the_old_output_and_nothing_half(tmp_path, name, number, code):
     (tmp_path / name).write_bytes(OLD)
     run = start(tmp_path, *SLOW[:-4], "-o", name)
@@ -34,11 +36,10 @@ def test_a_signal_while_writing_leaves_the_old_output_and_nothing_half(tmp_path,
 
 
 @pytest.mark.parametrize(
-    "words",
-    [["--testread", "big.png"] * 200, ["big.png", "--fft", "--dup", "--pop"] * 50],
-    ids=["reading", "computing"],
+    ("words", "number", "code"),
+    [(["--testread", "big.png"] * 200, *ENDS[0]), *((["big.png", "--fft", "--dup", "--pop"] * 50, *e) for e in ENDS)],
+    ids=["reading", "computing", "computing, SIGTERM", "computing, SIGHUP"],
 )
-@pytest.mark.parametrize(("number", "code"), ENDS)
 def test_a_signal_while_reading_or_computing_ends_the_run(tmp_path, words, number, code):
     save(np.zeros((700, 800, 3)), tmp_path / "big.png")
     (tmp_path / "out.exr").write_bytes(OLD)
