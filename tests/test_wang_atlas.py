@@ -99,6 +99,15 @@ def test_the_index_image_is_the_first_period_of_an_endless_texture(tmp_path):
     np.testing.assert_array_equal(further, plane)
 
 
+def test_a_set_of_tiles_that_are_too_small_is_warned_about(caplog):
+    given = {"pack": "atlas", "variants": 4, "size": (52, 52), "iterations": 2}
+    with caplog.at_level("WARNING", "oiiotex"):
+        filters.stationarize(buffer(PHOTO), patch=7, **given)
+        assert "fidelity" not in caplog.text  # scales that the user chose
+        filters.stationarize(buffer(PHOTO), **given)
+    assert "Tiles must be several times larger than the photo's elements" in caplog.text
+
+
 def test_mip_levels_join_down_to_a_pixel_a_tile(atlas, tmp_path):
     """Level by level as -otex writes it, compared with tiles in an order in which neighbors do not share edges."""
     done = oiiotex(atlas, "-otex", "a.tx", cwd=tmp_path)

@@ -310,6 +310,10 @@ def test_wgsl_compiles_in_a_browser(folder):
     [
         (["color=a.png"], "a.png is not an atlas"),
         (["color=color.png", "normal=small.png"], "small.png does not have the size of .*color.png"),
+        (["color=color.png", "normal=roughness.png"], "roughness.png has 1 channels: expected a normal map"),
+        (["color=color.png", "normal=later.png"], "later.png and color.png are from different runs"),
+        (["color=color.png", "arm=color.png"], "arm=color.png: expected ROLE=FILE, once for each of color"),
+        (["color=color.png", "--relief", "0.1"], "--relief 0.1: requires height=FILE"),
         (["normal=normal.png"], "normal: expected color=FILE"),
         (["color"], "color: expected ROLE=FILE, once for each of color, normal"),
         (["color=color.png", "--size", "2x0"], "--size 2x0: expected WIDTHxHEIGHT"),

@@ -25,10 +25,10 @@ from ..regularity.courses import Courses, InCourses
 from ..regularity.lattice import Lattice
 from ..regularity.offset_prices import InStep
 from ..wang.atlas import mark_as_atlas, packed
-from ..wang.tiles import edged, edges_of, runs_for, wang_tiles
+from ..wang.tiles import COUNTS, edged, edges_of, runs_for, wang_tiles
 from .coarse_looks import coarse_looks
 from .constraint_images import weights_of
-from .first_result import better_of, hint_that_it_tiles, say_fidelity
+from .first_result import SET_OF_TILES, better_of, fidelity_of, hint_that_it_tiles, say_fidelity
 from .heights import height_tile
 from .photo_lattice import fitting_size, photo_structure
 
@@ -203,6 +203,10 @@ class SynthesisRun:
         sources = wang_tiles(
             make, op.variants, recipe.width, recipe.height, recipe.patch, lambda source: source.gather(values)
         )
+        if op.judges_itself and op.variants in COUNTS:
+            with self._resources.stats.time("fidelity"):
+                kept = fidelity_of(self._seen, packed(sources), replace(recipe, wrap_x=True, wrap_y=True))
+            say_fidelity(op.flag(), kept, recipe, warn=True, advice=SET_OF_TILES)
         self._resources.device.collect(self._resources.stats)
         op.say_what_stays()
         self._with_heights(self._tiles(sources[0]), sources[0])  # stands for all variants
