@@ -14,6 +14,7 @@ import pytest
 
 from oiiotex import errors, filters
 from oiiotex.core.window import Window
+from oiiotex.exemplar.heights import large_steps
 from oiiotex.io.reading import read
 from oiiotex.service.texture_file import read_texture_file
 from oiiotex.service.textures import OpenTexture
@@ -97,6 +98,26 @@ def test_the_index_image_is_the_first_period_of_an_endless_texture(tmp_path):
     np.testing.assert_array_equal(plane, index[..., 2])
     further = texture.tile(0, Window(-CELLS, CELLS, 0, 2 * CELLS), Session())[..., 0]
     np.testing.assert_array_equal(further, plane)
+
+
+def test_a_set_of_tiles_that_are_too_small_is_warned_about(caplog):
+    given = {"pack": "atlas", "variants": 4, "size": (52, 52), "iterations": 2}
+    with caplog.at_level("WARNING", "oiiotex"):
+        filters.stationarize(buffer(PHOTO), patch=7, **given)
+        assert "fidelity" not in caplog.text  # scales that the user chose
+        filters.stationarize(buffer(PHOTO), **given)
+    assert "Tiles must be several times larger than the photo's elements" in caplog.text
+
+
+def test_steps_of_heights_are_those_of_the_whole_plane(caplog):
+    given = {"maps": [buffer(PHOTO[..., :1], space="data")], "kinds": ("color", "height"), "mapweights": (1, 0)}
+    with caplog.at_level("INFO", "oiiotex"):
+        _, raised = filters.stationarize(
+            buffer(PHOTO), pack="atlas", **given, **SMALL | {"variants": 4, "iterations": 2}
+        )
+    share = 100 * large_steps(pixels(raised)[..., 0], 0.1 * float(np.ptp(PHOTO[..., 0])), (True, True))
+    assert f"{share:.2f} % of neighboring heights" in caplog.text
+    assert "relevel" not in caplog.text  # which sets of tiles do not have
 
 
 def test_mip_levels_join_down_to_a_pixel_a_tile(atlas, tmp_path):

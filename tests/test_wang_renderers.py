@@ -310,6 +310,10 @@ def test_wgsl_compiles_in_a_browser(folder):
     [
         (["color=a.png"], "a.png is not an atlas"),
         (["color=color.png", "normal=small.png"], "small.png does not have the size of .*color.png"),
+        (["color=color.png", "normal=roughness.png"], "roughness.png has 1 channels: expected a normal map"),
+        (["color=first.png", "normal=later.png"], "later.png and first.png are from different runs"),
+        (["color=color.png", "arm=color.png"], "arm=color.png: expected ROLE=FILE, once for each of color"),
+        (["color=color.png", "--relief", "0.1"], "--relief 0.1: requires height=FILE"),
         (["normal=normal.png"], "normal: expected color=FILE"),
         (["color"], "color: expected ROLE=FILE, once for each of color, normal"),
         (["color=color.png", "--size", "2x0"], "--size 2x0: expected WIDTHxHEIGHT"),
@@ -323,6 +327,10 @@ def test_what_cannot_be_delivered_is_one_line(folder, monkeypatch, words, says):
     for name, grid in (("a.png", "3x3"), ("small.png", "4x4")):
         image = buffer(np.zeros((32, 32, 3)), oiio.UINT8)
         image.specmod().attribute("oiiotex:atlas", grid)
+        image.write(name)
+    for name, source in (("first.png", "color.png"), ("later.png", "normal.png")):
+        image = oiio.ImageBuf(source)
+        image.specmod().attribute("oiiotex:parameters", f"seed={len(source)}")
         image.write(name)
     with pytest.raises(errors.Error, match=says):
         run(["wang", "nowhere", *words])

@@ -4,18 +4,19 @@
 python -m benchmarks.tiles.wang [NAME ...] [--side 192] [--seed 1]
 
 Two photos without a lattice, two with one and a procedural wall (all when none is named). The tile is also made with
-the memory of the atlas, four times as wide. Planes have 12 x 12 tiles of the atlas, at level 0. Repetition, without a
-lattice: highest normalized autocorrelation of 32 x 32 tiles, at a quarter of their size, at offsets of half a tile or
-more. Sharpness: mean
-|L - blurred L|, over the photo's. Structure: the least autocorrelation peak over its floor at the first vectors of the
-photo's lattice, over the photo's. Then the root mean square steps of samples at borders of tiles, level by level. Then
-the costs: RGBA8 with MIP levels for tiles of 256 px, and texture reads and SPIR-V instructions of a sample, as glslang
-writes them; a loop counts once.
+the memory of the atlas of 16 tiles, four times as wide. Planes have 12 x 12 tiles of the atlas, at level 0.
+Repetition, without a lattice: highest normalized autocorrelation of 32 x 32 tiles, at a quarter of their size, at
+offsets of half a tile or more. Sharpness: mean |L - blurred L|, over the photo's. Structure: the least autocorrelation
+peak over its floor at the first vectors of the photo's lattice, over the photo's. Then, by MIP level, the root mean
+square step of samples at borders of 16 tiles, and the difference of neighboring texels for comparison. Then the costs:
+RGBA8, the tiles of 256 px with MIP levels, and texture reads and SPIR-V instructions of a sample, as glslang writes
+them; a loop counts once.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import subprocess
 import sys
@@ -64,19 +65,24 @@ def coarse(pixels: np.ndarray) -> np.ndarray:
     return pixels[: 4 * height, : 4 * width].reshape(height, 4, width, 4, 3).mean((1, 3))
 
 
-def covered(ways: tuple[np.ndarray, np.ndarray, np.ndarray], across: int, seed: int) -> dict[str, np.ndarray]:
-    """Planes of as many tiles by way, from a tile, one of four times its size and an atlas of tiles of its size."""
-    tile, large, atlas = ways
+def covered(
+    tile: np.ndarray, large: np.ndarray, atlases: dict[int, np.ndarray], across: int, seed: int
+) -> dict[str, np.ndarray]:
+    """Planes of as many tiles by way, from a tile, one of four times its size and atlases by number of tiles."""
     height, width = tile.shape[:2]
-    index = index_image(16, seed)[:across, :across].astype(int)
-    cells = atlas.reshape(4, height, 4, width, 3).swapaxes(1, 2)[index[..., 1], index[..., 0]]
     shape = across * height, across * width
+
+    def laid(count: int) -> np.ndarray:
+        side, index = math.isqrt(count), index_image(count, seed)[:across, :across].astype(int)
+        tiles = atlases[count].reshape(side, height, side, width, 3).swapaxes(1, 2)
+        return tiles[index[..., 1], index[..., 0]].swapaxes(1, 2).reshape(*shape, 3)
+
     return {
         "one tile": np.tile(tile, (across, across, 1)),
         "one tile, memory of the atlas": np.tile(large, (across // 4, across // 4, 1)),
         "hex tiling": hex_tiled(tile, across, max(shape))[: shape[0], : shape[1]],
         "hex tiling, memory of the atlas": hex_tiled(large, across // 4, max(shape))[: shape[0], : shape[1]],
-        "Wang tiles": cells.swapaxes(1, 2).reshape(*shape, 3),
+        **{f"{count} Wang tiles": laid(count) for count in atlases},
     }
 
 
@@ -94,7 +100,7 @@ def repetition(light: np.ndarray, tile: tuple[int, int]) -> float:
 
 
 def steps(name: str, atlas: np.ndarray, seed: int) -> list[str]:
-    """Rows of the steps at borders of tiles: for each MIP level, those of the atlas and of tiles in another order."""
+    """Rows of the steps at borders of tiles by MIP level: of the atlas, and of its tiles in another order."""
     side, index = atlas.shape[0] // 4, index_image(16, seed)
     order = np.random.default_rng(2).permutation(16)
     tiles = atlas.reshape(4, side, 4, side, 3).swapaxes(1, 2).reshape(16, side, side, 3)
@@ -105,7 +111,8 @@ def steps(name: str, atlas: np.ndarray, seed: int) -> list[str]:
         size = 4 * side >> level
         means = [a.reshape(size, 1 << level, size, 1 << level, 3).mean((1, 3)) for a in (atlas, other)]
         jumps = [255 * border_steps(a, i, 4) for a, i in zip(means, (index, moved), strict=True)]
-        found.append(f"| {name} | {side >> level} | {jumps[0]:.2f} | {jumps[1]:.2f} |")
+        apart = 255 * float(np.sqrt(np.mean([np.square(means[0] - np.roll(means[0], 1, axis)) for axis in (0, 1)])))
+        found.append(f"| {name} | {side >> level} | {jumps[0]:.2f} | {jumps[1]:.2f} | {apart:.2f} |")
         level += 1
     return found
 
@@ -124,10 +131,11 @@ def rows(name: str, side: int, seed: int, session: Session) -> tuple[list[str], 
         result = filters.stationarize(picture, size=shape, seed=seed, **more)
         return result.get_pixels(oiio.FLOAT, result.roi)[..., :3]
 
-    atlas = made(1, variants=16, pack="atlas")
+    atlases = {count: made(1, variants=count, pack="atlas") for count in (16, 64)}
     tile, large = made(1), made(4)
-    planes = covered((tile, large, atlas), ACROSS, seed)
-    far = {} if lattice else covered((coarse(tile), coarse(large), coarse(atlas)), FAR, seed)
+    planes = covered(tile, large, atlases, ACROSS, seed)
+    few = {count: coarse(atlas) for count, atlas in atlases.items()}
+    far = {} if lattice else covered(coarse(tile), coarse(large), few, FAR, seed)
     sharp = sharpness(np.ascontiguousarray(own[..., 0]))
     found = []
     for way, plane in planes.items():
@@ -135,7 +143,7 @@ def rows(name: str, side: int, seed: int, session: Session) -> tuple[list[str], 
         repeated = f"{repetition(far[way].mean(-1), (side // 4, side // 4)):.2f}" if far else ""
         kept = f"{structure(lab, own, lattice, size):.2f}" if lattice else ""
         found.append(f"| {name} | {way} | {repeated} | {sharpness(lab[..., 0]) / sharp:.2f} | {kept} |")
-    return found, [] if lattice else steps(name, atlas, seed)
+    return found, [] if lattice else steps(name, atlases[16], seed)
 
 
 def structure(plane: np.ndarray, photo: np.ndarray, lattice: Lattice, size: tuple[int, int]) -> float:
@@ -166,16 +174,18 @@ def costs(side: int) -> list[str]:
     """The table of costs, for tiles of that side."""
     page = shader("viewer.html")
     hexagons = page[page.index("uint mixed(") : page.index("vec3 srgb(")]
-    texels = {"one tile": side**2, "hex tiling": side**2, "Wang tiles": 16 * side**2 + CELLS**2}
+    wang = shader("sample_wang.glsl")
+    tiles = {"one tile": 1, "hex tiling": 1, "16 Wang tiles": 16, "64 Wang tiles": 64}
     ways = {
         "one tile": ("texture(tile, uv)", "", 1),
         "hex tiling": ("hex_tiled(uv)", hexagons, 3),
-        "Wang tiles": ("sample_wang(atlas, plane, 4.0, uv)", shader("sample_wang.glsl"), 2),
+        **{f"{n} Wang tiles": (f"sample_wang(atlas, plane, {math.sqrt(n)}, uv)", wang, 2) for n in (16, 64)},
     }
-    return [
-        f"| {way} | {texels[way] * 4 / 3 / 2**20 * 4:.2f} | {reads} | {instructions(call, functions)[0]} |"
-        for way, (call, functions, reads) in ways.items()
-    ]
+    found = []
+    for way, (call, functions, reads) in ways.items():
+        texels = tiles[way] * side**2 * 4 / 3 + (CELLS**2 if functions == wang else 0)
+        found.append(f"| {way} | {4 * texels / 2**20:.2f} | {reads} | {instructions(call, functions)[0]} |")
+    return found
 
 
 def main() -> None:
@@ -191,7 +201,8 @@ def main() -> None:
         ways, own = rows(name, given.side, given.seed, session)
         print("\n".join(ways), flush=True)
         levels += own
-    print("\n| photo | px per tile | step at borders / 255 | without shared edges |\n|---|---|---|---|")
+    print("\n| photo | px per tile | step at borders / 255 | without shared edges | between texels |")
+    print("|---|---|---|---|---|")
     print("\n".join(levels))
     print("\n| way | MB | texture reads | SPIR-V instructions |\n|---|---|---|---|")
     print("\n".join(costs(256)))

@@ -3,7 +3,7 @@
 
 from ..color.config import as_float
 from ..color.display import Shown, shown_by, usual_view, views
-from ..core.attributes import TAG
+from ..core.attributes import PARAMETERS, TAG
 from ..core.demand import PieceCache
 from ..core.image import Image, Part, channels_of, from_array, resized, tagged
 from ..core.window import Window

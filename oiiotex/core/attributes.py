@@ -12,6 +12,7 @@ from ..errors import ParameterError
 TAG = "oiio:ColorSpace"
 OURS = "oiiotex:"  # prefix of all following names
 SOURCE = "oiiotex:source"  # of a synthesized image: name of the photo, and hash of its pixels
+PARAMETERS = "oiiotex:parameters"  # of every result: the modifiers of its op
 
 COUNT = "oiiotex:labels"  # of a label part: number of labels
 RHO, PARENTS = "oiiotex:rho", "oiiotex:parents"  # its scale, px; for each label, its parent on the next coarser level

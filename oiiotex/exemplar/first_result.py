@@ -23,6 +23,8 @@ from .exemplar_op import ExemplarPixels
 log = logging.getLogger("oiiotex")
 
 TILES = 1.15  # seam ratio up to which a photo already tiles
+ONE_TILE = "The photo may have too few elements for a texture; crop it, or try preset=clean or --texcut"
+SET_OF_TILES = "Tiles must be several times larger than the photo's elements: try a larger size, or preset=keep"
 _LEAST = 48  # px; shorter sides are not tested for tiling
 
 
@@ -61,13 +63,12 @@ def better_of(
     return second, better, other
 
 
-def say_fidelity(flag: str, kept: Fidelity | None, recipe: Recipe, warn: bool) -> None:
-    """Log the chosen scales; with `warn`, warn if the result is not good."""
+def say_fidelity(flag: str, kept: Fidelity | None, recipe: Recipe, warn: bool, advice: str = ONE_TILE) -> None:
+    """Log the chosen scales; with `warn`, warn if the result is not good, with that advice."""
     if kept is None:
         return
     log.info("%s: scales chosen: %s", flag, recipe.scales)
     if warn and kept.value < GOOD:
-        advice = "The photo may have too few elements for a texture; crop it, or try preset=clean or --texcut"
         log.warning("%s: %s. %s", flag, kept, advice)
 
 

@@ -40,11 +40,11 @@ def height_tile(
     image: Image,
     source: SourceMap,
     wrap: tuple[bool, bool],
-    relevel: bool,
+    relevel: bool | None,
     still: np.ndarray | None,
     resources: Resources,
 ) -> Part:
-    """A tile of a height map, leveled if `relevel` is set; logs its steps, and warns if there are many.
+    """A tile of a height map, leveled if `relevel` is set (None: impossible); logs its steps, and warns of many.
 
     It was copied from the image according to `source`. Pixels in `still`, (height, width) bool, keep their height.
     """
@@ -71,7 +71,7 @@ def height_tile(
     )
     log.info("%s: %s", flag, text)
     if shown > 2 * own + _MUCH:
-        advice = "raise the height's weight in mapweights" + ("" if relevel else ", or set relevel=1")
+        advice = "raise the height's weight in mapweights" + (", or set relevel=1" if relevel is False else "")
         log.warning("%s: cliffs at seams: %s; %s", flag, text, advice)
     return tile
 

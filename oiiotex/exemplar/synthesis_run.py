@@ -25,10 +25,10 @@ from ..regularity.courses import Courses, InCourses
 from ..regularity.lattice import Lattice
 from ..regularity.offset_prices import InStep
 from ..wang.atlas import mark_as_atlas, packed
-from ..wang.tiles import edged, edges_of, runs_for, wang_tiles
+from ..wang.tiles import COUNTS, edged, edges_of, runs_for, wang_tiles
 from .coarse_looks import coarse_looks
 from .constraint_images import weights_of
-from .first_result import better_of, hint_that_it_tiles, say_fidelity
+from .first_result import SET_OF_TILES, better_of, fidelity_of, hint_that_it_tiles, say_fidelity
 from .heights import height_tile
 from .photo_lattice import fitting_size, photo_structure
 
@@ -176,7 +176,8 @@ class SynthesisRun:
         maps = (op.exemplar, *op.maps)
         for tile, one, kind in zip(tiles, maps, op.map_kinds, strict=True):
             if kind == "height":
-                given = tile["tile"], one, source, self._wraps, op.relevel, None, self._resources
+                relevel = op.relevel if op.variants == 1 else None
+                given = tile["tile"], one, source, self._wraps, relevel, None, self._resources
                 tile = tile | {"tile": height_tile(op.flag(), *given)}
             results.append(tile)
         return tuple(results)
@@ -203,13 +204,18 @@ class SynthesisRun:
         sources = wang_tiles(
             make, op.variants, recipe.width, recipe.height, recipe.patch, lambda source: source.gather(values)
         )
+        plane = packed(sources) if op.variants in COUNTS else sources[0]
+        if op.judges_itself and op.variants in COUNTS:
+            with self._resources.stats.time("fidelity"):
+                kept = fidelity_of(self._seen, plane, replace(recipe, wrap_x=True, wrap_y=True))
+            say_fidelity(op.flag(), kept, recipe, warn=True, advice=SET_OF_TILES)
         self._resources.device.collect(self._resources.stats)
         op.say_what_stays()
-        self._with_heights(self._tiles(sources[0]), sources[0])  # stands for all variants
+        self._with_heights(self._tiles(plane), plane)
         edges = edges_of(op.variants)
         names = [f"wang{number:02d}_{one}" for number, one in enumerate(edges)]
         if op.pack:
-            names, sources = ["atlas"], [packed(sources)]  # measured as the plane that it is
+            names, sources = ["atlas"], [plane]  # measured as the plane that it is
             material = self._tiles(sources[0])
             tiles = [tile | {"tile": mark_as_atlas(tile["tile"], op.variants)} for tile in material]
         else:

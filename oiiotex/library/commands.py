@@ -294,20 +294,22 @@ def _export(given: argparse.Namespace, words: list[str]) -> int:
 
 
 def _wang(given: argparse.Namespace, words: list[str]) -> int:
-    from ..api.materials import ROLES
+    from ..api.materials import PACKED, ROLES
     from .wang import deliver_wang
 
     size = _LENGTHS.fullmatch(given.size)
     if not size or not min(map(float, size.groups())) > 0:
         raise ParameterError(f"--size {given.size}: expected WIDTHxHEIGHT, such as 2x1.5")
-    files = {}
+    files, roles = {}, [role for role in ROLES if role != PACKED]
     for word in given.maps:
         role, equals, file = word.partition("=")
-        if not (equals and file and role in ROLES) or role in files:
-            raise ParameterError(f"{word}: expected ROLE=FILE, once for each of {', '.join(ROLES)}")
+        if not (equals and file and role in roles) or role in files:
+            raise ParameterError(f"{word}: expected ROLE=FILE, once for each of {', '.join(roles)}")
         files[role] = Path(file)
     if not 0 <= given.relief < math.inf:
         raise ParameterError(f"--relief {given.relief}: expected a number >= 0")
+    if given.relief and "height" not in files:
+        raise ParameterError(f"--relief {given.relief:g}: requires height=FILE")
     if given.seed > _MOST_SEED:
         raise ParameterError(f"--seed {given.seed}: expected an integer from 0 to {_MOST_SEED}")
     name = given.name or given.folder.resolve().name

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ..api import materials
 from ..api.files import temporary_beside
-from ..api.images import TAG, Image, Session, from_array, read, write
+from ..api.images import PARAMETERS, TAG, Image, Session, from_array, read, write
 from ..deferred import np
 from ..errors import Error
 
@@ -131,7 +131,7 @@ def _side_of(maps: Mapping[str, Image]) -> int:
     if "color" not in maps:
         raise Error(f"{', '.join(maps) or 'no maps'}: expected color=FILE")
     first = maps["color"]
-    for image in maps.values():
+    for role, image in maps.items():
         spec = image.first.spec
         side = materials.atlas_side(spec)
         if not side:
@@ -139,10 +139,15 @@ def _side_of(maps: Mapping[str, Image]) -> int:
                 f"{image.source} is not an atlas: make it with --texstationarize:variants=16:pack=atlas, as EXR or PNG,"
                 " which keep the attribute oiiotex:atlas"
             )
+        if role == "normal" and spec.nchannels < 3:
+            raise Error(f"{image.source} has {spec.nchannels} channels: expected a normal map, which has 3")
         if (side, spec.width, spec.height) != (
             materials.atlas_side(first.first.spec), first.first.spec.width, first.first.spec.height,
         ):  # fmt: skip
             raise Error(f"{image.source} does not have the size of {first.source}; make all maps in one run")
+        made = [one.get_string_attribute(PARAMETERS) for one in (spec, first.first.spec)]
+        if all(made) and made[0] != made[1]:
+            raise Error(f"{image.source} and {first.source} are from different runs; make all maps in one run")
     return materials.atlas_side(first.first.spec)
 
 
