@@ -66,7 +66,7 @@ NOTED = """() => {
 
 def test_a_file_that_is_saved_while_it_is_made_equals_its_line_in_the_type_that_is_chosen(page, folder):
     wait(page, "document.querySelector('.measures p.good')")
-    wait(page, "getComputedStyle(document.getElementById('progress')).visibility === 'hidden'")
+    wait(page, "document.getElementById('progress').hidden")
     for name, pixel_type in (("", "half"), ("wall.exr", "float")):
         page.fill("input[type=text] >> nth=0", name)
         page.locator("input[type=text] >> nth=0").blur()
