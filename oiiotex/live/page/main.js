@@ -9,6 +9,7 @@ import { PaintRoom } from "./paint.js";
 import { ZoomRoom } from "./zoom.js";
 
 const LEAST_PACE = 2000; // ms
+const AGAIN = new Set(["sample", "stroke", "tiles"]); // requests that are sent again after the connection was lost
 const $ = (id) => document.getElementById(id);
 
 /** Services that all rooms use. */
@@ -18,10 +19,12 @@ export const shell = {
   /** Change values of a room: first here, then on the server and the other pages. */
   set(room, values) {
     Object.assign(shell.state[room], values);
-    send({ do: "set", room, values, gesture });
+    this.ask(room, { do: "set", values });
   },
   ask(room, message, bytes) {
-    return send({ room, gesture, ...message }, bytes);
+    const sent = send({ room, gesture, ...message }, bytes);
+    if (!sent && !AGAIN.has(message.do)) this.status("The server is not connected: this change is not applied", true);
+    return sent;
   },
   status(text, wrong = false) {
     $("status").textContent = text;

@@ -51,7 +51,7 @@ export class Photos {
   greet(facts) {
     this.key = facts.key;
     this.show(facts.photos);
-    this.ask({ do: "thumbnails" });
+    if (facts.photos.list.length > 1) this.ask({ do: "thumbnails" });
     if (this.own()?.asks) this.askSpace();
   }
 

@@ -23,6 +23,7 @@ export class TileRoom {
     this.size = [0, 0]; // of the full-size tile, px; previews are smaller
     this.mode = "2x2";
     this.waiting = {};
+    this.doing = "Making the tile"; // while it is in progress
     this.build();
   }
 
