@@ -318,10 +318,11 @@ def test_progress_says_what_is_made_and_for_how_long_and_survives_a_reload(page)
     assert any(text.startswith("Making the tile: ") for text in said), said
     assert any(text.startswith("Measuring the tile: ") for text in said), said
     assert page.locator("#progress").is_hidden() and page.inner_text("#doing") == ""
-    page.evaluate("import('./main.js').then(({ rooms }) => rooms.tile.set({ seed: 32, width: 400, height: 400 }))")
+    page.evaluate("import('./main.js').then(({ rooms }) => rooms.tile.set({ seed: 32, width: 256, height: 256 }))")
     wait(page, "document.getElementById('doing').textContent.startsWith('Making the tile')")
     page.reload()
     wait(page, "document.getElementById('doing').textContent.includes('ing the tile')")
+    page.evaluate(SET, USUAL)  # which ends the large one
     finished(page, **USUAL)
 
 
