@@ -346,13 +346,6 @@ def test_what_stands_behind_and_a_port_that_is_taken_are_refused_in_one_line(tmp
     assert done.stderr.startswith(f"oiiotex ERROR: --texlive : cannot listen on port {port} of 127.0.0.1: ")
 
 
-def test_without_a_device_no_page_opens(tmp_path):
-    """It would never show a tile."""
-    save(np.zeros((16, 16, 3)), tmp_path / "p.png")
-    done = oiiotex("p.png", "--device", "no such device", "--texlive:open=0", cwd=tmp_path)
-    assert (done.returncode, done.stdout) == (1, "") and "oiiotex ERROR: --texlive : " in done.stderr
-
-
 def test_a_line_says_the_same_numbers():
     for value in (0.1, 1 / 3, 8.0, 1e-7, 123456.789, True, 7, "a:b", "16x16-3+5"):
         word = word_of("--texop", {"name": value, "none": None})
