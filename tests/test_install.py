@@ -95,15 +95,16 @@ def test_without_any_linker_the_advice_is_one_line(tmp_path, photo):
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
 
 
-def test_without_any_device_the_advice_is_one_line(photo):
+@pytest.mark.parametrize("words", [("--texstationarize", "-o", "x.png"), ("--texlive:open=0",)], ids=("tile", "page"))
+def test_without_any_device_the_advice_is_one_line(photo, words):
     empty = {**os.environ, "OCL_ICD_VENDORS": "/nonexistent"}
     script = (
         "import pyopencl as cl\n"
         "def none(): raise cl.LogicError('no platform')\n"
         "cl.get_platforms = none\n"
-        f"from oiiotex.cli.main import main; main([{str(photo)!r}, '--texstationarize', '-o', 'x.png'])"
+        f"from oiiotex.cli.main import main; main([{str(photo)!r}, *{words!r}])"
     )
-    done = subprocess.run([sys.executable, "-c", script], env=empty, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", script], env=empty, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
     assert (
         "no OpenCL device: " in done.stderr and "install" in done.stderr and len(done.stderr.strip().splitlines()) == 1

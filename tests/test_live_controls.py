@@ -66,7 +66,7 @@ NOTED = """() => {
 
 def test_a_file_that_is_saved_while_it_is_made_equals_its_line_in_the_type_that_is_chosen(page, folder):
     wait(page, "document.querySelector('.measures p.good')")
-    wait(page, "getComputedStyle(document.getElementById('progress')).visibility === 'hidden'")
+    wait(page, "document.getElementById('progress').hidden")
     for name, pixel_type in (("", "half"), ("wall.exr", "float")):
         page.fill("input[type=text] >> nth=0", name)
         page.locator("input[type=text] >> nth=0").blur()
@@ -233,6 +233,7 @@ def test_two_stored_tiles_a_wipe_and_linked_views_compare(page):
     page.keyboard.press("b")
     page.keyboard.press("w")
     divider = page.get_by_role("slider", name="Wipe")
+    assert divider.evaluate("(one) => [one.dataset.left, one.dataset.right]") == ["A", "B"]
     view = page.locator("canvas[aria-label=Tile]")
     sides = {}
     for key, now in (("End", "100"), ("Home", "0")):  # A alone, then B alone
@@ -290,6 +291,62 @@ def test_values_under_the_pointer_and_false_color_are_those_of_the_files(page, f
     page.keyboard.press("d")
     wait(page, "document.querySelector('.inspect').textContent.startsWith('Drift 0')")
     page.keyboard.press("d")
+
+
+PACE = """async (parts) => {
+  const { shell } = await import("./main.js");
+  const real = performance.now;
+  let seconds = 1e6;
+  performance.now = () => 1000 * seconds++;
+  const texts = [0, ...parts].map((part) => shell.progress(part, 1, "Work"));
+  performance.now = real;
+  return texts;
+}"""
+
+
+def test_progress_says_what_is_made_and_for_how_long_and_survives_a_reload(page):
+    even = page.evaluate(PACE, [n / 20 for n in range(1, 21)])
+    assert even[1] == "Work: 5 %" and even[20] == "" and even[10] == "Work: 50 %, 10 s left"
+    slower = page.evaluate(PACE, [0.1, 0.2, 0.3, *(0.3 + 0.05 * n for n in range(1, 15))])
+    for second in range(8, 16):  # within 30 %, although the pace changed to half
+        left = int(slower[second].split(", ")[1].split()[0])
+        assert left == pytest.approx(17 - second, rel=0.3, abs=1), slower
+    finished(page, **USUAL)
+    page.evaluate(NOTED.replace("status", "doing"))
+    finished(page, seed=31)
+    said = page.evaluate("noted")
+    assert any(text.startswith("Making the tile: ") for text in said), said
+    assert any(text.startswith("Measuring the tile: ") for text in said), said
+    assert page.locator("#progress").is_hidden() and page.inner_text("#doing") == ""
+    page.evaluate("import('./main.js').then(({ rooms }) => rooms.tile.set({ seed: 32, width: 256, height: 256 }))")
+    wait(page, "document.getElementById('doing').textContent.startsWith('Making the tile')")
+    page.reload()
+    wait(page, "document.getElementById('doing').textContent.includes('ing the tile')")
+    page.evaluate(SET, USUAL)  # which ends the large one
+    finished(page, **USUAL)
+
+
+def test_an_error_without_a_tile_is_shown_in_its_place(page):
+    text = page.evaluate("""import("./main.js").then(({ rooms }) => {
+      rooms.tile.fail("no device");
+      return rooms.tile.tileView.empty.textContent;
+    })""")
+    assert text == "no device"
+
+
+def test_zoom_is_never_black(page):
+    page.click("#tab-zoom")
+    page.wait_for_selector("[data-missing='0']")
+    color = page.evaluate("""import("./main.js").then(({ rooms: { zoom } }) => {
+      const tiles = zoom.tiles;
+      [zoom.tiles, zoom.ground] = [new Map(), undefined];
+      zoom.drawNow();
+      zoom.tiles = tiles;
+      return [...zoom.canvas.getContext("2d").getImageData(5, 300, 1, 1).data];
+    })""")
+    photo = page.evaluate("import('./main.js').then(({ shell: { photo } }) => photo.toDataURL())")
+    assert photo.startswith("data:") and color[:3] != [20, 20, 20]
+    page.click("#tab-tile")
 
 
 def test_all_controls_can_be_reached_and_nothing_overflows(page):

@@ -323,6 +323,8 @@ def test_strokes_are_not_lost_with_the_server_nor_with_the_room(browser, small, 
         before = share()
         server.end(signal.SIGKILL)
         page.wait_for_selector("#link.wrong")
+        page.evaluate("import('./main.js').then(({ shell }) => shell.set('tile', { seed: 3 }))")
+        assert page.inner_text("#status.wrong") == "The server is not connected: this change is not applied"
         stroke(page, (0.3, 0.6), (0.6, 0.3), label=0)
         server = served(small, runtime, f":port={server.port}")
         page.wait_for_selector("#link:not(.wrong)", state="attached")

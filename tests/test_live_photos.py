@@ -141,7 +141,7 @@ def test_a_photo_whose_work_cannot_be_saved_stays_open(tmp_path, monkeypatch):
         with monkeypatch.context() as patch:
             full_disk(patch, errno.ENOSPC)
             await close(strip, keys[0])
-        assert told[-1]["text"].startswith("oiiotex ERROR: a stays open. Not saved: ") and strip.hubs[keys[0]] is hub
+        assert told[-1]["text"].startswith("a stays open. Not saved: ") and strip.hubs[keys[0]] is hub
         await close(strip, keys[0])
         assert list(strip.hubs) == keys[1:] and "Closed a." in told[-1]["text"]
         (again,) = strip.open([OpenPhoto(image("a.png"), ("a.png",))])  # its document is free, and its key is new

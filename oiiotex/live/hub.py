@@ -14,7 +14,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..api.images import Image, Part, Session, Shown, Window, channels_of, shown_by, views, write
+from ..api.images import (
+    Image,
+    Part,
+    Session,
+    Shown,
+    Window,
+    as_float,
+    channels_of,
+    resized,
+    shown_by,
+    views,
+    write,
+)
 from ..api.painting import AUTOMATIC, PRESETS
 from ..api.service import BRUSH, EXPORT, Client, LinkError, ResidentSettings, connect, release_folder, spec_of
 from ..deferred import np, oiio
@@ -23,6 +35,7 @@ from .document import INNER, Document
 from .lines import output_name, type_in
 from .pages import Page, Pages, gesture_of
 
+MOST_SHOWN = 2048  # px; longest side of an image sent to a page
 SAVE_EVERY = 0.5  # s; at most this much work is lost
 RETRY_EVERY = 2.0  # s, after saving has failed
 _PATIENCE = 10.0  # s between two restarts of the resident process
@@ -71,7 +84,8 @@ class Hub(Pages):
         self._client: Client | None = None
         self._connecting = asyncio.Lock()
         self._photo: int | None = None
-        self._making, self._saving = asyncio.Lock(), asyncio.Lock()
+        self._small: np.ndarray | None = None
+        self._making, self._saving, self._reducing = asyncio.Lock(), asyncio.Lock(), asyncio.Lock()
         self._made: dict[str, dict[str, Any]] = {}
         self._pinned: dict[int, bool] = {}  # images being saved; whether to drop them afterwards
         self._restarted = -_PATIENCE
@@ -121,6 +135,15 @@ class Hub(Pages):
             if self._photo is None:
                 self._photo = await asyncio.to_thread(client.put, image)
             return self._photo
+
+    async def small_photo(self) -> np.ndarray:
+        """The photo as pages show it: (height, width, channels) float32, with sides of at most `MOST_SHOWN` px."""
+        assert self.source.image is not None
+        first = self.source.image.first
+        async with self._reducing:
+            if self._small is None:
+                self._small = await asyncio.to_thread(lambda: reduced(as_float(first.pixels())))
+            return self._small
 
     async def made(self, op: str) -> dict[str, Any]:
         """The photo with the parts that an op adds: 'number' and 'parts', from the resident process."""
@@ -323,6 +346,13 @@ class Hub(Pages):
                 log.error("Not saved: %s", error)
         release_folder(self.spare)
         self.rest()
+
+
+def reduced(pixels: np.ndarray, most: int = MOST_SHOWN) -> np.ndarray:
+    """(height, width, channels) float32, reduced so that no side exceeds `most`."""
+    scale = min(1.0, most / max(pixels.shape[:2]))
+    height, width = (max(1, round(n * scale)) for n in pixels.shape[:2])
+    return resized(pixels, width, height)
 
 
 def _free(path: Path) -> Path:

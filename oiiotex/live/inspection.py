@@ -10,16 +10,15 @@ import math
 from collections.abc import AsyncIterator, Mapping
 from typing import Any
 
-from ..api.images import TAG, Image, Window, as_float, channels_of, from_array, resized
+from ..api.images import TAG, Image, Window, as_float, channels_of, from_array
 from ..api.measures import region_uses
 from ..api.painting import PRESETS
-from ..api.service import BRUSH, image_of, spec_of
+from ..api.service import BRUSH, spec_of
 from ..deferred import np, oiio
 from ..errors import Error
-from .hub import Hub
+from .hub import MOST_SHOWN, Hub, reduced
 from .pages import Page
 
-MOST_SHOWN = 2048  # px; longest side of an image sent to a page
 BINS = 64  # of a histogram, for each channel
 _COARSE = 128  # px; longer side of the photo for a coarse tile: patches are those of a full tile's coarse levels
 _COARSE_CLEAN = 192  # px; the same for `clean`, whose mask leaves few whole patches in smaller photos
@@ -78,19 +77,25 @@ class Inspection:
     @contextlib.asynccontextmanager
     async def _fitted(self, side: int) -> AsyncIterator[tuple[int, bool]]:
         """The number of the photo, reduced to a longer side if it is larger, and whether it is."""
-        client, photo = await self._hub.client(), await self._hub.photo()
         if max(self._photo_size) <= side:
-            yield photo, False
+            yield await self._hub.photo(), False
             return
-        asked = client.make("fit", [photo], {"size": f"{side}x{side}"}, priority=BRUSH, read="", keep=False)
-        facts, pixels = await asyncio.wrap_future(asked)
-        # a result that is kept would be reduced from the whole photo at each use
-        first = facts["images"][0] | {"parts": facts["images"][0]["parts"][:1]}
-        number = await asyncio.to_thread(client.put, image_of(first, pixels))
+        client, pixels = await self._hub.client(), reduced(await self._hub.small_photo(), side)
+        number = await asyncio.to_thread(client.put, self._like_photo(pixels))
         try:
             yield number, True
         finally:
             client.drop(number)
+
+    def _like_photo(self, pixels: np.ndarray) -> Image:
+        """An image with the photo's channels and color space."""
+        spec = self._photo_spec
+
+        def change(new: oiio.ImageSpec) -> None:
+            new.channelnames, new.alpha_channel = spec.channelnames, spec.alpha_channel
+            new.attribute(TAG, spec.get_string_attribute(TAG))
+
+        return Image((from_array(pixels).first.respecced(change),), "photo")
 
     async def _made(
         self, op: str, number: int, values: Mapping[str, Any], optional: Mapping[str, str] | None = None
@@ -176,10 +181,3 @@ def histogram(picture: np.ndarray) -> list[list[int]]:
     """Counts of the values of (height, width, 3) uint8, `BINS` for each channel, in thousandths of the largest."""
     counts = np.stack([np.bincount(one.ravel() // (256 // BINS), minlength=BINS) for one in np.moveaxis(picture, 2, 0)])
     return np.ceil(1000 * counts / max(1, counts.max())).astype(int).tolist()
-
-
-def reduced(pixels: np.ndarray, most: int = MOST_SHOWN) -> np.ndarray:
-    """(height, width, channels) float32, reduced so that no side exceeds `most`."""
-    scale = min(1.0, most / max(pixels.shape[:2]))
-    height, width = (max(1, round(n * scale)) for n in pixels.shape[:2])
-    return resized(pixels, width, height)

@@ -84,7 +84,7 @@ class Pages:
         elif not isinstance(error, Error):
             error = Error(f"internal error: {type(error).__name__}: {error}")
             log.error("oiiotex ERROR: %s", error)
-        message = error.facts() | {"do": "error", "text": f"oiiotex ERROR: {error}"}
+        message = error.facts() | {"do": "error", "text": str(error)}
         if page is None:
             self.tell(message)
         else:

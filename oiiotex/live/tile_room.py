@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,8 @@ from ..api.painting import codes_of, color_of
 from ..api.service import BRUSH, LOOKS, Client, LinkError, Request, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ImageError
-from .hub import Hub, labels_of
-from .inspection import MOST_SHOWN, Inspection, histogram, reduced
+from .hub import MOST_SHOWN, Hub, labels_of, reduced
+from .inspection import Inspection, histogram
 from .lines import line, word_of
 from .numbered import make_folder, next_number
 from .pages import Page, gesture_of
@@ -35,12 +36,12 @@ class TileRoom:
         self._request: Request | None = None
         self._tile: tuple[np.ndarray, dict[str, Any]] | None = None  # the last preview, and its facts
         self._measures: dict[str, Any] | None = None
+        self._busy: dict[str, Any] = {"do": "busy", "room": "tile", "done": 1, "total": 1}
         self._images: list[dict[str, Any]] = []  # the finished tile, and its maps: 'number' and 'parts'
         self._saves: list[Outputs] = []  # files to write when the tile is finished
         self._material = MaterialMaps(hub)
         self._thumbnails: list[Request] = []
         self._numbers: dict[Path, int] = {}  # of masks in the resident process
-        self._photo: np.ndarray | None = None
         self._inspection = Inspection(hub)
         self._prepared, self._preparing = False, asyncio.Lock()
 
@@ -50,14 +51,15 @@ class TileRoom:
         """Send the current state to a new page."""
         if self._hub.source.image is None:
             return
-        self._show_photo(page)
+        await self._show_photo(page)
         for name in _BRUSHES:
             if self._mask(name) is not None:
-                self._show_brush(name, page)
+                await self._show_brush(name, page)
         if self._tile is not None:
             self._hub.show(*self._framed(*self._tile), to=page)
         if self._measures is not None:
             self._hub.tell(self._measures)
+        page.tell(json.dumps(self._busy))
         self._material.show(page)
         self._tell_line()
         self._inspection.show_presets(page)
@@ -79,7 +81,7 @@ class TileRoom:
         if self._hub.source.image is None:
             return
         if room == "view":
-            self._show_photo()
+            await self._show_photo()
             self._inspection.show_presets()
             if self._tile is not None:
                 self._hub.show(*self._framed(*self._tile))
@@ -87,7 +89,7 @@ class TileRoom:
             self._tell_line()
         brushes = names if room == "masks" else set()
         for name in brushes:
-            self._show_brush(name)
+            await self._show_brush(name)
         if room == "tile" or any(self._hub.document.state["tile"][name] == "brush" for name in brushes):
             await self._begin()
 
@@ -101,7 +103,7 @@ class TileRoom:
         if do == "line":
             self._tell_line(asked=True)
         elif do == "brush":
-            self._take_brush(asked["name"], data, gesture_of(page, asked))
+            await self._take_brush(asked["name"], data, gesture_of(page, asked))
         elif do == "save":
             if self._images:
                 await self._material.save(self._images, self._material.outputs())
@@ -165,7 +167,7 @@ class TileRoom:
         saves = self._saves = list(again)
         self._stop_thumbnails()
         self._measures = None
-        hub.tell({"do": "busy", "room": "tile", "done": 0, "total": 1})
+        self._advanced(turn, 0, 1)
         client = await hub.client()
         self._release(client, self._images)
         self._images = []
@@ -190,7 +192,7 @@ class TileRoom:
             if turn == self._turn and isinstance(error, LinkError) and hub.tries_again():
                 await self._begin(saves)
             elif turn == self._turn:
-                hub.tell({"do": "busy", "room": "tile", "done": 1, "total": 1})
+                self._advanced(turn, 1, 1)
                 raise
             return
         images = facts["images"]
@@ -202,7 +204,7 @@ class TileRoom:
             chosen = spec_of(made["parts"][0]).get_string_attribute("oiiotex:chosen")
             self._measures = {"do": "measures", "room": "tile", "lines": lines, "chosen": chosen}
             hub.tell(self._measures)
-            hub.tell({"do": "busy", "room": "tile", "done": 1, "total": 1})
+            self._advanced(turn, 1, 1)
             await self._material.find(client, images)
         try:
             for outputs in saves:
@@ -228,7 +230,8 @@ class TileRoom:
 
     def _advanced(self, turn: int, done: int, total: int) -> None:
         if turn == self._turn:
-            self._hub.tell({"do": "busy", "room": "tile", "done": done, "total": total})
+            self._busy |= {"done": done, "total": total}
+            self._hub.tell(self._busy)
 
     @property
     def _op(self) -> str:
@@ -340,29 +343,25 @@ class TileRoom:
 
     # --- the photo and its overlays ---
 
-    def _show_photo(self, page: Page | None = None) -> None:
-        source = self._hub.source.image
-        assert source is not None
-        if self._photo is None:
-            self._photo = reduced(as_float(source.first.pixels()))
-        picture = self._hub.picture(self._photo, self._hub.shown())
+    async def _show_photo(self, page: Page | None = None) -> None:
+        small = await self._hub.small_photo()
+        picture = await asyncio.to_thread(self._hub.picture, small, self._hub.shown())
         self._hub.show({"room": "tile", "kind": "photo", "histogram": histogram(picture)}, picture, page)
 
-    def _show_brush(self, name: str, page: Page | None = None) -> None:
+    async def _show_brush(self, name: str, page: Page | None = None) -> None:
         """Show a painted mask, or that there is none."""
         path = self._mask(name)
-        assert self._photo is not None
-        marked = np.zeros((*self._photo.shape[:2], 1), np.uint8)
+        marked = np.zeros((*(await self._hub.small_photo()).shape[:2], 1), np.uint8)
         if path is not None:
             pixels = reduced(as_float(read(path, self._hub.session.resources.cache).first.pixels()))
             marked = np.where(pixels[..., :1] > 0.5, 255, 0).astype(np.uint8)
         self._hub.show({"room": "tile", "kind": "brush", "name": name}, marked, page)
 
-    def _take_brush(self, name: str, data: bytes, gesture: object) -> None:
+    async def _take_brush(self, name: str, data: bytes, gesture: object) -> None:
         """Save a painted mask at the photo's size, as the next file."""
         source, folder = self._hub.source.image, self._hub.document.beside("masks")
-        assert source is not None and self._photo is not None
-        height, width = self._photo.shape[:2]
+        assert source is not None
+        height, width = (await self._hub.small_photo()).shape[:2]
         if name not in _BRUSHES:
             raise ValueError(name)
         if len(data) != width * height:

@@ -41,7 +41,9 @@ def show(chain: Chain, given: LiveModifiers) -> None:
     if not chain.acts():
         return
     from ...live.server import serve
+    from ...opencl.device import choose
 
+    choose(chain.session.settings.device_name, chain.session.settings.threads)  # none works: said before a page opens
     pixel_type = str(chain.settings["-d"][0]) if "-d" in chain.settings else ""
     serve(
         photos, throughout, chain.session, host=given.host, port=given.port, token=given.token,

@@ -59,6 +59,8 @@ export class Compare {
     this.wipeButton.setAttribute("aria-pressed", String(wipe !== null));
     this.divider.hidden = wipe === null || !["1x1", "2x2"].includes(this.room.mode);
     if (wipe !== null) {
+      const left = this.showing && this.other() ? (this.showing === "A" ? "B" : "A") : "Photo";
+      Object.assign(this.divider.dataset, { left, right: this.showing || "Tile" });
       this.divider.style.left = `${100 * this.wipe}%`;
       this.divider.setAttribute("aria-valuenow", String(Math.round(100 * this.wipe)));
     }
@@ -74,7 +76,7 @@ export class Compare {
     this.stored[name] = { canvas: room.tile, size: room.size, whole: room.whole, tile: { ...room.shell.state.tile } };
     room.shell.status(`Stored as ${name}. Press ${name} to see it`);
     this.describe();
-    this.room.tileView.redraw();
+    this.setWipe(this.wipe);
   }
 
   /** A new picture of the current tile: stored ones with its parameters are replaced. */
@@ -96,6 +98,7 @@ export class Compare {
     this.picker.set(name);
     this.use.disabled = !name;
     this.describe();
+    this.setWipe(this.wipe);
     this.room.picked();
   }
 
@@ -123,18 +126,22 @@ export class Compare {
     return this.stored[this.showing] ?? { canvas: tile, size };
   }
 
+  /** The stored tile that the one shown is compared with, if there is one. */
+  other() {
+    return this.showing ? this.stored[this.showing === "A" ? "B" : "A"] : null;
+  }
+
   // --- drawing ---
 
   /** Draw the tile, repeated `times`, and left of the divider what it is compared with. */
   draw(context, viewer, times) {
-    const { room, showing } = this;
+    const { room } = this;
     const { inspect } = room;
     const { canvas, size } = this.shown();
     const area = size.map((n) => n * times);
     repeat(context, canvas === room.tile ? inspect.picture("tile", canvas) : canvas, size, area);
     if (this.wipe === null) return;
-    const other = showing && this.stored[showing === "A" ? "B" : "A"];
-    const { canvas: before, size: own } = other || { canvas: inspect.picture("photo", room.photo), size: room.shell.facts.photo };
+    const { canvas: before, size: own } = this.other() ?? { canvas: inspect.picture("photo", room.photo), size: room.shell.facts.photo };
     if (!before) return;
     const { clientWidth, clientHeight } = viewer.element;
     const place = context.getTransform();

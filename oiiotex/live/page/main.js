@@ -8,6 +8,8 @@ import { TileRoom } from "./tile.js";
 import { PaintRoom } from "./paint.js";
 import { ZoomRoom } from "./zoom.js";
 
+const LEAST_PACE = 2000; // ms
+const AGAIN = new Set(["sample", "stroke", "tiles"]); // requests that are sent again after the connection was lost
 const $ = (id) => document.getElementById(id);
 
 /** Services that all rooms use. */
@@ -17,10 +19,12 @@ export const shell = {
   /** Change values of a room: first here, then on the server and the other pages. */
   set(room, values) {
     Object.assign(shell.state[room], values);
-    send({ do: "set", room, values, gesture });
+    this.ask(room, { do: "set", values });
   },
   ask(room, message, bytes) {
-    return send({ room, gesture, ...message }, bytes);
+    const sent = send({ room, gesture, ...message }, bytes);
+    if (!sent && !AGAIN.has(message.do)) this.status("The server is not connected: this change is not applied", true);
+    return sent;
   },
   status(text, wrong = false) {
     $("status").textContent = text;
@@ -29,13 +33,27 @@ export const shell = {
   place(text) {
     $("place").textContent = text;
   },
-  progress(done, total) {
+  /** Show progress: a bar, and what is done with the percentage and the time left. Returns the text. */
+  progress(done, total, text = "") {
     const busy = done < total;
     $("progress").value = busy ? done / total : 0;
-    $("progress").classList.toggle("idle", !busy);
-    document.body.dataset.busy = String(done < total);
+    $("progress").hidden = !busy;
+    document.body.dataset.busy = String(busy);
+    return $("doing").textContent = busy && text ? `${text}: ${Math.floor((100 * done) / total)} %${timeLeft(done / total)}` : "";
   },
 };
+
+let paces = []; // [time in ms, part done] of the work that is in progress
+
+/** The time left by the pace of the last half of the time, from a tenth of the work on, as text. */
+function timeLeft(part) {
+  const now = performance.now();
+  if (part < paces.at(-1)?.[1]) paces = [];
+  if (part !== paces.at(-1)?.[1]) paces.push([now, part]);
+  const since = Math.min(now - LEAST_PACE, (now + paces[0][0]) / 2);
+  const [time, first] = paces.findLast(([at]) => at <= since) ?? paces[0];
+  return part < 0.1 || part <= first ? "" : `, ${Math.ceil((((now - time) / 1000) * (1 - part)) / (part - first))} s left`;
+}
 
 export const rooms = {};
 let current = null;
@@ -223,13 +241,10 @@ on("message", (message) => {
     if (message.room === "view") showLooking();
     for (const room of Object.values(rooms)) room.refresh(false);
   } else if (message.do === "busy") {
-    if (message.room === current || !message.room) shell.progress(message.done, message.total);
     rooms[message.room]?.busy?.(message);
-    if (message.text) {
-      const text = message.done < message.total ? `${message.text}: ${Math.floor((100 * message.done) / message.total)} %` : "";
-      shell.status(text);
-      rooms.paint?.waitFor(text);
-    }
+    if (message.room && message.room !== current) return;
+    const text = shell.progress(message.done, message.total, message.text ?? rooms[message.room].doing);
+    if (message.text) rooms.paint?.waitFor(text);
   } else if (message.do === "history") {
     showHistory(message);
   } else if (message.do === "unsaved") {
@@ -241,6 +256,7 @@ on("message", (message) => {
     rooms[message.room]?.output.offer(message.name);
   } else if (message.do === "error") {
     shell.status(message.text, true);
+    rooms[current]?.fail?.(message.text);
   } else if (message.do === "line") {
     if (message.asked === false) rooms[message.room]?.output?.show(message.text);
     else if (message.room === current) showLine(message.text);

@@ -3,7 +3,7 @@
 
 import { choice, make, section, words } from "./controls.js";
 
-const TYPES = [["uint8", "8 bits"], ["uint16", "16 bits"], ["half", "Half (16-bit float)"], ["float", "Float (32 bits)"]];
+const TYPES = [["uint8", "8-bit"], ["uint16", "16-bit"], ["half", "16-bit float"], ["float", "32-bit float"]];
 const NAME = /^[^./\\][^/\\]*\.(png|exr|tiff?|jpe?g)$/;
 
 export class Output {
@@ -12,7 +12,7 @@ export class Output {
     this.shell = shell;
     this.name = name;
     this.file = words("File", { title: "Name of the file in the document's folder: .png, .exr, .tif or .jpg. Empty: automatic", change: (text) => this.rename(text) });
-    this.type = choice("Type", { title: "Pixel type of the file", options: [["", "Automatic"], ...TYPES], change: (type) => shell.set("output", { type }) });
+    this.type = choice("Type", { title: "Pixel type of the file", options: [], change: (type) => shell.set("output", { type }) });
     this.line = make("textarea", { className: "line", readOnly: true, rows: 3, spellcheck: false, ariaLabel: "Command that makes this file", title: "The command that makes this file. Copy it with C" });
     this.downloads = make("span", { className: "downloads" });
     this.element = section("Save", this.file, this.type, make("div", { className: "buttons" }, ...buttons, this.downloads), this.line);
@@ -27,7 +27,7 @@ export class Output {
     const { output } = this.shell.state;
     if (document.activeElement !== this.file.field) this.file.field.value = output[this.name];
     const own = TYPES.find(([type]) => type === this.shell.facts.type)?.[1] ?? this.shell.facts.type;
-    this.type.offer([["", `Automatic (photo: ${own})`], ...TYPES]);
+    this.type.offer([["", `As photo: ${own}`], ...TYPES]);
     this.type.set(output.type);
   }
 

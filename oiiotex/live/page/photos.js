@@ -51,7 +51,7 @@ export class Photos {
   greet(facts) {
     this.key = facts.key;
     this.show(facts.photos);
-    this.ask({ do: "thumbnails" });
+    if (facts.photos.list.length > 1) this.ask({ do: "thumbnails" });
     if (this.own()?.asks) this.askSpace();
   }
 
@@ -182,7 +182,7 @@ export class Photos {
         if (file.size > this.facts.most) throw new Error(`${file.name}: ${Math.ceil(file.size / 2 ** 20)} MB: expected at most ${this.facts.most >> 20} MB; copy the file to ${this.facts.folder} and open it from there`);
         names.push(await this.upload(file));
       } catch (error) {
-        this.refused.push(error.message.replace("oiiotex ERROR: ", ""));
+        this.refused.push(error.message);
       }
     }
     this.input.value = "";
@@ -226,7 +226,7 @@ export class Photos {
     select.addEventListener("change", () => { use.disabled = !select.value; });
     this.asking.replaceChildren(make("h2", { textContent: `Color space of ${one.name}` }),
       make("p", { textContent: "The file does not name its color space. Photos from cameras and from the web are usually sRGB, renders are usually linear, and normal and roughness maps are raw data." }),
-      make("div", { className: "row" }, select),
+      select,
       ...(untagged > 1 ? [make("label", {}, all, ` For all ${untagged} photos without a color space`)] : []),
       make("form", { className: "buttons" }, use, button("Later", "Close. To choose later, press Color space", () => this.asking.close())));
     this.asking.showModal();

@@ -23,6 +23,7 @@ export class TileRoom {
     this.size = [0, 0]; // of the full-size tile, px; previews are smaller
     this.mode = "2x2";
     this.waiting = {};
+    this.doing = "Making the tile"; // while it is in progress
     this.build();
   }
 
@@ -60,7 +61,7 @@ export class TileRoom {
     this.modes = segments("Layout", this.layouts, (mode) => this.setMode(mode));
     this.fact = make("span", { className: "fact" });
     this.tileView.bar.append(this.modes, make("span", { className: "grow" }), this.fact);
-    this.tileView.empty.textContent = "Synthesizing the tile ...";
+    this.tileView.empty.textContent = "Making coarse tiles ...";
     this.tileView.empty.hidden = false;
     this.strip = new Strip(this);
     this.element = make("div", { className: "room" },
@@ -81,7 +82,7 @@ export class TileRoom {
       structure: slider("Structure", { title: "Weight of preserving a regular structure of the photo (courses, weaves)", low: 0, high: 1, step: 0.05, reset: 0.5, change: (structure) => set({ structure }) }),
       seed: whole("Seed", { title: "Random seed. The same seed gives the same pixels", low: 0, high: 4294967295, change: (seed) => set({ seed: seed ?? 0 }), extra: [button("Next", "Next seed (S)", () => this.nextSeed())] }),
       measure: choice("Measure", { title: "Statistics that are made uniform", options: [["histogram", "Histogram"], ["moments", "Moments"], ["steerable", "Steerable"]], change: (measure) => set({ measure }) }),
-      preset: choice("Preset", { title: "Keep: large structures are preserved. Even: structures larger than sigma are evened out. Clean: objects are removed", options: [[null, "None"], ["even", "Even"], ["clean", "Clean"], ["keep", "Keep"]], change: (preset) => set({ preset }) }),
+      preset: choice("Preset", { title: "Keep: large structures are preserved. Even: structures larger than sigma are evened out. Clean: objects are removed. Automatic: the photo decides", options: [[null, "Automatic"], ["even", "Even"], ["clean", "Clean"], ["keep", "Keep"]], change: (preset) => set({ preset }) }),
       patch: choice("Patch", { title: "Patch size: detail up to this scale is copied unchanged", options: [], change: (patch) => set({ patch }) }),
       width: whole("Width", { title: "Width of the tile, in pixels. Empty: the photo's width", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[0], change: (width) => set({ width }) }),
       height: whole("Height", { title: "Height of the tile, in pixels. Empty: the photo's height", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[1], change: (height) => set({ height }) }),
@@ -192,7 +193,7 @@ export class TileRoom {
 
   frame(facts, bytes) {
     if (facts.kind === "photo") {
-      this.photo = Object.assign(canvasOf(facts, bytes), { histogram: facts.histogram });
+      this.photo = this.shell.photo = Object.assign(canvasOf(facts, bytes), { histogram: facts.histogram });
       this.inspect.draw();
       for (const name of ["mask", "fill"]) {
         if (this.regions.planes[name]?.length !== facts.width * facts.height) this.regions.planes[name] = null;
@@ -203,6 +204,7 @@ export class TileRoom {
       this.tile = Object.assign(canvasOf(facts, bytes), { histogram: facts.histogram });
       const scale = facts.whole ? 1 : 0;
       this.whole = facts.whole;
+      if (facts.whole) this.doing = "Measuring the tile";
       if (scale || !this.size[0]) this.size = facts.size;
       else this.size = this.sizeWhileCoarse(facts.size);
       this.fact.textContent = facts.whole ? `${facts.size[0]} × ${facts.size[1]}` : "coarse";
@@ -224,7 +226,10 @@ export class TileRoom {
       this.strip.presets.set(facts.preset, canvasOf(facts, bytes));
       this.strip.show();
       this.tileView.empty.hidden = true;
-      if (!this.tile) this.picked();
+      if (!this.tile) {
+        this.picked();
+        this.shell.status("Coarse tiles: point at one to see it large, click it to use it");
+      }
     } else if (facts.kind === "measure") {
       this.inspect.take(facts, new Uint8Array(bytes));
       this.photoView.redraw();
@@ -258,8 +263,15 @@ export class TileRoom {
     this.refresh(false);
   }
 
+  /** Show why there is no tile. */
+  fail(text) {
+    this.tileView.empty.textContent = text;
+  }
+
   busy(message) {
     if (message.done === 0) {
+      this.tileView.empty.textContent = "Synthesizing the tile ...";
+      this.doing = "Making the tile";
       this.chosen = null;
       for (const line of this.measures.querySelectorAll("p, table")) line.className = "stale";
     }

@@ -211,6 +211,7 @@ export class ZoomRoom {
   drawNow() {
     if (this.element.hidden || !this.started) return;
     const context = this.canvas.getContext("2d");
+    this.ground ??= this.shell.photo && meanColor(this.shell.photo);
     context.fillStyle = this.ground ?? "#141414";
     context.fillRect(0, 0, this.canvas.width, this.canvas.height);
     context.imageSmoothingQuality = "high";
@@ -240,7 +241,7 @@ export class ZoomRoom {
       this.shell.ask("zoom", { do: "tiles", tiles: wanted.slice(0, 256) });
     }
     this.empty.hidden = tiles.length > coarse.size && this.tiles.size > 0;
-    this.shell.progress(tiles.length - missing.length, tiles.length);
+    this.shell.progress(tiles.length - missing.length, tiles.length, "Synthesizing the plane");
     this.element.dataset.missing = String(missing.length);
     this.where.textContent = `${this.zoom.toFixed(2)} octaves`;
     const [column, row] = [this.x, this.y].map((at) => at >> (BITS - BigInt(level)));
@@ -283,7 +284,7 @@ export class ZoomRoom {
   frame(facts, bytes) {
     const tile = canvasOf(facts, bytes);
     this.touch(`${facts.level}/${facts.x}/${facts.y}`, tile);
-    this.ground = meanColor(tile); // where nothing is known yet
+    this.ground = meanColor(tile); // where nothing is known yet; before, that of the photo
     while (this.tiles.size > KEPT) this.tiles.delete(this.tiles.keys().next().value);
     this.redraw();
   }

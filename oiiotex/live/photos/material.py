@@ -11,8 +11,7 @@ from ...api.images import as_float
 from ...api.materials import srgb_of
 from ...api.service import BRUSH, Client, image_of
 from ...deferred import np
-from ..hub import Hub, MaterialMap
-from ..inspection import reduced
+from ..hub import Hub, MaterialMap, reduced
 from ..lines import output_name
 from ..pages import Page
 
