@@ -96,14 +96,14 @@ def _search(name: str) -> str:
 
 
 def _places(name: str) -> dict[str, str]:
-    """The how-to pages, ops and modifiers whose texts contain a word, each with its text."""
+    """The how-to pages, ops and modifiers that mention a word, each with its description."""
     bare = "" if name.startswith(("-", ":")) else name.partition(":")[0].lower()
     stem = bare.removesuffix("s") if not bare.endswith("ss") else bare
     word = re.compile(rf"\b{re.escape(stem)}(s|es|ed|ing)?\b", re.IGNORECASE)
     pages: dict[str, str] = {}
     ops: dict[str, str] = {}
     named: dict[str, str] = {}  # modifiers of that name
-    modifiers: dict[str, str] = {}  # by their texts
+    modifiers: dict[str, str] = {}  # by their help
     for row in filter(word.search, _how_to().splitlines() if stem else ()):
         for file in re.findall(r"\(([\w-]+\.md)\)", row):
             pages[f"docs/how-to/{file}"] = row.split("|")[1].strip()
@@ -115,12 +115,12 @@ def _places(name: str) -> dict[str, str]:
                 named[f":{bare}"] = one.help.partition(". ")[0]
             elif flag.startswith("--tex") and word.search(one.help) and one.help not in modifiers:
                 modifiers[one.help] = f"{flag}:{one.name}"
-    texts = {call: text.partition(". ")[0] for text, call in modifiers.items()}
-    return {place: text for found in (pages, ops, named, texts) for place, text in [*found.items()][:_MOST_HITS]}
+    mentions = {call: text.partition(". ")[0] for text, call in modifiers.items()}
+    return {place: text for found in (pages, ops, named, mentions) for place, text in [*found.items()][:_MOST_HITS]}
 
 
 def _listed(heading: str, places: dict[str, str]) -> str:
-    """Places and their texts, under a heading."""
+    """Places and their descriptions, under a heading."""
     width = max(map(len, places))
     indented = textwrap.TextWrapper(columns(), subsequent_indent=" " * (width + 4), break_on_hyphens=False)
     return "\n".join((heading, *(indented.fill(f"  {place:{width}}  {text}") for place, text in places.items())))
