@@ -262,6 +262,8 @@ def test_an_unknown_word_names_the_nearest(word, hint):
         ("alpha", ["--premult"]),
         ("hdr", ["docs/how-to/color-spaces.md", ":hdr"]),
         ("aces", ["docs/how-to/color-spaces.md"]),
+        ("slurm", ["docs/how-to/farm.md"]),
+        ("exit", ["docs/how-to/quality-gates.md", "--texcheckmaterial:fail"]),
         ("batch", ["docs/how-to/a-folder.md"]),
         ("memory", ["docs/how-to/large-images.md", "--cache"]),
         ("sigma", [":sigma", "--texsigmas"]),
@@ -274,7 +276,8 @@ def test_a_word_that_names_nothing_is_searched_for(word, places):
 
 
 @pytest.mark.parametrize(
-    ("word", "page"), [("tile", "bricks-and-tiles"), ("gpu", "gpus"), ("frames", "two-hundred-frames")]
+    ("word", "page"),
+    [("tile", "bricks-and-tiles"), ("gpu", "gpus"), ("frames", "two-hundred-frames"), ("cryptomatte", "nuke")],
 )
 def test_the_help_of_an_op_names_the_pages_about_its_word(word, page):
     assert f"docs/how-to/{page}.md" in oiiotex("--help", word).stdout.partition("\nSee also:\n")[2].split()

@@ -48,15 +48,14 @@ def topic(name: str = "") -> str:
         groups = " ".join(("Groups for --help:", *words()))
         return _SCREEN.format(version=__version__, groups=textwrap.fill(groups, 80, subsequent_indent="  "))
     if name in words():
-        return overview(name)
+        return overview(name) + _see_also(name)
     if name.startswith(":"):
         return _with_modifier(name[1:].rstrip("="))
     try:
         find(name.partition(":")[0])
     except ParameterError:
         return _search(name)
-    pages = {place: text for place, text in _places(name).items() if place.startswith("docs/")}
-    return page(name.rstrip("=")) + (f"\n\n{_listed('See also:', pages)}" if pages else "")
+    return page(name.rstrip("=")) + _see_also(name)
 
 
 def words() -> tuple[str, ...]:
@@ -95,6 +94,12 @@ def _search(name: str) -> str:
     raise ParameterError(f"--help {name}: expected a group, an op, OP:MODIFIER or :MODIFIER", hint=hint)
 
 
+def _see_also(name: str) -> str:
+    """The how-to pages that mention a word, under a heading; '' if there are none."""
+    pages = {place: text for place, text in _places(name).items() if place.startswith("docs/")}
+    return f"\n\n{_listed('See also:', pages)}" if pages else ""
+
+
 def _places(name: str) -> dict[str, str]:
     """The how-to pages, ops and modifiers that mention a word, each with its description."""
     bare = "" if name.startswith(("-", ":")) else name.partition(":")[0].lower()
@@ -112,10 +117,10 @@ def _places(name: str) -> dict[str, str]:
             ops[flag] = text
         for one in parameters:
             if one.name == bare:
-                named[f":{bare}"] = one.help.partition(". ")[0]
+                named[f":{bare}"] = one.help.partition(". ")[0].rstrip(".")
             elif flag.startswith("--tex") and word.search(one.help) and one.help not in modifiers:
                 modifiers[one.help] = f"{flag}:{one.name}"
-    mentions = {call: text.partition(". ")[0] for text, call in modifiers.items()}
+    mentions = {call: text.partition(". ")[0].rstrip(".") for text, call in modifiers.items()}
     return {place: text for found in (pages, ops, named, mentions) for place, text in [*found.items()][:_MOST_HITS]}
 
 
