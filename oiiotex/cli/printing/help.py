@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import textwrap
 from importlib import resources
@@ -96,32 +97,42 @@ def _search(name: str) -> str:
 
 def _see_also(name: str) -> str:
     """The how-to pages that mention a word, under a heading; '' if there are none."""
-    pages = {place: text for place, text in _places(name).items() if place.startswith("docs/")}
+    pages = _pages(name)
     return f"\n\n{_listed('See also:', pages)}" if pages else ""
+
+
+def _mention(name: str) -> re.Pattern[str]:
+    """Finds a word and its plural; nothing for names that begin with - or :."""
+    bare = "" if name.startswith(("-", ":")) else name.partition(":")[0].lower()
+    stem = bare if bare.endswith("ss") else bare.removesuffix("s")
+    return re.compile(rf"\b{re.escape(stem)}(s|es|ed|ing)?\b" if stem else "(?!)", re.IGNORECASE)
+
+
+def _pages(name: str) -> dict[str, str]:
+    """The how-to pages whose problem or title mentions a word, each with its problem."""
+    rows = filter(_mention(name).search, _how_to().splitlines())
+    found = ((file, row) for row in rows for file in re.findall(r"\(([\w-]+\.md)\)", row))
+    return {f"docs/how-to/{file}": row.split("|")[1].strip() for file, row in itertools.islice(found, _MOST_HITS)}
 
 
 def _places(name: str) -> dict[str, str]:
     """The how-to pages, ops and modifiers that mention a word, each with its description."""
-    bare = "" if name.startswith(("-", ":")) else name.partition(":")[0].lower()
-    stem = bare.removesuffix("s") if not bare.endswith("ss") else bare
-    word = re.compile(rf"\b{re.escape(stem)}(s|es|ed|ing)?\b", re.IGNORECASE)
-    pages: dict[str, str] = {}
+    word = _mention(name)
     ops: dict[str, str] = {}
     named: dict[str, str] = {}  # modifiers of that name
     modifiers: dict[str, str] = {}  # by their help
-    for row in filter(word.search, _how_to().splitlines() if stem else ()):
-        for file in re.findall(r"\(([\w-]+\.md)\)", row):
-            pages[f"docs/how-to/{file}"] = row.split("|")[1].strip()
-    for flag, _, text, parameters in declarations() if stem else ():
+    for flag, _, text, parameters in declarations():
         if word.search(f"{flag} {text}"):
             ops[flag] = text
         for one in parameters:
-            if one.name == bare:
-                named[f":{bare}"] = one.help.partition(". ")[0].rstrip(".")
-            elif flag.startswith("--tex") and word.search(one.help) and one.help not in modifiers:
-                modifiers[one.help] = f"{flag}:{one.name}"
-    mentions = {call: text.partition(". ")[0].rstrip(".") for text, call in modifiers.items()}
-    return {place: text for found in (pages, ops, named, mentions) for place, text in [*found.items()][:_MOST_HITS]}
+            if one.name == name.lower():
+                named[f":{one.name}"] = one.help
+            elif flag.startswith("--tex") and word.search(one.help):
+                modifiers.setdefault(one.help, f"{flag}:{one.name}")
+    places = [_pages(name)]
+    for found in (ops, named, {place: text for text, place in modifiers.items()}):
+        places.append({at: text.partition(". ")[0].rstrip(".") for at, text in [*found.items()][:_MOST_HITS]})
+    return {place: text for found in places for place, text in found.items()}
 
 
 def _listed(heading: str, places: dict[str, str]) -> str:
