@@ -56,6 +56,7 @@ NOT_RUN = {  # by what stands in a line
     "--device gpu": "there may be no GPU",
     "dask=tcp": "asks a cluster",
     "dask=tls": "asks a cluster",
+    "export library shared": "photos of 64 px go to review; test_library_faults.py exports",
     "--label 'moss*'": "asks for labels, which the recipe as it is printed does not make",
 }
 OURS = ("oiiotex ", "oiiotex-library ", "echo ")

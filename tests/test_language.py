@@ -231,7 +231,7 @@ def test_a_modifier_alone_names_all_that_have_it():
         ("stationarise", "did you mean --help --texstationarize?"),
         ("--texwrap", "did you mean --help --texwarp?"),
         ("resise:filter", "did you mean --help --resize?"),
-        ("sigma", "did you mean --help :sigma?"),
+        ("sigmaa", "did you mean --help :sigma?"),
         (":sgima", "did you mean --help :sigma?"),
         ("chanels", "did you mean --help channels?"),
         ("qqqq", "oiiotex --help all lists everything"),
@@ -250,12 +250,37 @@ def test_an_unknown_word_names_the_nearest(word, hint):
         ("bricks", ["docs/how-to/bricks-and-tiles.md"]),
         ("Nuke", ["docs/how-to/nuke.md"]),
         ("stains", ["docs/how-to/stains-and-gradients.md", "--texflatten"]),
+        ("moss", ["docs/how-to/blobs-and-repetition.md"]),
+        ("wall", ["docs/how-to/bricks-and-tiles.md"]),
+        ("seams", ["docs/how-to/quality-gates.md", "--texcut"]),
+        ("grain", ["--texproject", ":grain"]),
+        ("mirror", ["--flip", "--flop"]),
+        ("upscale", ["--resize"]),
+        ("normal", ["docs/how-to/whole-materials.md", "--texstationarize:kinds"]),
+        ("PBR", ["docs/how-to/whole-materials.md"]),
+        ("16-bit", ["-d"]),
+        ("alpha", ["--premult"]),
+        ("hdr", ["docs/how-to/color-spaces.md", ":hdr"]),
+        ("aces", ["docs/how-to/color-spaces.md"]),
+        ("slurm", ["docs/how-to/farm.md"]),
+        ("exit", ["docs/how-to/quality-gates.md", "--texcheckmaterial:fail"]),
+        ("batch", ["docs/how-to/a-folder.md"]),
+        ("memory", ["docs/how-to/large-images.md", "--cache"]),
+        ("sigma", [":sigma", "--texsigmas"]),
     ],
 )
 def test_a_word_that_names_nothing_is_searched_for(word, places):
     done = oiiotex("--help", word)
     assert done.returncode == 0 and done.stdout.startswith(f"'{word}' occurs in:\n"), done.stderr
     assert set(places) <= set(done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("word", "page"),
+    [("tile", "bricks-and-tiles"), ("gpu", "gpus"), ("frames", "two-hundred-frames"), ("cryptomatte", "nuke")],
+)
+def test_the_help_of_an_op_names_the_pages_about_its_word(word, page):
+    assert f"docs/how-to/{page}.md" in oiiotex("--help", word).stdout.partition("\nSee also:\n")[2].split()
 
 
 def test_every_title_of_the_how_to_pages_is_searched():

@@ -91,7 +91,7 @@ class Flattening:
         target = center if self.centered else drift.overall_level
         change = correction(drift, self.amount, self.contrast, target)
         away = np.abs(drift.level[MARGIN:-MARGIN, MARGIN:-MARGIN] - drift.overall_level).max((0, 1))
-        shown = ", ".join(f"{v:.1f}" for v in away)
+        shown = ", ".join(f"{v:.1f}" for v in away) + (" in L, a, b" if lens.space is not None else "")
         log.info("%s: local levels differ from the overall level by up to %s (radius %g px)", flag, shown, radius)
 
         def work(rows: np.ndarray, window: Window) -> np.ndarray:

@@ -2429,7 +2429,7 @@ def label(
         Add a coarsest level of subtextures, as `decompose` finds them. The paper has none.
     materials : bool, default False
         Add a coarsest level of up to four materials, such as stone and mortar: superpixels are split by
-        color and texture where these have two separate modes. There is no such level where they do not.
+        color and texture where these have two separate modes. If they do not, no level is added.
     labels : int | None, default None
         Maximum number of subtextures in the coarsest level. Expected: an integer from 1 to 50. Default:
         chosen by the filter.
@@ -2477,7 +2477,7 @@ def label(
     ----------------
     features : Literal['textons', 'moments', 'gabor', 'quadtree'], default 'textons'
         Features by which superpixels are compared. Keep textons (frequent local patterns), except for
-        comparison. The paper: moments.
+        comparison. The paper uses moments.
     cluster : Literal['nmf', 'kmeans', 'spectral'], default 'nmf'
         Clustering method. nmf (nonnegative matrix factorization) also finds the number of labels.
         kmeans and spectral are for comparison: they require scikit-learn and use the number that nmf
@@ -3576,7 +3576,7 @@ def project(
         Mask: white is replaced, gray is mixed. Without it, the whole frame is replaced. A string is the
         name of a part of the first image, or a file name.
     motion : FileName | None, default None
-        Motion that `plate` saved. Default: none: plate and frame have the same pixels.
+        Motion that `plate` saved. Default: none: the plate is aligned with the frame.
     frame : int | None, default None
         Number of the frame. Default: that of --frames, otherwise the only one.
     grain : float, default 1.0

@@ -58,7 +58,7 @@ class Label(OnePart, InLab, ScanThenMap):
     features: str = param(
         "textons", choices=("textons", "moments", "gabor", "quadtree"), advanced=True,
         help="Features by which superpixels are compared. Keep textons (frequent local patterns), except for"
-             " comparison. The paper: moments.",
+             " comparison. The paper uses moments.",
     )  # fmt: skip
     cluster: str = param(
         "nmf", choices=("nmf", "kmeans", "spectral"), advanced=True,
@@ -83,7 +83,7 @@ class Label(OnePart, InLab, ScanThenMap):
     materials: bool = param(
         False,
         help="Add a coarsest level of up to four materials, such as stone and mortar: superpixels are split by color"
-        " and texture where these have two separate modes. There is no such level where they do not.",
+        " and texture where these have two separate modes. If they do not, no level is added.",
     )
     labels: int | None = param(
         None,

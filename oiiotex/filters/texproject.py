@@ -47,7 +47,7 @@ class Project(Whole):
         None, help="Mask: white is replaced, gray is mixed. Without it, the whole frame is replaced."
     )
     motion: Path | None = param(
-        None, unset="none: plate and frame have the same pixels", example="shot.npz", help="Motion that `plate` saved."
+        None, unset="none: the plate is aligned with the frame", example="shot.npz", help="Motion that `plate` saved."
     )
     frame: int | None = param(
         None, example="1001", frame=True, unset="that of --frames, otherwise the only one", help="Number of the frame."

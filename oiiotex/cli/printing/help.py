@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import textwrap
 from importlib import resources
@@ -35,7 +36,7 @@ usage: oiiotex IMAGE... --OP[:MODIFIER=VALUE...]... -o FILE
 {groups}
 First steps: docs/start/first-tile.md
 Compared with oiiotool: docs/reference/differences.md"""
-_MOST_HITS = 5  # of a search, of ops and of pages
+_MOST_HITS = 5  # of a search: pages, ops, modifiers
 _INDEX = "docs/how-to/index.md"
 
 
@@ -48,14 +49,14 @@ def topic(name: str = "") -> str:
         groups = " ".join(("Groups for --help:", *words()))
         return _SCREEN.format(version=__version__, groups=textwrap.fill(groups, 80, subsequent_indent="  "))
     if name in words():
-        return overview(name)
+        return overview(name) + _see_also(name)
     if name.startswith(":"):
         return _with_modifier(name[1:].rstrip("="))
     try:
         find(name.partition(":")[0])
     except ParameterError:
         return _search(name)
-    return page(name.rstrip("="))
+    return page(name.rstrip("=")) + _see_also(name)
 
 
 def words() -> tuple[str, ...]:
@@ -79,25 +80,66 @@ def _with_modifier(name: str) -> str:
 
 
 def _search(name: str) -> str:
-    """Where a word occurs that names nothing. Raises a ParameterError if it is near a known one, or occurs nowhere."""
+    """Where a word occurs that names nothing. Raises a ParameterError, with the nearest known word, if nowhere."""
     import difflib  # slow to import
 
-    bare = name.lstrip("-:").partition(":")[0].lower()
+    places = _places(name)
+    if places:
+        return _listed(f"'{name}' occurs in:", places)
     known: dict[str, str] = {word: word for word in words()}
-    summaries = {flag: (text, modifiers) for flag, _, text, modifiers in declarations()}
-    for flag in summaries:
+    for flag, _, _, modifiers in declarations():
         known |= {flag.lstrip("-").lower(): flag, flag.removeprefix("--tex").lstrip("-").lower(): flag}
-    for _, modifiers in summaries.values():
         known = {one.name.lower(): f":{one.name}" for one in modifiers} | known
-    word = re.compile(rf"\b{re.escape(bare.removesuffix('s'))}", re.IGNORECASE)
-    hits = [flag for flag, (text, _) in summaries.items() if bare and word.search(f"{flag} {text}")][:_MOST_HITS]
-    rows = [row for row in _how_to().splitlines() if bare and word.search(row)]
-    pages = [f"docs/how-to/{file}" for row in rows for file in re.findall(r"\(([\w-]+\.md)\)", row)][:_MOST_HITS]
-    if bare not in known and (pages or hits):
-        return "\n".join((f"'{name}' occurs in:", *(f"  {place}" for place in (*pages, *hits))))
-    close = difflib.get_close_matches(bare, known, 1, 0.8)
+    close = difflib.get_close_matches(name.lstrip("-:").partition(":")[0].lower(), known, 1, 0.8)
     hint = f"did you mean --help {known[close[0]]}?" if close else "oiiotex --help all lists everything"
     raise ParameterError(f"--help {name}: expected a group, an op, OP:MODIFIER or :MODIFIER", hint=hint)
+
+
+def _see_also(name: str) -> str:
+    """The how-to pages that mention a word, under a heading; '' if there are none."""
+    pages = _pages(name)
+    return f"\n\n{_listed('See also:', pages)}" if pages else ""
+
+
+def _mention(name: str) -> re.Pattern[str]:
+    """Finds a word and its plural; nothing for names that begin with - or :."""
+    bare = "" if name.startswith(("-", ":")) else name.partition(":")[0].lower()
+    stem = bare if bare.endswith("ss") else bare.removesuffix("s")
+    return re.compile(rf"\b{re.escape(stem)}(s|es|ed|ing)?\b" if stem else "(?!)", re.IGNORECASE)
+
+
+def _pages(name: str) -> dict[str, str]:
+    """The how-to pages whose problem or title mentions a word, each with its problem."""
+    rows = filter(_mention(name).search, _how_to().splitlines())
+    found = ((file, row) for row in rows for file in re.findall(r"\(([\w-]+\.md)\)", row))
+    return {f"docs/how-to/{file}": row.split("|")[1].strip() for file, row in itertools.islice(found, _MOST_HITS)}
+
+
+def _places(name: str) -> dict[str, str]:
+    """The how-to pages, ops and modifiers that mention a word, each with its description."""
+    word = _mention(name)
+    ops: dict[str, str] = {}
+    named: dict[str, str] = {}  # modifiers of that name
+    modifiers: dict[str, str] = {}  # by their help
+    for flag, _, text, parameters in declarations():
+        if word.search(f"{flag} {text}"):
+            ops[flag] = text
+        for one in parameters:
+            if one.name == name.lower():
+                named[f":{one.name}"] = one.help
+            elif flag.startswith("--tex") and word.search(one.help):
+                modifiers.setdefault(one.help, f"{flag}:{one.name}")
+    places = [_pages(name)]
+    for found in (ops, named, {place: text for text, place in modifiers.items()}):
+        places.append({at: text.partition(". ")[0].rstrip(".") for at, text in [*found.items()][:_MOST_HITS]})
+    return {place: text for found in places for place, text in found.items()}
+
+
+def _listed(heading: str, places: dict[str, str]) -> str:
+    """Places and their descriptions, under a heading."""
+    width = max(map(len, places))
+    indented = textwrap.TextWrapper(columns(), subsequent_indent=" " * (width + 4), break_on_hyphens=False)
+    return "\n".join((heading, *(indented.fill(f"  {place:{width}}  {text}") for place, text in places.items())))
 
 
 def _how_to() -> str:

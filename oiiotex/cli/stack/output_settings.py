@@ -22,7 +22,7 @@ def pixel_type(text: str) -> tuple[oiio.TypeDesc, int]:
 
 
 def set_type(chain: Chain, text: str) -> None:
-    """Set the pixel type of later outputs: uint8, uint10, half, float ..., or a list of CHANNEL=TYPE."""
+    """Set the pixel type of later outputs: uint8 (8-bit), uint16 (16-bit), half ..., or a list of CHANNEL=TYPE."""
     if "=" not in text:
         chain.settings["-d"] = pixel_type(text)
         chain.settings.pop("-d channels", None)

@@ -277,8 +277,8 @@ def moved(buffer: oiio.ImageBuf, x: int, y: int) -> oiio.ImageBuf:
 
 _SWAPS = {"swaps": True, "scattered": True}
 _TURNS = (
-    op("flip", "Flip the image vertically (top to bottom).", Turned, mirrors=(False, True)),
-    op("flop", "Flop the image horizontally (left to right).", Turned, mirrors=(True, False)),
+    op("flip", "Flip the image vertically (mirror top to bottom).", Turned, mirrors=(False, True)),
+    op("flop", "Flop the image horizontally (mirror left to right).", Turned, mirrors=(True, False)),
     op("rotate180", "Rotate by 180 degrees.", Turned, aliases=("--flipflop",), mirrors=(True, True)),
     op("rotate90", "Rotate by 90 degrees clockwise.", Turned, mirrors=(True, False), **_SWAPS),
     op("rotate270", "Rotate by 270 degrees clockwise.", Turned, mirrors=(False, True), **_SWAPS),

@@ -107,7 +107,7 @@ def _same_size(spec: oiio.ImageSpec, size: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Resize(HostOp, Gather):
-    """Resize with a filter."""
+    """Resize (upscale or downscale) with a filter."""
 
     name: ClassVar[str] = "resize"
     rescales: ClassVar[bool] = True
