@@ -49,7 +49,7 @@ class SynthesisRun:
     def __init__(self, op: PatchSynthesis, resources: Resources, progress: Progress):
         size, quality = op.planned(resources, progress)
         photo = op.exemplar.first.window
-        made = size.width * size.height * runs_for(op.variants)
+        made = size.width * size.height * (runs_for(op.variants) if op.variants > 1 else 1)
         given, wanted = (1, 1, int(op.kept_structure > 0)), (1, 1, int(quality.is_asked_for))
         stages = progress.stages(
             *(photo.width * photo.height * cost * here for cost, here in zip(_PHOTO, given, strict=True)),
