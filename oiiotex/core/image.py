@@ -311,7 +311,8 @@ def from_array(pixels: np.ndarray, name: str = "array") -> Image:
         raise ImageError(f"{name}: shape {pixels.shape}: expected at least one pixel")
     if pixels.shape[0] <= 4 and pixels.shape[2] > _MOST_CHANNELS:
         raise ImageError(
-            f"{name}: shape {pixels.shape}: expected (height, width, channels)", hint="call numpy.moveaxis(array, 0, -1)"
+            f"{name}: shape {pixels.shape}: expected (height, width, channels)",
+            hint="call numpy.moveaxis(array, 0, -1)",
         )
     if isinstance(pixels, np.ma.MaskedArray):
         hint = "give its data, and mask=~array.mask of one channel"

@@ -145,9 +145,7 @@ def photo_mask(
         return None if rule == "paper" else pixel_colors(pixels)
 
     with resources.in_background(colored) as colors:
-        texture = dominant_texture(
-            pixels, resources, looking, patch=side, step=step, most=TEXELS, mode=mode, rule=rule
-        )
+        texture = dominant_texture(pixels, resources, looking, patch=side, step=step, most=TEXELS, mode=mode, rule=rule)
         mask = _mask(texture, pixels, colors())
     if texture.rejected:
         if strict:

@@ -158,8 +158,10 @@ def label_maps(
         runs * window.width * window.height, _DESCRIBED * seeds, _LABELED * seeds
     )
     with resources.stats.time("superpixels"):
-        finest = superpixels(image, lens, resources, sigma=sigma, runs=runs, minsize=minsize, seed=settings.seed,
-                             advance=cutting.advance, literal=settings.literal, powers=features == "moments")  # fmt: skip
+        finest = superpixels(
+            image, lens, resources, sigma=sigma, runs=runs, minsize=minsize, seed=settings.seed,
+            advance=cutting.advance, literal=settings.literal, powers=features == "moments",
+        )  # fmt: skip
         if not finest.count:
             raise ImageError(f"{image.source}: alpha is 0 everywhere: expected opaque pixels")
     _require(resources, finest.window, finest.count, settings)

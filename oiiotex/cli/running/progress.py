@@ -130,7 +130,9 @@ class Display:
         bar.desc, bar.n, bar.total = self._text(), self._done, self._total or None
         bar.start_t = bar._time() - (now - self._begun)
         left = self._left(now)
-        bar.bar_format = _BAR.format(left="?" if left is None else bar.format_interval(left)) if self._total else _NO_BAR
+        bar.bar_format = (
+            _BAR.format(left="?" if left is None else bar.format_interval(left)) if self._total else _NO_BAR
+        )
         bar.refresh()
 
     def _say(self, now: float) -> None:

@@ -263,7 +263,11 @@ class _Rehearsal(Chain):
         self._idle.clear()
         self.files += [path] * (self._uses - len(self.files))
         with self._certainly():
-            if self.frame is not None and self.frame.file and os.path.realpath(path) == os.path.realpath(self.frame.file):
+            if (
+                self.frame is not None
+                and self.frame.file
+                and os.path.realpath(path) == os.path.realpath(self.frame.file)
+            ):
                 raise CollisionError(f"{path} is the input", hint="use another folder or name")
             self._own(path)
             require_writable(image, self._place_of(path), how)
