@@ -120,12 +120,12 @@ def has_two_albedos(lightness: np.ndarray, opaque: np.ndarray | None, sigma: flo
         return False
     density = gaussian_filter(np.histogram(seen, 64, (low, high))[0].astype(float), 2.5)
     peaks = np.flatnonzero((density[1:-1] >= density[:-2]) & (density[1:-1] > density[2:])) + 1
+    valleys = []  # depths and places
     for first, second in itertools.pairwise(peaks):
         valley = first + int(density[first : second + 1].argmin())
-        two = density[valley] < _VALLEY * min(density[first], density[second])
-        if two and density[:valley].sum() > _JOINTS * density.sum():
-            return True
-    return False
+        valleys.append((float(density[valley] / min(density[first], density[second])), valley))
+    depth, valley = min(valleys, default=(1.0, 0))
+    return depth < _VALLEY and bool(density[:valley].sum() > _JOINTS * density.sum())
 
 
 def integrated(slope: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.ndarray:
