@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 # time of a pixel of the photo: flattened, read, searched for a lattice; and of the tile: made, judged, measured
-_PHOTO, _TILE = (1, 2, 6), (30, 2, 4)
+_PHOTO, _TILE = (1, 3, 8), (30, 2, 4)
 
 
 class SynthesisRun:
