@@ -124,8 +124,8 @@ def has_two_albedos(lightness: np.ndarray, opaque: np.ndarray | None, sigma: flo
     for first, second in itertools.pairwise(peaks):
         valley = first + int(density[first : second + 1].argmin())
         valleys.append((float(density[valley] / min(density[first], density[second])), valley))
-    depth, valley = min(valleys, default=(1.0, 0))
-    return depth < _VALLEY and bool(density[:valley].sum() > _JOINTS * density.sum())
+    depth, darker = min(valleys, default=(1.0, 0))
+    return depth < _VALLEY and bool(density[:darker].sum() > _JOINTS * density.sum())
 
 
 def integrated(slope: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.ndarray:
