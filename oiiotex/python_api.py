@@ -123,12 +123,16 @@ def _picture(given: Any) -> Image:
     if "PIL.Image" in sys.modules and isinstance(given, sys.modules["PIL.Image"].Image):
         return from_array(_of_pil(given))
     kind = type(given).__name__
-    if hasattr(given, "__dask_graph__"):
+    if hasattr(given, "__dask_graph__") and given.__dask_graph__() is not None:  # xarray has it for any array
         raise ParameterTypeError(
             expected=f"an array in memory, not a dask {kind}",
             hint="call its compute(), or give a file name: files are read in pieces",
         )
-    raise ParameterTypeError(expected=f"an ImageBuf, an array, a file name or a dict of parts, not {kind}")
+    alike = hasattr(given, "__array__") or isinstance(given, (list, tuple, memoryview))
+    raise ParameterTypeError(
+        expected=f"an ImageBuf, an array, a file name or a dict of parts, not {kind}",
+        hint="call numpy.asarray on it" if alike else "",
+    )
 
 
 def _of_pil(picture: Any) -> np.ndarray:

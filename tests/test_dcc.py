@@ -79,8 +79,8 @@ def test_roles_are_the_ends_of_names(host):
     line = host("oiiotex_line")
     names = ("wall_BaseColor.png", "x.albedo.tif", "a_rough.png", "a-height.exr", "wall.png", "wall_nrm.png")
     assert [line.role_of(name) for name in names] == ["color", "color", "roughness", "height", None, "normal"]
-    words, _ = line.tile_line({"height": "h.exr"}, "out")
-    assert words[1:3] == ["h.exr", "--texstationarize:data=1"]
+    words, _ = line.tile_line({"height": "h.exr"}, "out", stmap="C:/shots/st.exr", seed=3)
+    assert words[1:3] == ["h.exr", '--texstationarize:data=1:stmap="C:/shots/st.exr":seed=3']
 
 
 @pytest.mark.slow
@@ -151,7 +151,8 @@ class Nuke(types.ModuleType):
         self.nodes = types.SimpleNamespace(**{kind: lambda kind=kind, **k: self._node(kind, k) for kind in NODES})
         self.Panel = mock.Mock(spec=["__call__"], return_value=mock.Mock(**{"value.side_effect": values.get}))
         self.message, self.selectedNode = self.messages.append, lambda: "photo"
-        self.filename = lambda node: "/shots/photo.exr"
+        self.REPLACE = "frame"
+        self.filename = lambda node, of: "/shots/photo.exr" if of == self.REPLACE else "/shots/photo.%04d.exr"
         self.getFilename = lambda title, pattern: "/shots/wall_index.png"
         self.menu = mock.Mock()
 
@@ -181,7 +182,7 @@ def test_nuke_flips_the_coordinates_and_shows_the_tile(host, monkeypatch):
     monkeypatch.setattr(module, "run", mock.Mock(side_effect=RuntimeError("no such photo")))
     assert module.make_tile() is None and nuke.messages == ["no such photo"]
     module.menu()
-    nuke.filename = lambda node: None
+    nuke.filename = lambda node, of: None
     assert module.pick_labels() is None and nuke.messages[1] == "expected a Read node with a file"
 
 
@@ -387,7 +388,7 @@ def test_gaffer_makes_a_tile_for_each_seed(host):
     module.tiles("photo.png", "out/tile", seeds=3, preset="even")
     command = plugs["SystemCommand"]["command"].setValue.call_args.args[0]
     replaced = shlex.split(command.replace("${oiiotex:seed}", "2"))
-    assert "--texstationarize:seed=2:preset=even" in replaced and replaced[-1] == "out/tile.2_color.exr"
+    assert '--texstationarize:seed="2":preset=even' in replaced and replaced[-1] == "out/tile.2_color.exr"
     assert not re.search(r"[{}]", " ".join(replaced))
     read = plugs["ImageReader"]["fileName"].setValue.call_args.args[0]
     assert read.replace("${oiiotex:seed}", "2") == replaced[-1]

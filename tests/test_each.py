@@ -75,9 +75,10 @@ def test_a_dry_run_prints_the_lines(folder, capsys):
     [
         (["--each", "photos/**/a.png", "--flip", "-o", "out/{name}.png"],
          "out/a.png is an input or output of both photos/a.png and photos/more/a.png"),
-        (["--each", "photos/[ai]*.png", "--flip", "-o", "photos/a.png"], "photos/a.png is an input or output of both"),
+        (["--each", "photos/[ai]*.png", "--flip", "-o", "photos/it's.png"], "photos/it's.png is an input or output of"),
         (["--each", "photos/[ai]*.png", "--texlabel:json=out/x.json", "-o", "out/{name}.exr"],
          "out/x.json is an input or output of both"),
+        (["--each", "photos/a.png", "--flip", "-o", "photos/{name}.{ext}"], "photos/a.png is the input; use another"),
         (["--each", "none/*", "-o", "x.png"], "no files match 'none/[*]'; quote the pattern"),
         (["--each", "photos/a.png", "--frames", "1-2", "-o", "out/{name}.png"], "cannot be combined with --frames"),
         (["--each", "photos/a.png", "-o", "out/{name}.%04d.png"], "cannot be combined with --frames"),

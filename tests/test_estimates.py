@@ -97,6 +97,9 @@ def test_invert_turns_the_relief_over_and_bright_joints_are_not_guessed():
     with pytest.raises(errors.ImageError, match=r"bright joints.*overcast=True if dark is deep, also invert=True"):
         filters.estimateheight(gray(mortar))
     assert correlation(height_of(mortar, overcast=True, invert=True), -mortar) > 0.5
+    with pytest.raises(errors.ImageError, match="two materials"):
+        filters.estimateheight(gray(np.where((x < 12) ^ (y < 12), 0.6, 0.15)))  # a chessboard
+    filters.estimateheight(gray(np.where((x < 3) | (y < 3), 0.15, 0.6)))  # dark joints
 
 
 def test_slow_light_and_exposure_are_no_relief():

@@ -18,6 +18,8 @@ from oiiotex.patchmatch.recipe import COARSEST, Recipe, level_scales
 from oiiotex.quality.fidelity import GOOD, fidelity
 from oiiotex.regularity.lattice import Lattice
 from oiiotex.regularity.offset_prices import InStep
+from oiiotex.session import Session
+from oiiotex.session.progress import WHOLE
 from tests import pictures
 from tests.any_filter import buffer, pixels
 
@@ -236,3 +238,14 @@ def test_reuse_is_a_modifier_of_its_own(tmp_path):
         filters.stationarize(photo(96, 96), reusepenalty=reuse, size=(192, 192), report=report)
         shown.append(json.loads(report.read_text())["results"][0]["measures"]["repeat"])
     assert shown[1] < shown[0]
+
+
+def test_a_second_attempt_adds_to_the_work(monkeypatch):
+    """The whole grows when the first result is not good, and progress never falls back."""
+    told = []
+    session = Session(progress=lambda done, total: told.append((done, total)))
+    monkeypatch.setattr(first_result, "GOOD", 2.0)  # which no result reaches
+    filters.stationarize(photo(), session=session, **QUICK)
+    totals = [total for _, total in told]
+    assert totals[0] == WHOLE and 1.5 * WHOLE < totals[-1] < 1.9 * WHOLE and told[-1][0] == totals[-1]
+    assert [done for done, _ in told] == sorted(done for done, _ in told)

@@ -184,7 +184,7 @@ def test_seeds_differ(device, plain):
 
 
 def test_what_does_not_fit_is_refused_with_a_figure(device, plain):
-    with pytest.raises(MemoryBudgetError, match=r"the analyzed exemplars needs 1 MB of memory; the budget is 1 MB"):
+    with pytest.raises(MemoryBudgetError, match=r"analyzing exemplars needs 1 MB of memory; the budget is 1 MB"):
         Synthesizer(device, plain, settings(), 1 << 10)
     with pytest.raises(MemoryBudgetError, match=r"a window of 4096x4096 pixels needs \d+ MB of memory; .* 4 MB"):
         Synthesizer(device, plain, settings(), 4 << 20).window(5, Window(0, 0, 4096, 4096))

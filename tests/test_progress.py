@@ -107,3 +107,37 @@ def test_the_time_left_is_that_of_the_whole_op_and_not_of_its_innermost_stage(mo
     assert [line.partition(" s, ")[2] for line in shown] == [
         "10 %, 180 s left", "20 %, 160 s left", "30 %, 140 s left", "20 %, 160 s left",
     ]  # fmt: skip
+
+
+def test_work_that_was_not_expected_adds_to_the_whole():
+    told = []
+    outer = Progress(lambda done, total: told.append((done, total))).stages(1, 1)
+    first, second, third = next(outer).stages(1, 2, 1)
+    first.advance(1, 1)
+    second.advance(9, 10)
+    second.lengthen(1)  # half of the inner whole, a quarter of the outer
+    second.advance(0, 10)
+    second.advance(5, 10)
+    second.advance(10, 10)
+    third.advance(1, 1)
+    next(outer).advance(1, 1)
+    shares = [round(done / total, 2) for done, total in told]
+    assert shares == [0.12, 0.35, 0.28, 0.39, 0.5, 0.6, 1.0]
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+
+
+def test_a_stage_that_reports_nothing_is_expected_to_end(monkeypatch, capsys):
+    clock = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    display, stats = Display(terminal=False), Stats()
+    stats.watch = display.stage
+    with stats.time("--texlabel"):
+        clock[0] = 20
+        display.advance(2, 10)
+        for now in (60, 90, 120):
+            clock[0] = now
+            display._say(now)
+        display.advance(8, 12)  # longer than expected
+        display._say(130)
+    shown = capsys.readouterr().err.splitlines()
+    assert [line.partition("%")[2] for line in shown] == [", 40 s left", ", 10 s left", "", ", 50 s left"]

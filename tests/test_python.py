@@ -59,6 +59,32 @@ def test_results_are_arrays_for_others_and_pil_images_are_taken():
         filters.flatten(Image.fromarray(PHOTO).convert("CMYK"))
 
 
+class Lazy:
+    """An array of another library, such as xarray's."""
+
+    def __dask_graph__(self):
+        return None
+
+    def __array__(self, dtype=None, copy=None):
+        return PHOTO
+
+
+@pytest.mark.parametrize(
+    ("array", "says"),
+    [
+        (np.moveaxis(np.zeros((8, 80, 3)), 2, 0), r"shape \(3, 8, 80\): .*; call numpy.moveaxis\(array, 0, -1\)"),
+        (np.zeros((8, 8, 3), int), "3 channels of type int64: expected uint8, uint16 or floats"),
+        (np.zeros((0, 8, 3)), "expected at least one pixel"),
+        (np.ma.masked_array(np.zeros((8, 8, 3)), True), "a masked array: .*; give its data, and mask=~array.mask"),
+        (Lazy(), "not Lazy; call numpy.asarray on it"),
+        ([[1, 2], [3, 4]], "not list; call numpy.asarray on it"),
+    ],
+)
+def test_arrays_that_are_no_photos_are_refused_with_a_hint(array, says):
+    with pytest.raises(errors.Error, match=says):
+        filters.flatten(array, colorspace="srgb_rec709_scene")
+
+
 def test_dask_arrays_are_refused_with_a_hint():
     array = pytest.importorskip("dask.array").from_array(PHOTO)
     with pytest.raises(TypeError, match=r"an array in memory, not a dask Array; call its compute\(\), or give a file"):

@@ -13,7 +13,7 @@ import pytest
 
 from oiiotex import errors, filters
 from oiiotex.capture.homography import aspect_of, homography, require_quadrangle, through
-from oiiotex.capture.slanted_lattice import largest_rectangle, slanted_lattice
+from oiiotex.capture.slanted_lattice import SlantedLattice, is_sheared, largest_rectangle, slanted_lattice
 from oiiotex.core.image import Image, Part, from_buffer
 from oiiotex.core.window import Window
 from oiiotex.filters.texrectify import Rectify
@@ -164,6 +164,26 @@ def test_a_bond_that_would_be_sheared_asks_for_corners():
         errors.ImageError, match="joints that would not meet at right angles: its lattice is oblique; set cor"
     ):
         filters.rectify(slabs, colorspace="srgb_rec709_scene")
+
+
+def lines(*degrees: float) -> np.ndarray:
+    """Thin lines in these directions, as CIE Lab."""
+    y, x = np.mgrid[:256, :256]
+    light = np.full(x.shape, 80.0)
+    for turn in map(math.radians, degrees):
+        light[(x * math.sin(turn) + y * math.cos(turn)) % 32 < 3] = 20
+    return np.repeat(light[..., None], 3, -1).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "sheared"),
+    [((27,), True), ((0, 60), True), ((27, 90), True), ((0, 90), False), ((45, -45), False), ((0, 60, -60), False),
+     ((0, 90, 30), False)],
+)  # fmt: skip
+def test_lines_that_cross_the_cells_obliquely_are_of_the_surface_only_if_mirrored(degrees, sheared):
+    lattice = SlantedLattice(np.zeros(2), np.full(2, 128.0), 32 * np.eye(2))
+    corners = np.array([[0, 0], [256, 0], [256, 256], [0, 256]], float)
+    assert is_sheared(lines(*degrees), lattice, corners, (8, 8)) is sheared
 
 
 def test_a_photo_without_a_lattice_asks_for_corners():

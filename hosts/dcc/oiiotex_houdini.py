@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import cast
 
@@ -38,7 +39,7 @@ def shelf():
     except RuntimeError as error:
         hou.ui.displayMessage(str(error), severity=hou.severityType.Error)
         return None
-    return material(tiles, name, comment=" ".join(words))
+    return material(tiles, name, comment=shlex.join(words))
 
 
 def material(files, name, parent="/mat", relief=0.05, comment=""):

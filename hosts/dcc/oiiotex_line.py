@@ -76,13 +76,18 @@ def tile_line(maps, out, kind="exr", space=None, **modifiers):
     elif KINDS.get(roles[0]) != "color":
         given = {"data": 1}
     given.update(modifiers)
-    words.append("--texstationarize" + "".join(f":{name}={value}" for name, value in given.items()))
+    words.append("--texstationarize" + "".join(f":{name}={_quoted(value)}" for name, value in given.items()))
     files = {role: f"{out}_{role}.{kind}" for role in roles}
     for number, role in enumerate(reversed(roles)):  # the last map is on the top of the stack
         words += ["--pop"] if number else []
         words += ["--tocolorspace", _LINEAR] if KINDS.get(role) == "color" else []
         words += ["-d", "half", _TX if kind == "tx" else "-o", files[role]]
     return words, files
+
+
+def _quoted(value):
+    """A modifier's value; a colon in it, as in C:/shots, would begin another modifier."""
+    return f'"{value}"' if ":" in str(value) else value
 
 
 def run(words):

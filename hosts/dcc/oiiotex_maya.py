@@ -6,6 +6,7 @@ In the script editor: `import oiiotex_maya; oiiotex_maya.make_material()`.
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 from maya import cmds
@@ -46,7 +47,7 @@ def make_material(**modifiers):
         return None
     group = material(tiles, name)
     cmds.addAttr(group, longName="oiiotex", dataType="string")
-    cmds.setAttr(f"{group}.oiiotex", " ".join(words), type="string")
+    cmds.setAttr(f"{group}.oiiotex", shlex.join(words), type="string")
     return group
 
 

@@ -25,7 +25,7 @@ def make_tile():
     if not panel.show():
         return None
     preset, space = panel.value("Preset"), panel.value("Color space")
-    given = {"seed": int(panel.value("Seed"))} | ({} if preset == "automatic" else {"preset": preset})
+    given = {"seed": panel.value("Seed")} | ({} if preset == "automatic" else {"preset": preset})
     out = os.path.splitext(photo)[0] + "_tile"
     words, files = tile_line({"color": photo}, out, space=space or None, stmap=f"{out}_st.exr", **given)
     try:
@@ -78,8 +78,8 @@ def wang_plane():
 
 
 def _file_of(node) -> str | None:
-    """The file of a node; None, after a message, if it has none."""
-    path = nuke.filename(node)
+    """The file of a node, of a sequence that of the current frame; None, after a message, if it has none."""
+    path = nuke.filename(node, nuke.REPLACE)
     if not path:
         nuke.message("expected a Read node with a file")
     return path or None

@@ -26,6 +26,7 @@ _FINE = math.pi / 4  # radians per px: finer detail is not used to find the ligh
 _LEVEL = 10.0  # degrees
 _CONTRAST = 10.0  # L; smaller differences are not two materials
 _VALLEY = 0.6  # times the lower of two modes, below which they are two materials
+_JOINTS = 1 / 3  # greatest proportion of dark pixels that are taken for recesses between stones
 _DIRECTED = 1.4  # ratio of power along and across, above which light has a direction; 3 for isotropic relief
 
 
@@ -104,10 +105,11 @@ def relief(
     return Relief(heights - seen.mean(dtype=np.float64).astype(np.float32), light)
 
 
-def has_bright_joints(lightness: np.ndarray, opaque: np.ndarray | None, sigma: float) -> bool:
-    """Whether lightness (height, width) has two modes, the brighter one of fewer pixels.
+def has_two_albedos(lightness: np.ndarray, opaque: np.ndarray | None, sigma: float) -> bool:
+    """Whether lightness (height, width) has two modes, of which the darker one is not only joints.
 
-    Dark joints are as shading shows recesses. Bright ones are another material, whose depth is not seen.
+    Dark joints are as shading shows recesses. Bright ones, and large dark parts, are another material or paint, whose
+    depth is not seen.
     """
     from scipy.ndimage import gaussian_filter
 
@@ -118,12 +120,12 @@ def has_bright_joints(lightness: np.ndarray, opaque: np.ndarray | None, sigma: f
         return False
     density = gaussian_filter(np.histogram(seen, 64, (low, high))[0].astype(float), 2.5)
     peaks = np.flatnonzero((density[1:-1] >= density[:-2]) & (density[1:-1] > density[2:])) + 1
+    valleys = []  # depths and places
     for first, second in itertools.pairwise(peaks):
         valley = first + int(density[first : second + 1].argmin())
-        two = density[valley] < _VALLEY * min(density[first], density[second])
-        if two and density[valley:].sum() < density[:valley].sum():
-            return True
-    return False
+        valleys.append((float(density[valley] / min(density[first], density[second])), valley))
+    depth, darker = min(valleys, default=(1.0, 0))
+    return depth < _VALLEY and bool(density[:darker].sum() > _JOINTS * density.sum())
 
 
 def integrated(slope: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.ndarray:

@@ -314,9 +314,11 @@ def largest_rectangle(lattice: SlantedLattice, size: tuple[int, int]) -> tuple[n
 
 
 def is_sheared(values: SomeRows, lattice: SlantedLattice, corners: np.ndarray, cells: tuple[int, int]) -> bool:
-    """Whether joints of the rectified photo follow one side of the lattice's cells, and cross the other obliquely.
+    """Whether joints of the rectified photo cross the sides of the lattice's cells obliquely.
 
-    In a bond that shifts each course by a third, the cell is oblique; as a rectangle, it shears the stones.
+    In a bond that shifts each course by a third, the cell is oblique; as a rectangle, it shears the stones. Irregular
+    bricks and slates can correlate along a diagonal by chance. Oblique lines that are mirrored, as in honeycombs and
+    herringbones, or that cross joints along both sides, are a pattern of the surface.
 
     Parameters
     ----------
@@ -343,5 +345,6 @@ def is_sheared(values: SomeRows, lattice: SlantedLattice, corners: np.ndarray, c
     peaks = np.flatnonzero((density >= np.roll(density, 1)) & (density > np.roll(density, -1)) & (density >= _SHARP))
     away = [np.abs((peaks - axis + 90) % 180 - 90) for axis in (0, 90)]
     along = [bool((one <= _ASIDE).any()) for one in away]
-    oblique = bool((np.minimum(*away) > _ASIDE).any())
-    return oblique and along[0] != along[1]
+    oblique = peaks[np.minimum(*away) > _ASIDE]
+    mirrored = np.abs((oblique[:, None] + peaks + 90) % 180 - 90).min(1, initial=90) <= _ASIDE
+    return not mirrored.all() and not all(along)

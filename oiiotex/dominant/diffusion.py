@@ -20,12 +20,14 @@ from .patch_manifold import (
     Kernel,
     Texels,
     densities,
+    description_time,
     kernel_of,
     landmark_squares,
     landmarks,
     neighbor_squares,
     neighbor_weights,
     patch_size,
+    search_time,
     squared_distances,
     texels_of,
     weights_of,
@@ -41,6 +43,8 @@ _BINS, _SMOOTH, _PROMINENCE = 64, 2.0, 0.03
 _DEPTH = 12.0  # decades of heat below the hottest texel that are distinguished
 _LOW = 0.2  # quantile of density used where it has no valley
 _BLOCK = 1024  # texels per block
+_KEPT = 0.65  # expected proportion of a patch's dimensions after PCA
+_CLASSIFIED = 40_000  # ns: time of a texel in kernel, densities, heat and mask
 _EVEN = 0.1  # of the mean weight, added to all before a normalized cut
 _MOST_KEPT = 0.75  # greatest proportion of the remaining texels that is kept, the hottest
 
@@ -93,15 +97,18 @@ def dominant_texture(
     """
     with threadpool_limits(1, "blas"), resources.in_background(lambda: neighbor_correlation(pixels)) as correlated:
         side = patch or patch_size(pixels.lab[..., 0], resources.spread)
-        texels = texels_of(pixels, side, step or step_for(pixels.seen.shape, side, most), resources)
+        apart = step or step_for(pixels.seen.shape, side, most)
+        describing, searching, classifying = progress.stages(*times_of(pixels.seen.shape, side, apart))
+        texels = texels_of(pixels, side, apart, resources)
         nothing = np.full(texels.count, SCATTERED, np.int8), np.zeros(texels.count), np.zeros(texels.count)
-        progress.advance(190, 600)
+        describing.advance(1, 1)
         if not texels.count:
             return Dominance(texels, *nothing, rejected="no patch is opaque")
+        dimensions = texels.values.shape[1]
+        searching.lengthen(search_time(texels.count, dimensions) / times_of(pixels.seen.shape, side, apart)[1] - 1)
         with resources.stats.time("kernel and densities"):
             chosen = landmarks(texels)
             kernel = kernel_of(texels, chosen)
-            progress.advance(200, 600)
             if kernel is None:
                 alike = np.full(texels.count, DOMINANT, np.int8), np.full(texels.count, float(len(chosen)))
                 return Dominance(texels, *alike, np.zeros(texels.count))
@@ -112,8 +119,7 @@ def dominant_texture(
             euclidean = mode == "euclidean"
             density = densities(texels, chosen, kernel.size, euclidean, resources)
         with resources.stats.time("neighbors"):
-            squares = neighbor_squares(texels, resources, progress)
-        progress.advance(575, 600)
+            squares = neighbor_squares(texels, resources, searching)
         with resources.stats.time("heat"):
             weights = neighbor_weights(squares, kernel.size, euclidean)
             if mode == "spectral":
@@ -133,8 +139,16 @@ def dominant_texture(
                         joined = joined.maximum(neighbor_weights(far, wide.size, False)).tocsr()
                         again = _classified(texels, wide, density, joined, rule)
                         dominant = dominant if again.rejected else again
-        progress.advance(595, 600)
+        classifying.advance(1, 1)
     return dominant
+
+
+def times_of(shape: tuple[int, int], patch: int, step: int) -> tuple[float, float, float]:
+    """Expected times of describing texels, comparing them, and the rest, in nanoseconds of a usual processor."""
+    rows, columns = (max(1, s - patch + 1) for s in shape)
+    count = -(-rows // step) * -(-columns // step)
+    dimensions = _KEPT * 3 * patch**2
+    return description_time(count, patch), search_time(count, dimensions), _CLASSIFIED * count
 
 
 def neighbor_correlation(pixels: LabPixels) -> float:

@@ -18,12 +18,13 @@ from ..errors import ImageError
 from ..session.progress import Progress
 from ..session.resources import Resources
 from ..superpixels.superpixels import label_spec
-from .diffusion import Dominance, Round, dominant_mask, dominant_texture, spread_over, step_for
+from .diffusion import Dominance, Round, dominant_mask, dominant_texture, spread_over, step_for, times_of
 from .patch_manifold import LEAST_PATCH, memory_needed, patch_size
 
 log = logging.getLogger("oiiotex")
 
 WORKING_PIXELS = 1 << 20
+_READ = 150, 1500  # ns: time of a pixel, with a given size of patches, and without
 TEXELS = 12000  # maximum without `step`: the paper's images have up to 11,000 at a step of 1
 
 
@@ -133,7 +134,9 @@ def photo_mask(
     pixels = lab_pixels(photo, lens_of(photo, resources, space), resources, factor, allowed())
     side = side or patch_size(pixels.lab[..., 0], resources.spread)
     require(side)
-    progress.advance(10, 600)  # steps are shares of the usual time
+    work = times_of(shape, side, step or step_for(shape, side, TEXELS))
+    reading, looking = progress.stages(shape[0] * shape[1] * _READ[patch is None], sum(work))
+    reading.advance(1, 1)
 
     def colored() -> np.ndarray | None:
         """Colors that refine the mask, computed in parallel with texels: importing k-means takes 1/15 s."""
@@ -142,9 +145,7 @@ def photo_mask(
         return None if rule == "paper" else pixel_colors(pixels)
 
     with resources.in_background(colored) as colors:
-        texture = dominant_texture(
-            pixels, resources, progress, patch=side, step=step, most=TEXELS, mode=mode, rule=rule
-        )
+        texture = dominant_texture(pixels, resources, looking, patch=side, step=step, most=TEXELS, mode=mode, rule=rule)
         mask = _mask(texture, pixels, colors())
     if texture.rejected:
         if strict:
@@ -152,7 +153,7 @@ def photo_mask(
         log.warning("%s: %s has no dominant texture: %s", flag, photo.source, texture.rejected)
     else:
         log.info("%s: %.0f %% of patches of %d px are dominant", flag, 100 * texture.share, texture.texels.patch)
-    progress.advance(600, 600)
+    looking.advance(1, 1)
     return PhotoMask(photo.first, pixels, texture, mask)
 
 

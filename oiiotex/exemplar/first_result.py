@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from ..color.config import as_float
 from ..core.demand import MadeRows, first_channels
@@ -19,6 +20,9 @@ from ..quality.fidelity import GOOD, Fidelity, fidelity
 from ..quality.seam_measures import seam_ratio
 from ..stats import Stats
 from .exemplar_op import ExemplarPixels
+
+if TYPE_CHECKING:
+    from ..session.progress import Progress
 
 log = logging.getLogger("oiiotex")
 
@@ -47,14 +51,19 @@ def better_of(
     other: Recipe | None,
     seen: ExemplarPixels,
     stats: Stats,
+    progress: Progress,
 ) -> tuple[Synthesis, Fidelity | None, Recipe]:
-    """The result of the first recipe, or of the other one if the first is not good and the other is better."""
+    """The result of the first recipe, or of the other one if the first is not good and the other is better.
+
+    `progress` is that of one run.
+    """
     first = run(recipe, constraints)
     with stats.time("fidelity"):
         kept = fidelity_of(seen, first.source, recipe)
     if other is None or kept is None or kept.value >= GOOD:
         return first, kept, recipe
     log.info("%s: %s with %s; trying %s", flag, kept, recipe.scales, other.scales)
+    progress.lengthen(1)
     second = run(other, constraints)
     with stats.time("fidelity"):
         better = fidelity_of(seen, second.source, other)

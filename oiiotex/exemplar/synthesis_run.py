@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     from .patch_synthesis import PatchSynthesis
 
 
-_SHARES = 2, 6, 1  # of the time: flattening and reading, synthesis, measures
+# time of a pixel of the photo: flattened, read, searched for a lattice; and of the tile: made, judged, measured
+_PHOTO, _TILE = (1, 3, 8), (30, 2, 4)
 
 
 class SynthesisRun:
@@ -47,22 +48,31 @@ class SynthesisRun:
 
     def __init__(self, op: PatchSynthesis, resources: Resources, progress: Progress):
         size, quality = op.planned(resources, progress)
-        self._op, self._resources, self._stages = op, resources, progress.stages(*_SHARES[: 2 + quality.is_asked_for])
+        photo = op.exemplar.first.window
+        made = size.width * size.height * (runs_for(op.variants) if op.variants > 1 else 1)
+        given, wanted = (1, 1, int(op.kept_structure > 0)), (1, 1, int(quality.is_asked_for))
+        stages = progress.stages(
+            *(photo.width * photo.height * cost * here for cost, here in zip(_PHOTO, given, strict=True)),
+            *(made * cost * here for cost, here in zip(_TILE, wanted, strict=True)),
+        )
+        self._op, self._resources = op, resources
+        flattening, reading, searching, self._progress, self._judging, self._measuring = stages
         with resources.stats.time("flatten"):
-            self._flat, self._drift = op.flattened(resources, next(self._stages))
-        self._progress = next(self._stages)
-        self._measuring = next(self._stages, self._progress)
+            self._flat, self._drift = op.flattened(resources, flattening)
+        flattening.advance(1, 1)
         self._in_memory, self._budget = op.holds_photo(resources), op.budget_left(resources)
         with resources.stats.time("read and color"):
             self._maps = [self._in_any_order(image.first) for image in self._flat.all_maps()]
             weight = None if op.weight is None else weights_of(op.weight, op.exemplar)
         self._seen = self._flat.read(resources, None if weight is None else weight > 0)
+        reading.advance(1, 1)
         if not self._in_memory:
             resources.cache.forget()  # everything has been read
         structure = None
         if op.kept_structure > 0:
             with resources.stats.time("lattice"):
                 structure = self._seen.remembered(resources, photo_structure, op.flag())
+        searching.advance(1, 1)
         self._lattice = structure if isinstance(structure, Lattice) else None
         self._courses = structure if isinstance(structure, Courses) else None
         self._wraps = "x" in op.tile, "y" in op.tile
@@ -141,8 +151,9 @@ class SynthesisRun:
             hint_that_it_tiles(op.flag(), op.exemplar.first)
         other = op.second_choice(recipe)
         synthesis, kept, recipe = better_of(
-            op.flag(), self._run, self._constraints, recipe, other, self._seen, resources.stats
+            op.flag(), self._run, self._constraints, recipe, other, self._seen, resources.stats, self._progress
         )
+        self._judging.advance(1, 1)
         source, lost = synthesis.source, synthesis.lost
         quality = replace(quality, sigma=recipe.sigma)
         say_fidelity(op.flag(), kept, recipe, warn=op.judges_itself)

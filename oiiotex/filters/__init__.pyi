@@ -1465,8 +1465,9 @@ def estimateheight(
 
     A photo cannot tell from which of two opposite sides the light comes. Light from above is assumed, or from the left
     if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side, or
-    `invert`. Bright joints, as of mortar, are refused without `light` or `overcast`: their depth cannot
-    be seen.
+    `invert`. Two materials or paints of different lightness, such as stones and bright mortar, are refused without
+    `light` or `overcast`: their depth cannot be seen. Dark joints are accepted.
+
     Heights are stored as 0 to 1; the attribute oiiotex:heightpx contains the height, in pixels, of the value 1.
 
     Parameters

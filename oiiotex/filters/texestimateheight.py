@@ -31,8 +31,9 @@ class EstimateHeight(Whole):
 
     A photo cannot tell from which of two opposite sides the light comes. Light from above is assumed, or from the left
     if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side, or
-    `invert`. Bright joints, as of mortar, are refused without `light` or `overcast`: their depth cannot
-    be seen.
+    `invert`. Two materials or paints of different lightness, such as stones and bright mortar, are refused without
+    `light` or `overcast`: their depth cannot be seen. Dark joints are accepted.
+
     Heights are stored as 0 to 1; the attribute oiiotex:heightpx contains the height, in pixels, of the value 1.
     """
 
@@ -83,7 +84,7 @@ class EstimateHeight(Whole):
         """Heights, and normals if requested."""
         from ..capture.shading import (  # not needed to parse the command line
             BYTES,
-            has_bright_joints,
+            has_two_albedos,
             luminance,
             normals_of,
             padded_size,
@@ -105,9 +106,9 @@ class EstimateHeight(Whole):
         is_data = self.data or color_space(self.source, resources.color, session.settings.autocc) is None
         seen = values[..., 0] / np.float32(100) if is_data else luminance(values[..., 0])
         guessed = self.light is None and not self.overcast
-        if guessed and has_bright_joints(values[..., 0], opaque, sigma):
+        if guessed and has_two_albedos(values[..., 0], opaque, sigma):
             raise ImageError(
-                f"{self.source.source} has bright joints, as of mortar, whose depth is not visible",
+                f"{self.source.source} has two materials, such as bright joints, whose depth is not visible",
                 hint=f"set {modifier(overcast=True)} if dark is deep, also {modifier(invert=True)} if bright is deep,"
                 " or light",
             )

@@ -50,6 +50,7 @@ from .stochastic_nmf import Factors, factored
 
 MOST = 20000  # superpixels up to which all are nodes of the graph
 _PIXEL_BYTES, _EDGE_BYTES = 300, 80  # peak, per pixel of the reduced image and per edge of the graph
+_DESCRIBED, _LABELED = 550, 800  # time for each superpixel, in that of cutting a pixel
 _NEAREST = 6  # sampled superpixels from which another one takes its membership
 _NODES_PER_NEIGHBOR, _FEWEST_NEIGHBORS = 13, 8
 AUTHORS_COARSEST = 0.3  # of the longer side: the coarsest scale of the authors' program
@@ -153,15 +154,14 @@ def label_maps(
     sigmas = scales(sigma, (AUTHORS_COARSEST if settings.authors else COARSEST) * side)
     seeds = SeedGrid.of(window.width, window.height, sigma, COMPACTNESS).count
     _require(resources, window, seeds, settings)  # there will hardly be fewer superpixels: fail before the work
-    segmented = 2 * runs + 1  # passes of superpixels, each of which takes as long as 1/8 of describing them
-    described_at, total = segmented + 8, segmented + 8 + 12
-
-    def advance(done: int, _: int) -> None:
-        progress.advance(done, total)
-
+    cutting, describing, labeling = progress.stages(
+        runs * window.width * window.height, _DESCRIBED * seeds, _LABELED * seeds
+    )
     with resources.stats.time("superpixels"):
-        finest = superpixels(image, lens, resources, sigma=sigma, runs=runs, minsize=minsize, seed=settings.seed,
-                             advance=advance, literal=settings.literal, powers=features == "moments")  # fmt: skip
+        finest = superpixels(
+            image, lens, resources, sigma=sigma, runs=runs, minsize=minsize, seed=settings.seed,
+            advance=cutting.advance, literal=settings.literal, powers=features == "moments",
+        )  # fmt: skip
         if not finest.count:
             raise ImageError(f"{image.source}: alpha is 0 everywhere: expected opaque pixels")
     _require(resources, finest.window, finest.count, settings)
@@ -173,14 +173,14 @@ def label_maps(
             resources.stats.time("describe superpixels"),
         ):
             described = features_of(features, finest, small, resources)
-        progress.advance(described_at, total)
+        describing.advance(1, 1)
 
         def top() -> list[np.ndarray]:
             return [level(finest, small, resources) for level in coarsest]
 
         with resources.in_background(top) as coarse, resources.stats.time("label superpixels"):
             levels = label_levels(tree(), described, settings, finest.edges, resources, coarse)
-    progress.advance(total, total)
+    labeling.advance(1, 1)
     return LabelMaps(finest, levels)
 
 

@@ -68,7 +68,7 @@ def load_exemplars(
         raise ImageError(f"is {shortest} px wide or high", subject=small.source, expected=f"at least {LEAST} px")
     side = 1 << (min(shortest, most).bit_length() - 1)
     need = _TEXEL_BYTES * side * side * side.bit_length()  # of the root's levels; those of others are extra
-    resources.require(need, "the analyzed exemplars", "reduce side")
+    resources.require(need, "analyzing exemplars", "reduce side")
     lens = lens_of(images[root], resources, space)
     exemplars = []
     for image, factor, wrap in zip(images, factors, graph.wraps, strict=True):

@@ -194,7 +194,7 @@ class Synthesizer:
             "spacing": np.array([levels.spacing(n) for n in range(len(levels.stacks))], np.int32),
         }
         self.nbytes = sum(table.nbytes for table in tables.values())  # on the device
-        self._tables = Buffers(device, {}, budget, "the analyzed exemplars", tables=tables)
+        self._tables = Buffers(device, {}, budget, "analyzing exemplars", tables=tables)
         middle = 1 << self._side - 1
         self._first: Any = SourceMap.of(middle, middle, self._side).packed  # of level 0
         self._moves = bool(analysis.offsets.any())

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 WHOLE = 10_000  # steps of an op with several stages
+_ROUNDING = 0.01  # of a stage: a smaller step back is no new attempt
 Tell = Callable[[int, int], bool | None]
 Onlooker = Callable[["np.ndarray", bool], object]
 Say = Callable[[str], object]
@@ -33,12 +34,20 @@ class Progress:
         Called with each line of text that a filter prints.
     measure : bool
         Whether to measure stationarity, fidelity and seams of a result (takes time).
+    grow : callable or None
+        Called by `lengthen`.
     """
 
     tell: Tell | None = None
     look: Onlooker | None = None
     say: Say | None = None
     measure: bool = False
+    grow: Callable[[float], object] | None = None
+
+    def lengthen(self, share: float) -> None:
+        """Report more work than expected, as a share of the work that was expected of this stage."""
+        if self.grow is not None:
+            self.grow(share)
 
     def advance(self, done: int, total: int) -> None:
         """Report progress.
@@ -54,25 +63,31 @@ class Progress:
     def stages(self, *shares: float) -> Iterator[Progress]:
         """Progress for consecutive stages of an op, each with its share of the expected time.
 
-        The whole is always `WHOLE` steps, so that the time left can be told from the first stage on. Every report
-        is a step further. A stage that begins again, as for another attempt, takes what is left of its share.
+        The whole is `WHOLE` steps, so that the time left can be told from the first stage on, and more after
+        `lengthen`. Every report is a step further. A stage that begins again, as for another attempt, takes what is
+        left of its share.
         """
-        before, every, last = 0.0, sum(shares), -1
+        expected, lengths, last = sum(shares), list(shares), -1
 
-        def within(share: float, before: float) -> Tell:
+        def within(n: int) -> tuple[Tell, Callable[[float], None]]:
             reached = begun = 0.0
 
             def tell(done: int, total: int) -> bool | None:
                 nonlocal reached, begun, last
-                part = done / max(total, 1)
-                if begun + (1 - begun) * part < reached:
+                part, length = done / max(total, 1), lengths[n]
+                if begun + (length - begun) * part < reached - _ROUNDING * length:
                     begun = reached
-                reached = begun + (1 - begun) * part
-                last = min(WHOLE, max(last + 1, round(WHOLE * (before + share * reached) / every)))
-                return None if self.tell is None else self.tell(last, WHOLE)
+                reached = max(reached, begun + (length - begun) * part)
+                whole = round(WHOLE * sum(lengths) / expected)
+                last = min(whole, max(last + 1, round(WHOLE * (sum(lengths[:n]) + reached) / expected)))
+                return None if self.tell is None else self.tell(last, whole)
 
-            return tell
+            def grow(share: float) -> None:
+                lengths[n] += share * shares[n]
+                self.lengthen(share * shares[n] / expected)
 
-        for share in shares:
-            yield replace(self, tell=within(share, before))
-            before += share
+            return tell, grow
+
+        for n in range(len(shares)):
+            tell, grow = within(n)
+            yield replace(self, tell=tell, grow=grow)

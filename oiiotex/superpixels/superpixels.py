@@ -161,12 +161,12 @@ def superpixels(
         with contextlib.ExitStack() as opened:
             squares = opened.enter_context(LabelSquares(window.width, window.height, side, resources, on_squares))
             lab = opened.enter_context(LabGrid(image, lens, resources, side, most, squares.look))
-            advance(1, 2 * runs + 1)
+            advance(1, 5 * runs + 1)  # steps of about the same time
             settled, settling = (squares, grid.of_squares) if on_squares else (lab, grid)
             slic = opened.enter_context(Slic(settled, settling, resources))
             for run in range(runs):
                 centers = slic.iterate(iterations, _jitter(settling, seed, run) if run else None)
-                advance(2 * run + 2, 2 * runs + 1)
+                advance(5 * run + 5, 5 * runs + 1)
                 slots = (
                     refined_slots(lab, grid, squares, slic, centers, resources) if on_squares else slic.slots(centers)
                 )
@@ -178,7 +178,7 @@ def superpixels(
                 candidate = _described(part, lab if wanted else None, grid, pieces, squares.reduced, resources)
                 if best is None or candidate.error(compactness) < best.error(compactness):
                     best = candidate
-                advance(2 * run + 3, 2 * runs + 1)
+                advance(5 * run + 6, 5 * runs + 1)
         assert best is not None
         return best
 

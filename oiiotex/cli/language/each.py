@@ -14,7 +14,7 @@ OPTIONS = settings_of(
     (
         "--each PATTERN",
         "Run the line for each matching file, such as 'photos/*.jpg', and read it here. {name}: the file's name"
-        " without extension, {dir}: its folder",
+        " without extension, {ext}: its extension, {dir}: its folder",
     ),
 )
 
@@ -56,7 +56,8 @@ def _line(words: Sequence[str], place: int, file: str) -> tuple[str, ...]:
     if "{" in file or "}" in file:
         raise ParameterError(f"--each: {file!r}: braces begin expressions; rename the file")
     folder, name = os.path.split(file)
-    tokens = {"{name}": os.path.splitext(name)[0], "{dir}": folder or "."}
+    stem, extension = os.path.splitext(name)
+    tokens = {"{name}": stem, "{dir}": folder or ".", "{ext}": extension[1:]}
 
     def filled(word: str) -> str:
         for token, value in tokens.items():

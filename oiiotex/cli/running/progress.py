@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _TICK = 0.25  # s
 _QUIET = 1.0  # s before a bar appears
 _LINES = 10.0  # s between lines in a log
-_BAR = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}, {rate_fmt}"
+_BAR = "{{desc}} {{percentage:3.0f}}%|{{bar}}| {{elapsed}}<{left}, {{rate_fmt}}"
 _NO_BAR = "{desc} {elapsed}"  # for stages of unknown length
 
 
@@ -31,7 +31,7 @@ class Display:
         self._stages: list[str] = []
         self._prefix = ""
         self._first = self._done = self._total = 0  # steps: at the begin, now, at the end
-        self._begun = self._start = self._last_line = time.monotonic()
+        self._begun = self._told = self._start = self._last_line = time.monotonic()
         self._bar: tqdm | None = None
         self._lock = threading.RLock()
         self._ended = threading.Event()
@@ -51,15 +51,28 @@ class Display:
                 self.clear()
 
     def advance(self, done: int, total: int) -> None:
-        """Set the number of finished steps. Another total, or fewer steps than before, restart the estimate."""
+        """Set the number of finished steps. Fewer than before restart the estimate; the total may change."""
         with self._lock:
-            if done < self._done or (self._total and total != self._total):
+            if done < self._done:
                 self._restart(done)
+            if done > self._done:
+                self._told = time.monotonic()
             self._done, self._total = done, total
 
     def _restart(self, done: int = 0) -> None:
         self._first = self._done = done
         self._total, self._begun = 0, time.monotonic()
+        self._told = self._begun
+
+    def _left(self, now: float) -> float | None:
+        """Seconds left, as of the last report: a stage that reports nothing is still expected to take its share.
+
+        None if there is no estimate, or if the time that it gave has passed.
+        """
+        if self._done <= self._first or not self._total:
+            return None
+        whole = (self._told - self._begun) * (self._total - self._first) / (self._done - self._first)
+        return whole - (now - self._begun) if whole > now - self._begun else None
 
     def frame(self, number: int, count: int, name: str = "") -> None:
         """Set the current frame of a sequence, from 1 to `count`, and its name if it is a file of --each."""
@@ -116,7 +129,10 @@ class Display:
         bar.ncols, bar.nrows = _terminal_size()  # tqdm draws nothing on a terminal that reports 0 rows
         bar.desc, bar.n, bar.total = self._text(), self._done, self._total or None
         bar.start_t = bar._time() - (now - self._begun)
-        bar.bar_format = _BAR if self._total else _NO_BAR
+        left = self._left(now)
+        bar.bar_format = (
+            _BAR.format(left="?" if left is None else bar.format_interval(left)) if self._total else _NO_BAR
+        )
         bar.refresh()
 
     def _say(self, now: float) -> None:
@@ -126,8 +142,8 @@ class Display:
         text = f"{self._text()} {now - self._start:.0f} s"
         if self._total:
             text += f", {100 * self._done / self._total:.0f} %"
-        if self._done > self._first:
-            left = (now - self._begun) * (self._total - self._done) / (self._done - self._first)
+        left = self._left(now)
+        if left is not None:
             text += f", {left:.0f} s left"
         with contextlib.suppress(OSError):  # stderr is closed
             print(text, file=sys.stderr, flush=True)

@@ -263,6 +263,12 @@ class _Rehearsal(Chain):
         self._idle.clear()
         self.files += [path] * (self._uses - len(self.files))
         with self._certainly():
+            if (
+                self.frame is not None
+                and self.frame.file
+                and os.path.realpath(path) == os.path.realpath(self.frame.file)
+            ):
+                raise CollisionError(f"{path} is the input", hint="use another folder or name")
             self._own(path)
             require_writable(image, self._place_of(path), how)
         self._files[os.path.realpath(path)] = as_foreseen(image)
@@ -275,7 +281,7 @@ class _Rehearsal(Chain):
         if owner != self.frame.file:
             raise CollisionError(
                 f"{path} is an input or output of both {owner} and {self.frame.file}",
-                hint="use {name} or {dir} of --each in the names of outputs",
+                hint="use {name}, {dir} and {ext} of --each in the names of outputs",
             )
 
     def _place_of(self, path: str) -> str:
