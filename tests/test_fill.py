@@ -18,9 +18,13 @@ from oiiotex.fill import border
 from oiiotex.fill import fill_measures as measured
 from oiiotex.fill.border import border_offsets
 from oiiotex.fill.fill_measures import fill_measures
-from oiiotex.fill.seam_zone import cut_bytes, replaced_pixels
+from oiiotex.fill.onion_peel import BYTES as START_BYTES
+from oiiotex.fill.onion_peel import peeled
+from oiiotex.fill.seam_zone import cut_bytes, grown, replaced_pixels
 from oiiotex.fill.source_layout import in_layout_of
 from oiiotex.io.cryptomatte import hashed
+from oiiotex.patchmatch.field import Geometry, allowed_patches
+from oiiotex.projections.histograms import OUTSIDE
 from oiiotex.quality.seam_measures import seam_ratio
 from oiiotex.session import Session
 from tests import pictures
@@ -273,6 +277,7 @@ def test_small_scattered_and_empty_regions(caplog):
         (STAIN[:30, :40], {}, "region is 40x30, but the exemplar is 112x96"),
         (np.indices((96, 112)).sum(0)[..., None] % 5 > 0, {}, "no 7x7 patch of the exemplar of 112x96 px is free of"),
         (STAIN, {"mask": mask(STAIN)}, "no source pixels remain: all are transparent, or excluded"),
+        (STAIN, {"mask": mask(STAIN), "source": buffer(OTHER)}, "mask is 112x96, but the source is 64x80: expected"),
         (STAIN, {"source": buffer(OTHER[:5])}, "the exemplar of 64x5 px is smaller than a patch of 7x7"),
         (STAIN, {"level": 1}, "level and labels require label or sourcelabel"),
         (STAIN, {"relevel": True}, "relevel=True requires kinds with a height"),
@@ -295,6 +300,32 @@ def test_memory_is_known_before_the_work():
     region[100:1100, 100:1500] = 1
     with pytest.raises(errors.ImageError, match=r"needs [0-9]+ MB"):
         filters.fill(big, mask(region), session=Session(budget=32 << 20))
+
+
+def test_a_thin_region_continues_what_is_on_each_side_of_it():
+    """A cable across upright bars: from a random start, it becomes a gray that is none of theirs."""
+    random = np.random.default_rng(2)
+    bars = np.repeat(random.choice([0.1, 0.35, 0.8], 8), 20)
+    photo = np.clip(bars[None, :, None] + random.normal(0, 0.03, (80, 160, 3)), 0, 1)
+    region = (np.abs(np.arange(80) - 34) < 12)[:, None, None] & np.ones((80, 160, 1), bool)
+    filled = pixels(made(region, buffer(photo), blend=0.0, structure=0.0))[22:47, :, 0]
+    assert np.abs(filled - bars).mean() < 0.04
+
+
+def test_peeling_starts_with_the_patches_that_continue_the_fixed_pixels():
+    columns = np.random.default_rng(1).integers(-900, 900, (1, 40, 3)).astype(np.int16)
+    image = np.repeat(columns, 30, 0)
+    free = np.zeros((30, 40), bool)
+    free[12:19, 5:33] = True
+    geometry = Geometry(width=40, height=30, exemplar_width=40, exemplar_height=30, patch=5)
+    patches = allowed_patches(~free, geometry)
+    stays = np.where(free[..., None], np.int16(OUTSIDE), image)
+    field = SourceMap.of(*np.zeros((2, 26, 36), int))
+    found = peeled(field, stays, image, patches, geometry)
+    y, x = found.yx
+    over = ~patches
+    np.testing.assert_array_equal(x[over], np.broadcast_to(np.arange(36), over.shape)[over])
+    assert patches[y, x].all() and not x[~over].any()  # other patches are left to the first guess
 
 
 def test_regions_on_the_command_line(tmp_path):
@@ -341,18 +372,25 @@ def test_measures_of_a_photo_and_of_a_blurred_region():
     assert not fill_measures(lab, HOLE | True, HOLE & False)
 
 
-def test_steps_after_the_synthesis_take_no_more_memory_than_declared():
+def test_steps_besides_the_synthesis_take_no_more_memory_than_declared():
     """Traced peaks, for each pixel: a region of stripes, in which every pixel is next to the border, and a cut."""
     y, x = np.indices((200, 200))
     shown, zone = y // 2 % 2 == 0, np.hypot(y - 100, x - 100) < 80
     kept, here = np.random.default_rng(0).normal(50, 10, (200, 200, 3)).astype(np.float32), SourceMap.of(y, x)
     marked = np.hypot(y - 100, x - 100) < 40
+    geometry = Geometry(width=200, height=200, exemplar_width=200, exemplar_height=200, patch=5)
+    image = (9 * kept).astype(np.int16)
+    stays = np.where(marked[..., None], np.int16(OUTSIDE), image)
     steps = (
         (lambda: border_offsets(kept, kept + 5, here, shown, ~shown, None, 4.0), border.BYTES * y.size),
         (lambda: fill_measures(kept, shown, ~shown), measured.BYTES * y.size),
         (
             lambda: replaced_pixels(marked, zone, kept, kept + 5, here),
             cut_bytes(y.size, np.count_nonzero(zone & ~marked), y.size),
+        ),
+        (
+            lambda: peeled(SourceMap.of(y[4:, 4:], x[4:, 4:]), stays, image, ~grown(marked, 8)[4:, 4:], geometry),
+            START_BYTES,
         ),
     )
     for work, declared in steps:

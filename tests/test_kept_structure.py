@@ -43,6 +43,13 @@ def test_a_result_is_as_regular_as_its_photo(op, name):
     assert least[0.5] >= 0.8 and least[0.5] > least[0.0] + 0.15
 
 
+def test_a_single_object_has_no_lattice():
+    """A white disc: the high-pass has no stripes that rise over their mean."""
+    y, x = np.indices((240, 300))
+    disc = 100.0 * (np.hypot(y - 120, x - 150) < 40)
+    assert find_lattice(np.stack([disc, 0 * disc, 0 * disc], -1).astype(np.float32)) is None
+
+
 @pytest.mark.parametrize("name", [pytest.param("oblique", marks=pytest.mark.slow), "bricks"])
 def test_a_texture_without_end_is_as_regular_as_its_photo(name):
     session, image = Session(), from_buffer(buffer(regular(name, 128, 128, 3)))

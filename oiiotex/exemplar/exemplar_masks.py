@@ -12,9 +12,9 @@ from ..deferred import np
 from ..errors import ImageError, ParameterError, texture_filter
 
 
-def masked_pixels(mask: Image, exemplar: Image) -> np.ndarray:
+def masked_pixels(mask: Image, exemplar: Image, name: str = "the exemplar") -> np.ndarray:
     """The valid source pixels of a mask, (height, width) bool; raises ImageError if there are none."""
-    allowed = mask_pixels(laid_over(mask.first, exemplar, "mask"))
+    allowed = mask_pixels(laid_over(mask.first, exemplar, "mask", name))
     if not allowed.any():
         raise ImageError(f"mask selects no pixel of {exemplar.source}: expected values above half its range")
     return allowed
@@ -50,8 +50,8 @@ def label_map(exemplar: Image, labels: Image | None, level: int | None) -> Label
     return levels[level]
 
 
-def laid_over(part: Part, exemplar: Image, name: str) -> Part:
-    """The part, aligned with the exemplar's data window.
+def laid_over(part: Part, exemplar: Image, name: str, whole_name: str = "the exemplar") -> Part:
+    """The part, aligned with the exemplar's data window. The names are for messages.
 
     A part of the exemplar's size and origin (or at 0,0, for formats without windows) is used pixel for pixel. Any other
     part must have the exemplar's display window and is black outside its data window, as in cropped mattes.
@@ -63,7 +63,7 @@ def laid_over(part: Part, exemplar: Image, name: str) -> Part:
     if Window.display(part.spec) != Window.display(exemplar.first.spec):
         sizes = [str(w) if alike else f"{w.width}x{w.height}" for w in (mine, whole)]
         raise ImageError(
-            f"{name} is {sizes[0]}, but the exemplar is {sizes[1]}: expected the same size, or the same display window"
+            f"{name} is {sizes[0]}, but {whole_name} is {sizes[1]}: expected the same size, or the same display window"
         )
     return cropped(part, whole)
 

@@ -36,6 +36,8 @@ from .border import border_offsets
 from .fill_measures import BYTES as MEASURE_BYTES
 from .fill_measures import NAMES, SOURCE_BYTES, fill_measures, repeats
 from .light import Light, drift_within, light_of
+from .onion_peel import BYTES as START_BYTES
+from .onion_peel import peeled
 from .region import marked_pixels, surroundings
 from .seam_zone import cut_bytes, grown, replaced_pixels
 from .source_layout import in_layout_of
@@ -118,7 +120,7 @@ class RegionFill:
         recipe = self._recipe(window)
         held = op.holds_photo(resources)
         spec = self._sources[0].first.spec
-        left, masked = op.budget_left(resources, window), ExemplarHeld(held, True)
+        left, masked = op.budget_left(resources, window) - START_BYTES, ExemplarHeld(held, True)
         self._require_rest(left, window, held, int(zone.sum() - self._marked.sum()))
         require_memory(resources.device, recipe, (spec.height, spec.width, 3), left, masked)
         with resources.stats.time("read and color"):
@@ -146,7 +148,7 @@ class RegionFill:
         places = None
         if not self._other:
             places = SourceMap.of(np.arange(window.top, window.bottom)[:, None], np.arange(window.left, window.right))
-        fixed = FixedPixels(is_fixed, places, values=np.ascontiguousarray(kept)) if is_fixed.any() else None
+        fixed = FixedPixels(is_fixed, places, np.ascontiguousarray(kept), peeled) if is_fixed.any() else None
         with resources.stats.time("synthesis"):
             source = synthesize(
                 resources.device, values, seen.usable, recipe, left, next(self._stages).advance,
@@ -232,7 +234,8 @@ class RegionFill:
         values, clear = shown, opaque
         if self._other:
             values, clear = read_material(self._sources, op.kinds, match, op.data, resources, held)
-        allowed = None if op.mask is None else masked_pixels(op.mask, self._sources[0])
+        name = "the source" if self._other else "the exemplar"
+        allowed = None if op.mask is None else masked_pixels(op.mask, self._sources[0], name)
         if op.sourcelabel is not None:
             labels = label_map(op.source or op.exemplar, None if self._other else op.labels, op.level)
             allowed = both(labeled_pixels(labels, op.sourcelabel, "sourcelabel"), allowed)

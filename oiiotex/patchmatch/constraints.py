@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from ..color.lab_grid import to_grid
@@ -39,11 +39,15 @@ class FixedPixels:
     values : (height, width, channels) float32, optional
         Their values, on the scale of the exemplar. Default: those of the exemplar at `places`, which are then also
         restored in the result; otherwise it has the patches that fit best there.
+    start : callable, optional
+        Returns the first field from (field, fixed image, exemplar's grid image, allowed patches, geometry). Default:
+        random where pixels are free.
     """
 
     where: np.ndarray
     places: SourceMap | None
     values: np.ndarray | None = None
+    start: Callable[[SourceMap, np.ndarray, SomeRows, np.ndarray, Geometry], SourceMap] | None = None
 
     def image(self, exemplar: SomeRows, geometry: Geometry) -> np.ndarray:
         """The fixed pixels on a level as a grid image, `OUTSIDE` where the target is free.

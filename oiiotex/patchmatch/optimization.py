@@ -177,6 +177,8 @@ def synthesize(
                     field = random_field(geometry, patches, recipe.seed, weights, place)
                 if fixed is not None:
                     field = only_allowed(fixed.first_guess(field, exemplar.shape, geometry), patches, recipe.seed)
+                    if fixed.start is not None:
+                        field = fixed.start(field, fixed.image(exemplar, geometry), image, patches, geometry)
             else:
                 field = upsample_field(field, geometries[level - 1], geometry, patches, recipe.seed, place, in_step)
             searches = SEARCHES if iteration == 0 or recipe.literal else FINE_SEARCHES

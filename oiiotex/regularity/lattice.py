@@ -346,6 +346,8 @@ def _stripes(likeness: Autocorrelation, longest: float) -> np.ndarray | None:
     if not candidates:
         return None
     heights = [_over_floor(likeness, c) for c in candidates]
+    if max(heights) <= 0:  # a single object
+        return None
     good = [c for c, h in zip(candidates, heights, strict=True) if h >= 0.9 * max(heights)]
     best = max(good, key=lambda c: float(np.hypot(*c)))
     step = 0.25 / max(weighted.shape)  # a quarter of the frequency resolution
