@@ -272,3 +272,15 @@ def test_bands_and_threads_do_not_show_in_what_tiles(monkeypatch):
     monkeypatch.setattr("oiiotex.scan.PIECE_PIXELS", 61 * 2)
     again = pixels(filters.flatten(photo, radius=18, tile="xy", session=Session(threads=1)))
     np.testing.assert_array_equal(made, again)
+
+
+def test_a_stain_is_no_source_of_a_tile_and_objects_are():
+    covered = []
+    for places in (((100, 120),), ((50, 60), (60, 190), (190, 70), (200, 200))):
+        picture = np.ascontiguousarray(lab_with_spots(*places)[1])
+        ColorConfig().from_lab("lin_rec709_scene")(picture)
+        made = filters.stationarize(linear(picture), size=(96, 96), iterations=3, stmap=True)
+        st = pixels(made["st"])[..., :2] * 256
+        away = np.min([np.hypot(st[..., 0] - x, st[..., 1] - y) for y, x in places], 0)
+        covered.append((away < 22).mean())
+    assert covered[0] == 0 < covered[1]

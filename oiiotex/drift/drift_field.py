@@ -29,8 +29,6 @@ _PLANE = 2.0  # sigma of the plane fit, in radii
 _SPOT = 0.4  # radius of the disc for smaller stains, relative to the radius
 _NEAR, _FAR = 3.0, 8.0  # in deviations of the texture's own variation: end of a stain, and minimum peak of one
 _MOST_SPOTS, _LARGEST_SPOTS = 2, 0.15  # maximum number of stains, and share of the photo they may cover
-_RIM = 1  # cells around a stain that it may still color
-_NEXT = [(y, x) for y in range(3) for x in range(3)]
 _MOST_CELLS = 1 << 14  # of the search for stains: sufficient for a photo 16 radii wide
 _AT_ONCE = 1 << 13  # values of discs sorted at a time, or as many as there are cells
 _PLANES = 28  # maximum number of arrays of cells between the sums and the results
@@ -57,16 +55,13 @@ class Drift:
     spots: np.ndarray
 
     def stained(self) -> np.ndarray | None:
-        """Pixels of the stains in `spots` and their rims, (height, width) bool; None: there are none.
+        """Pixels of the stains in `spots`, (height, width) bool; None: there are none.
 
         A correction slower than sigma cannot restore them: a stain tints light elements more than dark ones.
         """
         spots = self.spots[MARGIN:-MARGIN, MARGIN:-MARGIN] > 0
         if not spots.any():
             return None
-        for _ in range(_RIM):
-            wide = np.pad(spots, 1, "edge")
-            spots = np.logical_or.reduce([wide[y : y + len(spots), x : x + spots.shape[1]] for y, x in _NEXT])
         return spots[self.cells.lines][:, self.cells.columns]
 
 

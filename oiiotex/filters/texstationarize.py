@@ -13,7 +13,7 @@ from ..core.op import Output
 from ..core.parameters import image, param
 from ..deferred import np
 from ..drift.flattening import DRIFT, DRIFT_HELP, Flattening, correction_part
-from ..errors import ParameterError
+from ..errors import ParameterError, spelled, texture_filter
 from ..exemplar.constraint_images import SIGMAMAP, sigmas_of
 from ..exemplar.exemplar_masks import mask_of
 from ..exemplar.exemplar_op import ExemplarPixels
@@ -165,7 +165,8 @@ True
         mask = self.mask
         if stained is not None and self.leaves_out_stains(resources):
             mask = mask_of(~stained if allowed is None else allowed & ~stained, part)
-            self.inform("a stain covers %.1f %% of the photo: no source of the tile", 100 * stained.mean())
+            keep = spelled(f"to keep it, use {texture_filter('flatten')} first, then flatten=0")
+            self.inform("a stain covers %.0f %% of the photo and is not used; %s", 100 * stained.mean(), keep)
         exemplar = Image((flat, *self.exemplar.parts[1:]), self.exemplar.source)
         return replace(self, exemplar=exemplar, mask=mask, flatten=0.0), {"drift": drift}
 
