@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter
 from oiiotex import errors, filters
 from oiiotex.cli.running.line_run import run
 from oiiotex.color.config import ColorConfig
+from oiiotex.core.source_map import SourceMap
 from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import buffer, pixels
@@ -272,3 +273,14 @@ def test_bands_and_threads_do_not_show_in_what_tiles(monkeypatch):
     monkeypatch.setattr("oiiotex.scan.PIECE_PIXELS", 61 * 2)
     again = pixels(filters.flatten(photo, radius=18, tile="xy", session=Session(threads=1)))
     np.testing.assert_array_equal(made, again)
+
+
+def test_a_stain_is_no_source_of_a_tile_and_objects_are():
+    covered = []
+    for places in (((100, 120),), ((50, 60), (60, 190), (190, 70), (200, 200))):
+        picture = np.ascontiguousarray(lab_with_spots(*places)[1])
+        ColorConfig().from_lab("lin_rec709_scene")(picture)
+        made = filters.stationarize(linear(picture), iterations=3, stmap=True)
+        y, x = SourceMap.of_coordinates(pixels(made["st"]), linear(picture).spec(), "st").yx
+        covered.append((np.min([np.hypot(y - cy, x - cx) for cy, cx in places], 0) < 22).mean())
+    assert covered[0] == 0 < covered[1], covered

@@ -27,7 +27,7 @@ PHOTO = pictures.stained(pictures.bricks(64, 72, seed=2))
 QUICK = {"iterations": 3, "seed": 1}
 COPIES = {"texture", "copied", "shown", "repeat"}
 PAINTED = {"label", "label_shown", "label_repeat"}
-ACROSS = {"seam", "seam_x", "seam_x_photo", "quieter_x"}
+ACROSS = {"seam", "seam_x", "seam_x_photo", "quieter_x", "salient"}
 SEAMS = ACROSS | {"seam_y", "seam_y_photo", "quieter_y"}
 ALWAYS = {"cost", "cost_photo", "loss", "fidelity", "band_96", "band_48", "band_24", "shapes", "lines", "missing"}
 LOSSES = {"textured", "textured_photo", "regular", "regular_photo"}  # the photo is of bricks

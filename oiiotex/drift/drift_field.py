@@ -54,6 +54,16 @@ class Drift:
     overall_contrast: np.ndarray
     spots: np.ndarray
 
+    def stained(self) -> np.ndarray | None:
+        """Pixels of the stains in `spots`, (height, width) bool; None: there are none.
+
+        A correction slower than sigma cannot restore them: a stain tints light elements more than dark ones.
+        """
+        spots = self.spots[MARGIN:-MARGIN, MARGIN:-MARGIN] > 0
+        if not spots.any():
+            return None
+        return spots[self.cells.lines][:, self.cells.columns]
+
 
 def drift_of(
     image: Image,

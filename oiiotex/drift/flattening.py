@@ -61,8 +61,8 @@ class Flattening:
     def of(
         self, flag: str, source: Image, space: Space, resources: Resources, progress: Progress,
         usable: np.ndarray | None = None,
-    ) -> tuple[Part, Part]:  # fmt: skip
-        """The flattened first part of an image, in its own color space and type, and the correction.
+    ) -> tuple[Part, Part, np.ndarray | None]:  # fmt: skip
+        """The flattened first part of an image, in its own color space and type, the correction, and `Drift.stained`.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class Flattening:
         radius = self.radius or max(1.0, DEFAULT_RADIUS * max(part.window.size))
         drift = None if self.amount == 0 else drift_of(source, lens, radius, resources, progress, self.wraps, usable)
         if drift is None:  # no usable pixels, or nothing to do: copy without rounding
-            return part, correction_part(None, part)
+            return part, correction_part(None, part), None
         center = np.array(_CENTER if lens.space is not None else _CENTER[:1] * 3)[: lens.count]
         target = center if self.centered else drift.overall_level
         change = correction(drift, self.amount, self.contrast, target)
@@ -99,7 +99,7 @@ class Flattening:
             change.apply(values, window)
             return lens.replaced(rows, values, opaque)
 
-        return mapped(part, work, resources), correction_part(change, part)
+        return mapped(part, work, resources), correction_part(change, part), drift.stained()
 
 
 def correction_part(change: Correction | None, part: Part) -> Part:

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from ..color.config import as_float
 from ..core.demand import bands
-from ..core.image import Image, Part, channels_of, cropped, dtype_of
+from ..core.image import Image, Part, channels_of, cropped, dtype_of, from_pixels, spec_beside
 from ..core.label_map import LabelMap, holds_ids, label_maps, opened_level
 from ..core.window import Window
-from ..deferred import np
+from ..deferred import np, oiio
 from ..errors import ImageError, ParameterError, texture_filter
 
 
@@ -75,6 +75,13 @@ def mask_pixels(part: Part) -> np.ndarray:
         values = part.read(window)[..., channel]
         inside.append(values != 0 if part.exact or values.dtype == np.uint32 else as_float(values) > 0.5)
     return np.concatenate(inside)
+
+
+def mask_of(allowed: np.ndarray, photo: Part) -> Image:
+    """Valid source pixels of a photo, (height, width) bool, as a mask over it."""
+    spec = spec_beside(photo.spec, ("Y",))
+    spec.set_format(oiio.TypeDesc(oiio.UINT8))
+    return Image((from_pixels("mask", np.uint8(255) * allowed[..., None], spec),), "mask")
 
 
 def labeled_pixels(labels: LabelMap, label: int, parameter: str = "label") -> np.ndarray:

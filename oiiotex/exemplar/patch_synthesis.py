@@ -147,6 +147,10 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """The op with the exemplar that provides the patches, and further outputs of flattening."""
         return self, {}
 
+    def leaves_out_stains(self, resources: Resources) -> bool:
+        """Whether stains of the photo are no valid source pixels."""
+        return False
+
     def holds_photo(self, resources: Resources) -> bool:
         """Whether the photo is held in memory; otherwise it is read by rows."""
         return self.holds(resources, _LAB_BYTES * len(self.all_maps()))
@@ -221,5 +225,6 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         recipe, spec = self.recipe(*size), self.exemplar.first.spec
         if self.values().get("amount") is not None or getattr(self, "sigmamap", None) is not None:
             recipe = replace(recipe, sigma=None)  # sigma depends on pixels
-        held = ExemplarHeld(self.holds_photo(resources), self.mask is not None or self.label is not None)
+        masked = self.mask is not None or self.label is not None or self.leaves_out_stains(resources)
+        held = ExemplarHeld(self.holds_photo(resources), masked)
         require_memory(resources.device, recipe, (spec.height, spec.width, 3), self.budget_left(resources), held)

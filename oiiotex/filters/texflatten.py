@@ -78,7 +78,8 @@ class Flatten(ScanThenMap):
             wraps=("y" in self.tile, "x" in self.tile),
         )
         usable = None if self.mask is None else masked_pixels(self.mask, self.source)
-        flat, drift = how.of(self.flag(), self.source, self.working_space, session.resources, session.progress, usable)
+        given = self.working_space, session.resources, session.progress, usable
+        flat, drift, _ = how.of(self.flag(), self.source, *given)
         spec = derived_spec(flat.spec)
         if self.tile != "none":
             spec.attribute("wrapmodes", ",".join("periodic" if axis in self.tile else "black" for axis in "xy"))

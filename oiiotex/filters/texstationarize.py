@@ -13,8 +13,9 @@ from ..core.op import Output
 from ..core.parameters import image, param
 from ..deferred import np
 from ..drift.flattening import DRIFT, DRIFT_HELP, Flattening, correction_part
-from ..errors import ParameterError
+from ..errors import ParameterError, spelled, texture_filter
 from ..exemplar.constraint_images import SIGMAMAP, sigmas_of
+from ..exemplar.exemplar_masks import mask_of
 from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.patch_synthesis import PATCH, PatchSynthesis
 from ..exemplar.photo_lattice import STRUCTURE
@@ -150,19 +151,28 @@ True
         return 0.0 if lens_of(self.exemplar, resources, self.working_space).space is None else 1.0
 
     def flattened(self, resources: Resources, progress: Progress) -> tuple[Stationarize, dict[str, Part]]:
-        """The op on the flattened photo, and the correction."""
+        """The op on the flattened photo without its stains, and the correction."""
         part, strength = self.exemplar.first, self._strength(resources)
         if strength == 0:
             return self, {"drift": correction_part(None, part)}
         allowed = self._allowed()
         flattening = Flattening(amount=strength)
-        flat, drift = resources.remembered(
+        flat, drift, stained = resources.remembered(
             ("flattened", id(part), strength, None if allowed is None else hash_of(allowed)),
             lambda: flattening.of(self.flag(), self.exemplar, self.working_space, resources, progress, allowed),
             part,
         )
+        mask = self.mask
+        if stained is not None and self.leaves_out_stains(resources):
+            mask = mask_of(~stained if allowed is None else allowed & ~stained, part)
+            keep = spelled(f"to keep it, use {texture_filter('flatten')} first, then flatten=0")
+            self.inform("a stain covers %.0f %% of the photo and is not used; %s", 100 * stained.mean(), keep)
         exemplar = Image((flat, *self.exemplar.parts[1:]), self.exemplar.source)
-        return replace(self, exemplar=exemplar, flatten=0.0), {"drift": drift}
+        return replace(self, exemplar=exemplar, mask=mask, flatten=0.0), {"drift": drift}
+
+    def leaves_out_stains(self, resources: Resources) -> bool:
+        """Whether stains of the photo are no valid source pixels."""
+        return self._strength(resources) == 1 and self.holds_photo(resources)
 
     @property
     def kept_structure(self) -> float:

@@ -70,6 +70,7 @@ FINE_SEARCHES = 3  # the coarsest level has found the regions; wide windows find
 OVERSHOOT = 1.2
 LOOKS = 3  # iterations of the coarsest level between two previews
 _LEVEL = 40_000  # pixels of an iteration that take as long as the preparation of a level
+_WHOLE = 0.85  # share of usable pixels of an exemplar that has small holes only
 EASE = 2.0  # patches from fixed pixels to where the projection has full strength
 
 
@@ -171,7 +172,7 @@ def synthesize(
                 if recipe.complete:
                     use_prices.hand_on(device, buffers, present(levels).prices(level, geometry))
             elif field is None:
-                if _starts_shifted(recipe, weights, patches) and fixed is None:
+                if _starts_shifted(recipe, weights, allowed) and fixed is None:
                     field = shifted_field(geometry, patches, recipe.seed, place)
                 else:
                     field = random_field(geometry, patches, recipe.seed, weights, place)
@@ -211,9 +212,13 @@ def synthesize(
         return Synthesis(source, present(field), lost)
 
 
-def _starts_shifted(recipe: Recipe, weights: np.ndarray | None, patches: np.ndarray) -> bool:
-    """Start from the shifted exemplar, unless it has holes or the target has borders: it would stay as it is."""
-    return recipe.complete and recipe.shifted and all(recipe.wraps) and weights is None and bool(patches.all())
+def _starts_shifted(recipe: Recipe, weights: np.ndarray | None, allowed: np.ndarray | None) -> bool:
+    """Start from the shifted exemplar, unless large parts are masked or the target has borders: it would stay as it is.
+
+    Without the whole exemplar's layout, a small hole would cost the shapes everywhere: coarse patches are large.
+    """
+    whole = allowed is None or bool(allowed.mean() >= _WHOLE)
+    return recipe.complete and recipe.shifted and all(recipe.wraps) and weights is None and whole
 
 
 def require_memory(device: Device, recipe: Recipe, shape: tuple[int, ...], budget: int, held: ExemplarHeld) -> None:

@@ -27,6 +27,8 @@ GOOD = 0.8  # a result below is tried again, warned about, or sent to review
 _NEAR, _FAR = 1 / 6, 0.4  # of the longer side: limit of shapes, and of long lines
 _ORDER = 1.5  # ratio to the correlation that chance explains: above it, the photo has long lines or a lattice
 _MOST = 2 * SIDE  # px of a result that are measured, in its middle
+_AREA = 48  # the longer side over the sigma of a salient area
+_LEAST_DEVIATION = 0.3  # Lab, at that sigma: smaller ones are invisible
 _COLORS = 8  # quantiles of a channel
 
 
@@ -133,6 +135,36 @@ def fidelity(photo: SomeRows, usable: np.ndarray | None, result: SomeRows, wraps
         shapes, lines = _relative(shapes, usual_shapes), _relative(lines, usual_lines)
         missing = max(0.0, missing - usual_missing) / (1.0 - usual_missing)
     return Fidelity(bands, shapes, lines, missing)
+
+
+def salience(longer: int, result: SomeRows, wraps: tuple[bool, bool]) -> float | None:
+    """How far the most salient area of a texture is from its typical color, in typical deviations.
+
+    The fidelity compares statistics, and one small area that differs hardly changes them; but where a tile repeats, it
+    is the first thing that is seen.
+
+    Parameters
+    ----------
+    longer : int
+        Longer side of the photo, px. Areas are a Gaussian of 1/48 of it.
+    result : (height, width, 3) float32
+        CIE Lab.
+    wraps : (bool, bool)
+        The result is a torus along y, along x.
+
+    Returns
+    -------
+    float or None
+        None for a result too small to measure.
+    """
+    size = _size_at(min(1.0, SIDE / longer), result)
+    if min(size) < LEAST:
+        return None
+    lab = _middle_of(result, *size)
+    lab -= np.median(lab, (0, 1))
+    around = blurred(lab, min(longer, SIDE) / _AREA, wraps if max(size) <= _MOST else (False, False))
+    away = np.abs(around - np.median(around, (0, 1)))
+    return float((away.max((0, 1)) / np.maximum(_LEAST_DEVIATION, 1.4826 * np.median(away, (0, 1)))).max())
 
 
 def _pieces(seen: np.ndarray, height: int, width: int) -> Iterator[tuple[slice, slice]]:

@@ -14,6 +14,7 @@ REPORT_MEASURES = {
     "seam_y_photo": "The same for the photo.",
     "quieter_x": "Percentage of interior lines with a smaller jump than the wrap along x. 50 is invisible.",
     "quieter_y": "The same along y.",
+    "salient": "Distance of the most salient area from the typical color, in typical deviations. Unobtrusive up to 6.",
     "border": "Mean jump of L across a fill's border, relative to jumps within 12 px around it. 1 is invisible.",
     "step": "Difference of local levels across a fill's border, relative to a line around it. 1 is invisible.",
     "sharp": "Sharpness of a fill, mean |L - blurred L|, relative to its surroundings.",

@@ -21,6 +21,11 @@ _VERDICTS: tuple[tuple[str, float, float, tuple[str, str, str]], ...] = (
         "A seam may be visible on plain areas.",
         "A seam is visible.",
     )),
+    ("salient", 6.0, 9.0, (
+        "No spot stands out where the tile repeats.",
+        "A spot may stand out where the tile repeats. Look at a preview, 2x2.",
+        "A spot stands out where the tile repeats. preset=clean or a mask may remove it.",
+    )),
     ("border", 1.3, 1.8, (
         "The border of the fill is not visible.",
         "The border of the fill may be visible.",
@@ -74,6 +79,8 @@ def report_lines(result: Mapping[str, Any], measure: str, order: int, sigma: flo
         from .fidelity import Fidelity
 
         yield str(Fidelity.of_measures(m))
+    if "salient" in m:
+        yield f"the most salient area differs by {m['salient']:.1f} typical deviations (unobtrusive: up to 6)"
     if "border" in m:
         yield f"jumps across the border {m['border']:.2f} times those around it, levels {m['step']:.2f} times"
         yield f"sharpness {100 * m['sharp']:.0f} % of the surroundings' (mean |L - blurred L|)"

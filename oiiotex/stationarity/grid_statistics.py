@@ -108,8 +108,12 @@ class Cells:
     @functools.cached_property
     def columns(self) -> np.ndarray:
         """The cell of every column of pixels, (width,) int32."""
-        widths = np.diff(self.starts, append=self.window.width)
-        return np.repeat(np.arange(self.across, dtype=np.int32), widths)
+        return _cell_of_each(self.starts, self.window.width)
+
+    @functools.cached_property
+    def lines(self) -> np.ndarray:
+        """The cell of every row of pixels, (height,) int32."""
+        return _cell_of_each(self._tops, self.window.height)
 
     @functools.cached_property
     def _tops(self) -> np.ndarray:
@@ -120,6 +124,10 @@ class Cells:
 
     def _starts(self, size: int, count: int, wraps: bool) -> np.ndarray:
         return np.arange(count) * size // count if wraps else np.arange(count) * self.side
+
+
+def _cell_of_each(starts: np.ndarray, size: int) -> np.ndarray:
+    return np.repeat(np.arange(len(starts), dtype=np.int32), np.diff(starts, append=size))
 
 
 @dataclass(frozen=True, kw_only=True)
