@@ -166,13 +166,13 @@ True
         if stained is not None and self.leaves_out_stains(resources):
             mask = mask_of(~stained if allowed is None else allowed & ~stained, part)
             keep = spelled(f"to keep it, use {texture_filter('flatten')} first, then flatten=0")
-            self.inform("a stain covers %.0f %% of the photo and is not used; %s", 100 * stained.mean(), keep)
+            self.inform("a stain covers %.0f %% of the photo and is not copied; %s", 100 * stained.mean(), keep)
         exemplar = Image((flat, *self.exemplar.parts[1:]), self.exemplar.source)
         return replace(self, exemplar=exemplar, mask=mask, flatten=0.0), {"drift": drift}
 
     def leaves_out_stains(self, resources: Resources) -> bool:
         """Whether stains of the photo are no valid source pixels."""
-        return self._strength(resources) == 1 and self.holds_photo(resources)
+        return self._strength(resources) == 1
 
     @property
     def kept_structure(self) -> float:
