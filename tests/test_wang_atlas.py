@@ -29,6 +29,7 @@ from tests.conftest import load, oiiotex
 from tests.reference.wang import border_steps, sample_wang
 
 PHOTO = pictures.stained(pictures.pebbles(96, 112, 3))
+HEIGHTS = (0.5 + np.sin(np.arange(96) / 9)[:, None] * np.cos(np.arange(112) / 11) / 4)[..., None]  # unlike the colors
 SMALL = {"size": (32, 32), "iterations": 4, "patch": 7, "seed": 1, "variants": 16}
 
 
@@ -110,14 +111,33 @@ def test_a_set_of_tiles_that_are_too_small_is_warned_about(caplog):
 
 
 def test_steps_of_heights_are_those_of_the_whole_plane(caplog):
-    given = {"maps": [buffer(PHOTO[..., :1], space="data")], "kinds": ("color", "height"), "mapweights": (1, 0)}
     with caplog.at_level("INFO", "oiiotex"):
-        _, raised = filters.stationarize(
-            buffer(PHOTO), pack="atlas", **given, **SMALL | {"variants": 4, "iterations": 2}
-        )
-    share = 100 * large_steps(pixels(raised)[..., 0], 0.1 * float(np.ptp(PHOTO[..., 0])), (True, True))
-    assert f"{share:.2f} % of neighboring heights" in caplog.text
-    assert "relevel" not in caplog.text  # which sets of tiles do not have
+        raised = atlas_of_heights()
+    assert f"{large_share(raised):.2f} % of neighboring heights" in caplog.text
+
+
+def test_leveled_heights_join_everywhere_in_the_plane():
+    """A constant is added to each piece, the same one wherever tiles share an edge."""
+    plain, leveled = atlas_of_heights(), atlas_of_heights(relevel=True)
+    assert large_share(leveled) < 0.6 * large_share(plain)
+    sides = (leveled - plain).reshape(4, 32, 4, 32).swapaxes(1, 2).reshape(16, 32, 32)
+    colors = [edges for row in atlas_edges(16) for edges in row]
+    for edge, line in (("north", np.s_[0]), ("south", np.s_[-1]), ("west", np.s_[:, 0]), ("east", np.s_[:, -1])):
+        for color in {getattr(one, edge) for one in colors}:
+            alike = [tile[line] for tile, one in zip(sides, colors, strict=True) if getattr(one, edge) == color]
+            for other in alike[1:]:
+                np.testing.assert_allclose(other, alike[0], atol=1e-6)
+
+
+def atlas_of_heights(**given) -> np.ndarray:
+    """The heights of an atlas, (128, 128), copied where colors agree."""
+    given |= {"maps": [buffer(HEIGHTS, space="data")], "kinds": ("color", "height"), "mapweights": (1, 0)}
+    made = filters.stationarize(buffer(PHOTO), pack="atlas", **given, **SMALL | {"iterations": 2})
+    return pixels(made[1])[..., 0]
+
+
+def large_share(heights: np.ndarray) -> float:
+    return 100 * large_steps(heights, 0.1 * float(np.ptp(HEIGHTS)), (True, True))
 
 
 def test_mip_levels_join_down_to_a_pixel_a_tile(atlas, tmp_path):

@@ -22,6 +22,7 @@ from ..session.resources import Resources
 
 log = logging.getLogger("oiiotex")
 
+Pairing = tuple["np.ndarray", "np.ndarray"]  # (n,) int64 each: flat indices of pixels of a tile
 RELEVEL = (
     "Raise or lower each copied piece of a height map so that pieces meet without steps. Set it if displaced"
     " heights show cliffs. Requires kinds=...,height."
@@ -43,10 +44,12 @@ def height_tile(
     relevel: bool | None,
     still: np.ndarray | None,
     resources: Resources,
+    shared: Pairing | None = None,
 ) -> Part:
     """A tile of a height map, leveled if `relevel` is set (None: impossible); logs its steps, and warns of many.
 
     It was copied from the image according to `source`. Pixels in `still`, (height, width) bool, keep their height.
+    `shared`: as of `levels`.
     """
     color = list(channels_of(image.first.spec).color)
     heights = as_float(image.first.pixels()[..., color[0]])
@@ -56,7 +59,7 @@ def height_tile(
     if relevel:
         height, width = source.packed.shape
         resources.require(_PIXEL_BYTES * source.packed.size, f"leveling {width}x{height} heights")
-        constants = levels(source, wrap, heights, still)
+        constants = levels(source, wrap, heights, still, shared)
         raised = raised + constants
         tile = _raised(tile, constants, color)
         cut = np.count_nonzero((raised < 0) | (raised > 1)) if dtype_of(tile.spec)(0).dtype.kind == "u" else 0
@@ -124,13 +127,17 @@ def neighbors(source: SourceMap, wrap: tuple[bool, bool], heights: np.ndarray) -
 
 
 def levels(
-    source: SourceMap, wrap: tuple[bool, bool], heights: np.ndarray, still: np.ndarray | None = None
+    source: SourceMap,
+    wrap: tuple[bool, bool],
+    heights: np.ndarray,
+    still: np.ndarray | None = None,
+    shared: Pairing | None = None,
 ) -> np.ndarray:
     """The constant to add to each pixel's piece, (height, width) float32, that minimizes the steps at seams.
 
     The constants c minimize the sum of (c_a - c_b + step)^2 over all neighbors in different pieces a and b: a Poisson
     equation on the graph of pieces, whose right side is the sum of steps along each seam. The mean height is kept, or
-    the heights of the pixels in `still`, (height, width) bool.
+    the heights of the pixels in `still`, (height, width) bool. Both pixels of a pair of `shared` get the same constant.
     """
     from scipy import sparse  # scipy is not loaded before it is needed
     from scipy.sparse.csgraph import connected_components
@@ -138,7 +145,8 @@ def levels(
 
     shape = source.packed.shape
     pairs = list(neighbors(source, wrap, heights))
-    p, q = (np.concatenate([getattr(one, end)[one.together] for one in pairs]) for end in ("first", "second"))
+    same = [(one.first[one.together], one.second[one.together]) for one in pairs] + ([] if shared is None else [shared])
+    p, q = map(np.concatenate, zip(*same, strict=True))
     graph = sparse.coo_array((np.ones(len(p), bool), (p, q)), shape=(source.packed.size, source.packed.size))
     count, piece = connected_components(graph, directed=False)
     a, b = (piece[np.concatenate([getattr(one, end)[~one.together] for one in pairs])] for end in ("first", "second"))

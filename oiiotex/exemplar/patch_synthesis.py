@@ -212,7 +212,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
             raise ParameterError(f"requires variants={_COUNTS}", parameter="pack", value=self.pack)
         if self.variants > 1:
             one_file = isinstance(self.stmap, Path) and not self.pack
-            wrong = "stmap" if one_file else "relevel" if self.relevel else ""
+            wrong = "stmap" if one_file else "relevel without pack" if self.relevel and not self.pack else ""
             wrong = wrong or ("" if self.tile == "xy" else f"tile={self.tile}")
             if wrong:
                 raise ParameterError(f"conflicts with {wrong}", parameter="variants", value=self.variants)

@@ -24,12 +24,12 @@ from ..quality.report import Look, Quality
 from ..regularity.courses import Courses, InCourses
 from ..regularity.lattice import Lattice
 from ..regularity.offset_prices import InStep
-from ..wang.atlas import mark_as_atlas, packed
+from ..wang.atlas import mark_as_atlas, packed, shared_pixels
 from ..wang.tiles import COUNTS, edged, edges_of, runs_for, wang_tiles
 from .coarse_looks import coarse_looks
 from .constraint_images import weights_of
 from .first_result import SET_OF_TILES, better_of, fidelity_of, hint_that_it_tiles, say_fidelity
-from .heights import height_tile
+from .heights import Pairing, height_tile
 from .photo_lattice import fitting_size, photo_structure
 
 if TYPE_CHECKING:
@@ -181,14 +181,16 @@ class SynthesisRun:
         tiling = "none" if op.variants > 1 and not op.pack else op.tile  # variants continue in each other
         return op.of_all(self._maps, lambda one, _: source.parts("tile", one, tiling, by_rows=by_rows))
 
-    def _with_heights(self, tiles: tuple[dict[str, Part], ...], source: SourceMap) -> tuple[dict[str, Part], ...]:
-        """The tiles, with the steps of heights logged, and leveled with relevel."""
+    def _with_heights(
+        self, tiles: tuple[dict[str, Part], ...], source: SourceMap, shared: Pairing | None = None
+    ) -> tuple[dict[str, Part], ...]:
+        """The tiles, with the steps of heights logged, and leveled with relevel; `shared` as of `levels`."""
         op, results = self._op, []
         maps = (op.exemplar, *op.maps)
         for tile, one, kind in zip(tiles, maps, op.map_kinds, strict=True):
             if kind == "height":
-                relevel = op.relevel if op.variants == 1 else None
-                given = tile["tile"], one, source, self._wraps, relevel, None, self._resources
+                relevel = op.relevel if op.variants == 1 or op.pack else None
+                given = tile["tile"], one, source, self._wraps, relevel, None, self._resources, shared
                 tile = tile | {"tile": height_tile(op.flag(), *given)}
             results.append(tile)
         return tuple(results)
@@ -222,12 +224,12 @@ class SynthesisRun:
             say_fidelity(op.flag(), kept, recipe, warn=True, advice=SET_OF_TILES)
         self._resources.device.collect(self._resources.stats)
         op.say_what_stays()
-        self._with_heights(self._tiles(plane), plane)
+        shared = shared_pixels(plane, op.variants, recipe.patch) if op.relevel else None
+        material = self._with_heights(self._tiles(plane), plane, shared)
         edges = edges_of(op.variants)
         names = [f"wang{number:02d}_{one}" for number, one in enumerate(edges)]
         if op.pack:
             names, sources = ["atlas"], [plane]  # measured as the plane that it is
-            material = self._tiles(sources[0])
             tiles = [tile | {"tile": mark_as_atlas(tile["tile"], op.variants)} for tile in material]
         else:
             tiles = [

@@ -7,6 +7,7 @@ edge, also across the image's borders, so a filter that reads past a tile's bord
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 
@@ -16,7 +17,7 @@ from ..core.source_map import SourceMap
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError
-from .tiles import COUNTS, Edges, between, edges_of
+from .tiles import COUNTS, Edges, between, border_pixels, edges_of
 
 _CORNERS = ("0010", "0001", "0111", "1011")  # on a torus, every square of four corners occurs once
 _GRID = re.compile(r"(\d{1,2})x(\d{1,2})", re.ASCII)
@@ -50,6 +51,28 @@ def atlas_numbers(count: int) -> np.ndarray:
 def packed(tiles: list[SourceMap]) -> SourceMap:
     """The sources of an atlas's pixels, from those of the tiles of a set."""
     return SourceMap(np.block([[tiles[n].packed for n in row] for row in atlas_numbers(len(tiles)).tolist()]))
+
+
+def shared_pixels(atlas: SourceMap, count: int, strip: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels of an atlas that belong to one edge of the plane: pairs of flat indices, (n,) int64 each.
+
+    They lie in two tiles, at the same place within `strip` px of the border, and have the same source.
+    """
+    side = math.isqrt(count)
+    height, width = (length // side for length in atlas.packed.shape)
+
+    def by_tile(pixels: np.ndarray) -> np.ndarray:
+        tiles = pixels.reshape(side, height, side, width).swapaxes(1, 2).reshape(count, height, width)
+        return tiles[:, border_pixels(width, height, strip)]
+
+    sources, places = by_tile(atlas.packed), by_tile(np.arange(atlas.packed.size).reshape(atlas.packed.shape))
+    pairs = [
+        (places[first][same], places[second][same])
+        for first, second in itertools.combinations(range(count), 2)
+        if (same := sources[first] == sources[second]).any()
+    ]
+    first, second = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
+    return first, second
 
 
 def mark_as_atlas(part: Part, count: int) -> Part:

@@ -102,7 +102,7 @@ def wang_tiles(
     beside, above = _textures(make, count, width, height, strip)
     first = runs_for(count) - count
     seen = [[values(texture) for texture in textures] for textures in (beside, above)]
-    border = _border(width, height, strip)
+    border = border_pixels(width, height, strip)
     tiles = []
     for number, edges in enumerate(edges_of(count)):
         tile = make(FixedPixels(border, _bordered(beside, above, edges, strip)), first + number, False)
@@ -123,7 +123,7 @@ def _textures(make: Make, count: int, width: int, height: int, strip: int) -> tu
     if count < TWO_COLORS_FROM:
         return textures, textures
     if count < CORNERS_FROM:  # all corners are alike: four tiles of any colors meet there
-        textures.append(make(FixedPixels(_border(width, height, strip, corners=True), textures[0]), 1, True))
+        textures.append(make(FixedPixels(border_pixels(width, height, strip, corners=True), textures[0]), 1, True))
         return textures, textures
     textures.append(make(None, 1, True))
     beside, above = (_mixed(make, 2 + axis, textures, strip, axis) for axis in (1, 0))
@@ -150,7 +150,7 @@ def _mixed(make: Make, number: int, textures: list[SourceMap], strip: int, axis:
     return [SourceMap(np.roll(made.packed, -place, axis)) for place in places]
 
 
-def _border(width: int, height: int, strip: int, corners: bool = False) -> np.ndarray:
+def border_pixels(width: int, height: int, strip: int, corners: bool = False) -> np.ndarray:
     """The pixels of a tile's border, or of its corners only: (height, width) bool."""
     y, x = np.ogrid[:height, :width]
     beside, above = (x < strip) | (x >= width - strip), (y < strip) | (y >= height - strip)
