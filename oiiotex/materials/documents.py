@@ -262,7 +262,7 @@ def write_usd(described: Described, folder: Path) -> None:
     try:
         from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
     except ImportError as error:
-        raise Error("usd-core is not installed: pip install usd-core, or set usd = false in a recipe") from error
+        raise Error("usd-core is not installed: pip install usd-core") from error
     path = folder / f"{described.name}.usda"
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
