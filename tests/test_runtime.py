@@ -14,7 +14,7 @@ from oiiotex.cli.printing.devices import device_list
 from oiiotex.errors import DeviceError, NoDeviceError
 from oiiotex.opencl import cpu as opencl_cpu
 from oiiotex.opencl import device as devices
-from oiiotex.opencl import runtime
+from oiiotex.opencl import probe, runtime
 from oiiotex.opencl.device import DeviceInfo
 from oiiotex.opencl.runtime import Attempt, Trial
 from tests.conftest import oiiotex
@@ -160,6 +160,13 @@ def test_lanes_follow_what_is_compiled_for(machine, monkeypatch):
         for answer in runtime.cache_folder().glob("*.json"):
             answer.unlink()
         assert devices.Device.lanes.fget(SimpleNamespace(info=info)) == lanes
+
+
+def test_a_device_that_ends_long_loops_does_not_work(device, monkeypatch):
+    assert probe._lanes(device.info.handle) > 0
+    monkeypatch.setattr(probe, "_SOURCE", probe._SOURCE.replace("k < loops", "k < min(loops, 65535)"))
+    with pytest.raises(ArithmeticError, match="a loop of 100000 iterations ends early"):
+        probe._lanes(device.info.handle)
 
 
 def test_the_list_says_what_is_used_and_what_is_promised(machine, monkeypatch):

@@ -17,6 +17,7 @@ from .runtime import compilers_words, include_no_headers_of
 from .source import expanded
 
 _ITEMS = 64
+_LOOPS = 100_000  # Mesa's llvmpipe ends the loops of a work-item after 65,535 iterations in total, without an error
 # Uses cl/lanes.h like the other kernels, as a test of registers of that width. A compiler for x86 defines macros for
 # its target; for Intel's, which first compiles to an intermediate language, the device's native width decides.
 _SOURCE = """
@@ -28,7 +29,7 @@ _SOURCE = """
 #endif
 #endif
 #include "lanes.h"
-__kernel void probe(const __global short *numbers, __global int *sums) {
+__kernel void probe(const __global short *numbers, __global int *sums, int loops) {
   int i = get_global_id(0);
   const __global short *own = numbers + 32 * i;
 #if LANES > 16
@@ -39,7 +40,11 @@ __kernel void probe(const __global short *numbers, __global int *sums) {
   sums[i] = 0;
   for (int k = 0; k < 32; k++) sums[i] += own[k] * own[k];
 #endif
-  if (i == 0) sums[get_global_size(0)] = LANES;
+  if (i > 0) return;
+  int at = 0;
+  for (int k = 0; k < loops; k++) at = (numbers[at] + 1) % (32 * (int)get_global_size(0));   // numbers[at] is at
+  sums[get_global_size(0)] = at;
+  sums[get_global_size(0) + 1] = LANES;
 }
 """
 
@@ -55,12 +60,14 @@ def _lanes(device: cl.Device) -> int:
     kernel = cl.Program(context, expanded(_SOURCE, "probe")).build(options).probe
     numbers = np.arange(32 * _ITEMS, dtype=np.int16)
     given = cl.Buffer(context, cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR, hostbuf=numbers)
-    answer = np.empty(_ITEMS + 1, np.int32)
+    answer = np.empty(_ITEMS + 2, np.int32)
     taken = cl.Buffer(context, cl.mem_flags.WRITE_ONLY, answer.nbytes)
-    kernel(queue, (_ITEMS,), (_ITEMS,), given, taken)
+    kernel(queue, (_ITEMS,), (_ITEMS,), given, taken, np.int32(_LOOPS))
     cl.enqueue_copy(queue, answer, taken)
-    if (answer[:-1] != (numbers.astype(np.int32).reshape(_ITEMS, 32) ** 2).sum(1)).any():
+    if (answer[:-2] != (numbers.astype(np.int32).reshape(_ITEMS, 32) ** 2).sum(1)).any():
         raise ArithmeticError("a kernel computes wrong results")
+    if answer[-2] != _LOOPS % len(numbers):
+        raise ArithmeticError(f"a loop of {_LOOPS} iterations ends early")
     return int(answer[-1])
 
 
