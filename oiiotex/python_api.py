@@ -25,6 +25,7 @@ from .session import Session
 from .session.resources import Resources
 
 _TAG = "oiio:ColorSpace"
+_MOST_CHANNELS = 64  # of an image with few rows; an array of that shape has its channels first
 
 if "IPython" in sys.modules and (_shell := sys.modules["IPython"].get_ipython()):
     from .notebook import register
@@ -119,6 +120,7 @@ def _picture(given: Any) -> Image:
     if isinstance(given, oiio.ImageBuf):
         return from_buffer(given)
     if isinstance(given, np.ndarray):
+        _require_photo(given)
         return from_array(given)
     if "PIL.Image" in sys.modules and isinstance(given, sys.modules["PIL.Image"].Image):
         return from_array(_of_pil(given))
@@ -133,6 +135,20 @@ def _picture(given: Any) -> Image:
         expected=f"an ImageBuf, an array, a file name or a dict of parts, not {kind}",
         hint="call numpy.asarray on it" if alike else "",
     )
+
+
+def _require_photo(pixels: np.ndarray) -> None:
+    """Refuse an array that looks like an image, but would be read as another one."""
+    channels, expected, hint = pixels.shape[2] if pixels.ndim == 3 else 1, "", ""
+    if channels > _MOST_CHANNELS and pixels.shape[0] <= 4:
+        expected, hint = "(height, width, channels)", "call numpy.moveaxis(array, 0, -1)"
+    elif isinstance(pixels, np.ma.MaskedArray):
+        expected, hint = "an array without a mask", "give its data, and mask=~array.mask of one channel"
+    elif channels > 1 and pixels.dtype.kind in "iu" and pixels.dtype.itemsize == 8:
+        expected, hint = "uint8, uint16 or floats", "64-bit integers are label ids"
+    if expected:
+        kind = f"{type(pixels).__name__} of shape {pixels.shape} and type {pixels.dtype}"
+        raise ImageError(f"{kind}: expected {expected}", hint=hint)
 
 
 def _of_pil(picture: Any) -> np.ndarray:

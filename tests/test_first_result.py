@@ -43,7 +43,8 @@ def lab_of(image: oiio.ImageBuf) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", [oiio.UINT8, oiio.HALF, oiio.FLOAT])
 def test_flatten_is_texflatten_first(kind):
-    given = photo(kind=kind)
+    light = np.linspace(0.4, 1.2, 112)[:, None]
+    given = buffer(light * pictures.pebbles(96, 112, 3), space="lin_rec709_scene", kind=kind)  # stains are not copied
     made = filters.stationarize(given, **QUICK)
     flat = filters.flatten(given)
     again = filters.stationarize(flat, flatten=0, **QUICK)

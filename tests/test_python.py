@@ -72,10 +72,10 @@ class Lazy:
 @pytest.mark.parametrize(
     ("array", "says"),
     [
-        (np.moveaxis(np.zeros((8, 80, 3)), 2, 0), r"shape \(3, 8, 80\): .*; call numpy.moveaxis\(array, 0, -1\)"),
-        (np.zeros((8, 8, 3), int), "3 channels of type int64: expected uint8, uint16 or floats"),
+        (np.moveaxis(np.zeros((8, 80, 3)), 2, 0), r"shape \(3, 8, 80\) .*; call numpy.moveaxis\(array, 0, -1\)"),
+        (np.zeros((8, 8, 3), int), "type int64: expected uint8, uint16 or floats; 64-bit integers are label ids"),
         (np.zeros((0, 8, 3)), "expected at least one pixel"),
-        (np.ma.masked_array(np.zeros((8, 8, 3)), True), "a masked array: .*; give its data, and mask=~array.mask"),
+        (np.ma.masked_array(np.zeros((8, 8, 3)), True), "MaskedArray of .*; give its data, and mask=~array.mask"),
         (Lazy(), "not Lazy; call numpy.asarray on it"),
         ([[1, 2], [3, 4]], "not list; call numpy.asarray on it"),
     ],

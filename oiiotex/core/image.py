@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _RESIZED_BYTES = 8 << 20  # bytes of rows that are resized at once
 _STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes")
-_MOST_CHANNELS = 64  # of an image with few rows; an array of that shape has its channels first
 _NUMPY = {
     "uint8": "uint8", "int8": "int8", "uint16": "uint16", "int16": "int16", "uint": "uint32", "int": "int32",
     "half": "float16", "float": "float32", "double": "float64",
@@ -305,24 +304,12 @@ def from_array(pixels: np.ndarray, name: str = "array") -> Image:
         The shape or the type is not supported, or there are no pixels.
     """
     pixels = pixels[..., None] if pixels.ndim == 2 else pixels
-    if pixels.ndim != 3:
-        raise ImageError(f"{name}: shape {pixels.shape}: expected (height, width) or (height, width, channels)")
-    if not pixels.size:
-        raise ImageError(f"{name}: shape {pixels.shape}: expected at least one pixel")
-    if pixels.shape[0] <= 4 and pixels.shape[2] > _MOST_CHANNELS:
-        raise ImageError(
-            f"{name}: shape {pixels.shape}: expected (height, width, channels)",
-            hint="call numpy.moveaxis(array, 0, -1)",
-        )
-    if isinstance(pixels, np.ma.MaskedArray):
-        hint = "give its data, and mask=~array.mask of one channel"
-        raise ImageError(f"{name}: a masked array: expected an array without a mask", hint=hint)
+    if pixels.ndim != 3 or not pixels.size:
+        expected = "at least one pixel" if pixels.ndim == 3 else "(height, width) or (height, width, channels)"
+        raise ImageError(f"{name}: shape {pixels.shape}: expected {expected}")
     if pixels.dtype.kind == "b":
         pixels = pixels.astype(np.float32)
     if pixels.dtype.kind in "iu" and pixels.dtype.itemsize == 8:
-        if pixels.shape[2] > 1:
-            kind = f"{pixels.shape[2]} channels of type {pixels.dtype}"
-            raise ImageError(f"{name}: {kind}: expected uint8, uint16 or floats; 64-bit integers are label ids")
         if pixels.min() < 0 or pixels.max() >= 1 << 32:
             raise ImageError(f"{name}: 64-bit values from {pixels.min()} to {pixels.max()}: expected 32-bit ids")
         pixels = pixels.astype(np.uint32)

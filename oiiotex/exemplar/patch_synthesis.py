@@ -148,7 +148,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         return self, {}
 
     def leaves_out_stains(self, resources: Resources) -> bool:
-        """Whether stains of the photo are no valid source pixels."""
+        """Whether stains of the photo are excluded from the source pixels."""
         return False
 
     def holds_photo(self, resources: Resources) -> bool:

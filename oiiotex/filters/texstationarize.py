@@ -171,7 +171,7 @@ True
         return replace(self, exemplar=exemplar, mask=mask, flatten=0.0), {"drift": drift}
 
     def leaves_out_stains(self, resources: Resources) -> bool:
-        """Whether stains of the photo are no valid source pixels."""
+        """Whether stains of the photo are excluded from the source pixels."""
         return self._strength(resources) == 1
 
     @property

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 WHOLE = 10_000  # steps of an op with several stages
-_ROUNDING = 0.01  # of a stage: a smaller step back is no new attempt
+_ROUNDING = 0.01  # of a stage: a larger step back is a new attempt
 Tell = Callable[[int, int], bool | None]
 Onlooker = Callable[["np.ndarray", bool], object]
 Say = Callable[[str], object]
@@ -79,8 +79,9 @@ class Progress:
                     begun = reached
                 reached = max(reached, begun + (length - begun) * part)
                 whole = round(WHOLE * sum(lengths) / expected)
+                before = last
                 last = min(whole, max(last + 1, round(WHOLE * (sum(lengths[:n]) + reached) / expected)))
-                return None if self.tell is None else self.tell(last, whole)
+                return None if self.tell is None or last == before else self.tell(last, whole)
 
             def grow(share: float) -> None:
                 lengths[n] += share * shares[n]
