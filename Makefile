@@ -138,5 +138,5 @@ $(VENV)/release/made: $(VENV)/checked pyproject.toml  # tools of releases, apart
 
 $(VENV)/plain/made: $(VENV)/release/made  # what users install, with all extras but Intel's runtime
 	$(RELEASE)/uv venv -q --clear $(VENV)/plain
-	$(RELEASE)/uv pip install -q --python $(VENV)/plain/bin/python ".[cpu,linker,yaml,movie,tev,studio,atlas,cluster]"
+	$(RELEASE)/uv pip install -q --python $(VENV)/plain/bin/python ".[cpu,linker,yaml,movie,tev,studio,atlas,cluster,track]"
 	@touch $@
