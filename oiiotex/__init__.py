@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """oiiotex: texture filters for OpenImageIO and OpenColorIO pipelines, on OpenCL."""
 
-from .errors import Error
+from .engine.errors import Error, Interrupted, QualityError
 
-__all__ = ["Error"]
+__all__ = ["Error", "Interrupted", "QualityError"]
 __version__ = "0.1.0"

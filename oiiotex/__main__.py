@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The program as `python -m oiiotex`."""
 
-from .cli.main import main
+from .oiiotool.cli.main import main
 
 main()

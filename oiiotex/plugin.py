@@ -4,17 +4,17 @@
 `docs/how-to/your_own_filter.md` uses nothing else. Other modules may change between versions.
 """
 
-from .color.config import as_float
-from .color.lab import Lens, in_type, lens_of, working_values
-from .core.access import AnyWindow, Gather, Neighborhood, Pointwise, ScanThenMap, Whole
-from .core.image import Image, Part, derived_spec, from_pixels, spec_beside
-from .core.op import Kind, Output, Space
-from .core.parameters import Numbers, Size, Words, argument, image, param
-from .core.window import Window
-from .errors import ColorError, DeviceError, Error, ImageError, ParameterError
-from .scan import scan
-from .session import Session
-from .session.resources import Resources
+from .engine.color.config import as_float
+from .engine.color.lab import Lens, in_type, lens_of, working_values
+from .engine.core.access import AnyWindow, Gather, Neighborhood, Pointwise, ScanThenMap, Whole
+from .engine.core.image import Image, Part, derived_spec, from_pixels, spec_beside
+from .engine.core.op import Kind, Output, Space
+from .engine.core.parameters import Numbers, Size, Words, argument, image, param
+from .engine.core.window import Window
+from .engine.errors import ColorError, DeviceError, Error, ImageError, ParameterError
+from .engine.scan import scan
+from .engine.session import Session
+from .engine.session.resources import Resources
 
 __all__ = [
     "AnyWindow", "ColorError", "DeviceError", "Error", "Gather", "Image", "ImageError", "Kind", "Lens",

@@ -8,9 +8,9 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.core.op import Kind, Op, Space
-from oiiotex.core.parameters import Numbers, Size
-from oiiotex.session import Session
+from oiiotex.engine.core.op import Kind, Op, Space
+from oiiotex.engine.core.parameters import Numbers, Size
+from oiiotex.engine.session import Session
 from tests import pictures
 
 # fewer rounds and small places, where beauty does not matter

@@ -75,7 +75,7 @@ def resident_pid(runtime: Path) -> int:
             command, environment = ((process / name).read_bytes() for name in ("cmdline", "environ"))
         except OSError:  # somebody else's, or it has just ended
             continue
-        if b"oiiotex.service" in command and f"XDG_RUNTIME_DIR={runtime}\0".encode() in environment:
+        if b"oiiotex.oiiotool.service" in command and f"XDG_RUNTIME_DIR={runtime}\0".encode() in environment:
             return int(process.name)
     raise LookupError(runtime)
 

@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.color.config import TAG, ColorConfig
-from oiiotex.color.lab import working_values
-from oiiotex.core.image import Image, from_pixels
-from oiiotex.core.op import Space
-from oiiotex.session import Session
+from oiiotex.engine.color.config import TAG, ColorConfig
+from oiiotex.engine.color.lab import working_values
+from oiiotex.engine.core.image import Image, from_pixels
+from oiiotex.engine.core.op import Space
+from oiiotex.engine.session import Session
 
 LINEAR = "lin_rec709_scene"
 SRGB = "srgb_rec709_scene"

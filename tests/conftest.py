@@ -16,7 +16,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.opencl import device as devices
+from oiiotex.engine.opencl import device as devices
 from tests import budget, forked, pictures, skips
 from tests.kernel_options import require_known
 

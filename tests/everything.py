@@ -10,11 +10,11 @@ from typing import Any, ClassVar
 
 import pytest
 
-from oiiotex.core.access import Pointwise
-from oiiotex.core.image import Image
-from oiiotex.core.op import Kind, Output, Space
-from oiiotex.core.parameters import Numbers, Parameter, Size, Words, declared, image, param
-from oiiotex.errors import ParameterError
+from oiiotex.engine.core.access import Pointwise
+from oiiotex.engine.core.image import Image
+from oiiotex.engine.core.op import Kind, Output, Space
+from oiiotex.engine.core.parameters import Numbers, Parameter, Size, Words, declared, image, param
+from oiiotex.engine.errors import ParameterError
 
 
 @dataclass(frozen=True, kw_only=True)

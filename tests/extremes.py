@@ -9,11 +9,11 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from oiiotex.cli.running.line_run import run
-from oiiotex.core.op import Op
-from oiiotex.core.parameters import Numbers, Parameter, Size
-from oiiotex.deferred import oiio
-from oiiotex.errors import Error
+from oiiotex.engine.core.op import Op
+from oiiotex.engine.core.parameters import Numbers, Parameter, Size
+from oiiotex.engine.deferred import oiio
+from oiiotex.engine.errors import Error
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests import forked
 
 NUMBERS = (

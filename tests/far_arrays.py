@@ -7,8 +7,8 @@ import mmap
 
 import numpy as np
 
-from oiiotex.opencl import device as devices
-from oiiotex.opencl.device import TEAM
+from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.opencl.device import TEAM
 
 WIDTH, HEIGHT = 60000, 50000  # px of images
 X, Y = 59008, 49000  # a pixel beyond 2^31

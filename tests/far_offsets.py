@@ -12,7 +12,7 @@ import sys
 
 import numpy as np
 
-from oiiotex.projections.histograms import BINS, INVERSE
+from oiiotex.synthesis.projections.histograms import BINS, INVERSE
 from tests.far_arrays import AT_E, HEIGHT, SIDE, WIDTH, E, Far, X, Y
 from tests.kernel_options import TABLES
 

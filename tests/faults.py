@@ -76,4 +76,4 @@ def full_disk(patch: pytest.MonkeyPatch, number: int = errno.ENOSPC) -> None:
     def refused(*_: object) -> None:
         raise OSError(number, os.strerror(number))
 
-    patch.setattr("oiiotex.io.atomic.temporary_beside", refused)
+    patch.setattr("oiiotex.engine.io.atomic.temporary_beside", refused)

@@ -41,7 +41,7 @@ def run(words: list[str], folder: Path, timeout: float) -> subprocess.CompletedP
 
 def _line(words: list[str], folder: str, environment: dict[str, str], files: list[str], seconds: str) -> None:
     """In the fork: what a shell sets up, then the program."""
-    from oiiotex.cli.main import main
+    from oiiotex.oiiotool.cli.main import main
     from tests import loaded
 
     os.chdir(folder)

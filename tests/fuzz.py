@@ -28,11 +28,12 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex import filters, host
-from oiiotex.cli.running.line_run import run
-from oiiotex.cli.vocabulary import LANGUAGE
-from oiiotex.core.parameters import declared
-from oiiotex.errors import Error
+from oiiotex import filters
+from oiiotex.engine.core.parameters import declared
+from oiiotex.engine.errors import Error
+from oiiotex.oiiotool import host
+from oiiotex.oiiotool.cli.running.line_run import run
+from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 from tests import pictures
 from tests.conftest import save
 

@@ -27,23 +27,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import OpenImageIO as oiio
+from oiiotex_studio.library.asset import SCHEMA, SIDECAR, read_sidecar
+from oiiotex_studio.library.catalog import FILE, Catalog
+from oiiotex_studio.library.digests import faults
+from oiiotex_studio.live.document import Document, default_state
+from oiiotex_studio.recipes.found import extract, materials
+from oiiotex_studio.recipes.lines import require_lines
+from oiiotex_studio.recipes.recipe import commented_recipe, facts_beside, load_recipe, recipe_of
 
-from oiiotex.atlas.mesh import read_mesh
-from oiiotex.cli.running.line_run import run
-from oiiotex.core.window import Window
-from oiiotex.errors import Error
-from oiiotex.io.checkpoint import Checkpoint
-from oiiotex.io.disk_cache import cached_arrays
-from oiiotex.labels.legend import LabelNames
-from oiiotex.library.asset import SCHEMA, SIDECAR, read_sidecar
-from oiiotex.library.catalog import FILE, Catalog
-from oiiotex.library.digests import faults
-from oiiotex.live.document import Document, default_state
-from oiiotex.multiscale.graph import read_graph
-from oiiotex.recipes.found import extract, materials
-from oiiotex.recipes.lines import require_lines
-from oiiotex.recipes.recipe import commented_recipe, facts_beside, load_recipe, recipe_of
-from oiiotex.service.texture_file import read_texture_file
+from oiiotex.analysis.labels.legend import LabelNames
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.errors import Error
+from oiiotex.engine.io.checkpoint import Checkpoint
+from oiiotex.engine.io.disk_cache import cached_arrays
+from oiiotex.oiiotool.cli.running.line_run import run
+from oiiotex.oiiotool.service.texture_file import read_texture_file
+from oiiotex.surfaces.atlas.mesh import read_mesh
+from oiiotex.synthesis.multiscale.graph import read_graph
 from tests import fuzz
 from tests.conftest import save
 

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.cli.running.line_run import run
-from oiiotex.errors import Error
+from oiiotex.engine.errors import Error
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests.conftest import save
 from tests.peer import OIIOTOOL, assert_same_file, facts
 

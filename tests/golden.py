@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from oiiotex.cli.running.line_run import run
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.conftest import save
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from itertools import combinations, product
 
-from oiiotex.exemplar.materials import _MOST_CHANNELS
-from oiiotex.exemplar.patch_synthesis import PATCHES
-from oiiotex.labels.filter_bank import PLANES
-from oiiotex.projections.histograms import BINS, INVERSE
-from oiiotex.projections.pearson_table import KURTOSES, SCORES, SKEWNESSES
-from oiiotex.stationarity.steerable import RADIUS
+from oiiotex.analysis.labels.filter_bank import PLANES
+from oiiotex.analysis.stationarity.steerable import RADIUS
+from oiiotex.synthesis.exemplar.materials import _MOST_CHANNELS
+from oiiotex.synthesis.exemplar.patch_synthesis import PATCHES
+from oiiotex.synthesis.projections.histograms import BINS, INVERSE
+from oiiotex.synthesis.projections.pearson_table import KURTOSES, SCORES, SKEWNESSES
 
 CHANNELS = range(3, _MOST_CHANNELS + 1)
 TABLES = {"SKEWNESSES": [SKEWNESSES], "KURTOSES": [KURTOSES], "SCORES": [SCORES]}

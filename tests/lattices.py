@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from oiiotex.patchmatch.field import hash_at
+from oiiotex.synthesis.patchmatch.field import hash_at
 from tests.pictures import noise, stained
 
 # shortest vectors, px, x and y; stripes have one

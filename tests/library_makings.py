@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from oiiotex_studio.library import asset as making
+from oiiotex_studio.library import ingest
+from oiiotex_studio.materials import preview as pictures
+from oiiotex_studio.recipes.found import materials
+from oiiotex_studio.recipes.recipe import LibraryRecipe, recipe_of
 
-from oiiotex.cli.running.progress import Display
-from oiiotex.library import asset as making
-from oiiotex.library import ingest
-from oiiotex.materials import preview as pictures
-from oiiotex.recipes.found import materials
-from oiiotex.recipes.recipe import LibraryRecipe, recipe_of
+from oiiotex.oiiotool.cli.running.progress import Display
 from tests import pictures as drawn
 from tests.conftest import save
 

@@ -8,13 +8,13 @@ import os
 import pkgutil
 
 import oiiotex
-from oiiotex.cli.vocabulary import LANGUAGE
+from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 
 LIBRARIES = (
     "OpenImageIO", "PyOpenColorIO", "email.parser", "importlib.resources.readers", "numpy.fft", "numpy.ma",
     "numpy.random", "pyopencl.characterize", "pyopencl.invoker",
 )  # fmt: skip
-SERVERS = ("oiiotex.farm.", "oiiotex.live.", "oiiotex.service.")
+SERVERS = ("oiiotex_studio.farm.", "oiiotex_studio.live.", "oiiotex.oiiotool.service.")
 MODULES = [
     module.name
     for module in pkgutil.walk_packages(oiiotex.__path__, "oiiotex.")

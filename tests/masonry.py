@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from oiiotex.patchmatch.field import hash_at
+from oiiotex.synthesis.patchmatch.field import hash_at
 from tests.pictures import noise, stained
 
 

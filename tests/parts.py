@@ -10,9 +10,9 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.core.image import Image, Part, from_pixels
-from oiiotex.core.window import Window
-from oiiotex.errors import ImageError
+from oiiotex.engine.core.image import Image, Part, from_pixels
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.errors import ImageError
 
 NUMPY = {
     "uint8": np.uint8, "int8": np.int8, "uint16": np.uint16, "int16": np.int16, "uint": np.uint32, "int": np.int32,

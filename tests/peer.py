@@ -11,8 +11,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.running.line_run import run
-from oiiotex.errors import Error
+from oiiotex.engine.errors import Error
+from oiiotex.oiiotool.cli.running.line_run import run
 
 OIIOTOOL = Path(oiio.__file__).parent / "bin" / "oiiotool"  # the script of this name starts a Python first
 # what names the program that wrote a file, and when

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from oiiotex.patchmatch.field import hash_at
+from oiiotex.synthesis.patchmatch.field import hash_at
 
 
 def noise(height: int, width: int, seed: int, step: int = 0) -> np.ndarray:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.core.window import Window
+from oiiotex.engine.core.window import Window
 
 
 def write(path: Path, *specs: oiio.ImageSpec, seed: int = 0) -> None:

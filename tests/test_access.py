@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
 
-from oiiotex.core.access import Neighborhood, Pointwise
-from oiiotex.core.image import Image, Part
-from oiiotex.core.op import Kind, Op, Output, Space
-from oiiotex.core.parameters import image, param
-from oiiotex.core.window import Window
-from oiiotex.session import Session
+from oiiotex.engine.core.access import Neighborhood, Pointwise
+from oiiotex.engine.core.image import Image, Part
+from oiiotex.engine.core.op import Kind, Op, Output, Space
+from oiiotex.engine.core.parameters import image, param
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.session import Session
 from tests.parts import counted, part_of
 
 
@@ -80,7 +80,7 @@ def picture(asked: list[Window]) -> Image:
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("radius", [0, 1, 4])
 def test_a_neighborhood_is_the_same_in_any_window(radius, threads, monkeypatch):
-    monkeypatch.setattr("oiiotex.core.access.PIECE_PIXELS", 29 * 3)
+    monkeypatch.setattr("oiiotex.engine.core.access.PIECE_PIXELS", 29 * 3)
     asked: list[Window] = []
     part = BoxMean(source=picture(asked), radius=radius).compute(Session(threads=threads))["out"]
     assert asked == []
@@ -102,7 +102,7 @@ def test_what_is_pointwise_reads_its_window_alone():
 
 def test_a_neighborhood_reads_its_halo_and_not_more(monkeypatch):
     """In pieces of full rows that are kept: a halo is computed once."""
-    monkeypatch.setattr("oiiotex.core.demand.BAND_BYTES", 2 * 29 * 3 * 4)  # a row at a time
+    monkeypatch.setattr("oiiotex.engine.core.demand.BAND_BYTES", 2 * 29 * 3 * 4)  # a row at a time
     asked: list[Window] = []
     part = BoxMean(source=picture(asked), radius=2).compute(Session())["out"]
     part.read(Window(7, 0, 20, 9))
@@ -110,7 +110,7 @@ def test_a_neighborhood_reads_its_halo_and_not_more(monkeypatch):
 
 
 def test_what_help_says_follows_from_the_kind():
-    from oiiotex.cli.printing.report import _op_page
+    from oiiotex.oiiotool.cli.printing.report import _op_page
 
     for kind in (Doubled, BoxMean):
         assert f"Works in the image's own color space; {kind.reach}." in _op_page(kind)

@@ -15,11 +15,12 @@ import OpenImageIO as oiio
 import pytest
 import trimesh
 
-from oiiotex import errors, filters
-from oiiotex.atlas.charts import Frames, walk
-from oiiotex.atlas.mesh import read_mesh
-from oiiotex.atlas.surface import ONE, Neighbors, Surface
-from oiiotex.cli.running.line_run import run
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.oiiotool.cli.running.line_run import run
+from oiiotex.surfaces.atlas.charts import Frames, walk
+from oiiotex.surfaces.atlas.mesh import read_mesh
+from oiiotex.surfaces.atlas.surface import ONE, Neighbors, Surface
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
@@ -280,7 +281,7 @@ def test_a_pipe_beside_a_mesh_is_not_waited_for(tmp_path):
         sys.executable,
         "-P",
         "-c",
-        "import sys; from pathlib import Path; from oiiotex.atlas.mesh import read_mesh",
+        "import sys; from pathlib import Path; from oiiotex.surfaces.atlas.mesh import read_mesh",
     ]
     line[-1] += "; read_mesh(Path(sys.argv[1]), 64, 64)"
     done = subprocess.run([*line, tmp_path / "mesh.gltf"], capture_output=True, text=True, timeout=60)

@@ -9,19 +9,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from oiiotex.core.scratch import RowStore
-from oiiotex.core.source_map import SourceMap
-from oiiotex.errors import Interrupted
-from oiiotex.io.checkpoint import Checkpoint
-from oiiotex.patchmatch import exemplar_rows, memory, optimization, use_prices
-from oiiotex.patchmatch.constraints import Constraints, FixedPixels
-from oiiotex.patchmatch.exemplar_rows import piece_halo
-from oiiotex.patchmatch.level_rows import halo
-from oiiotex.patchmatch.matcher import Matcher
-from oiiotex.patchmatch.optimization import Synthesis, synthesize
-from oiiotex.patchmatch.recipe import Recipe
-from oiiotex.regularity.lattice import Lattice
-from oiiotex.regularity.offset_prices import InStep
+from oiiotex.analysis.regularity.lattice import Lattice
+from oiiotex.analysis.regularity.offset_prices import InStep
+from oiiotex.engine.core.scratch import RowStore
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.errors import Interrupted
+from oiiotex.engine.io.checkpoint import Checkpoint
+from oiiotex.synthesis.patchmatch import exemplar_rows, memory, optimization, use_prices
+from oiiotex.synthesis.patchmatch.constraints import Constraints, FixedPixels
+from oiiotex.synthesis.patchmatch.exemplar_rows import piece_halo
+from oiiotex.synthesis.patchmatch.level_rows import halo
+from oiiotex.synthesis.patchmatch.matcher import Matcher
+from oiiotex.synthesis.patchmatch.optimization import Synthesis, synthesize
+from oiiotex.synthesis.patchmatch.recipe import Recipe
 from tests import pictures
 
 WIDTH, HEIGHT = 88, 92  # two levels

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from oiiotex.color.lab_grid import FINE_STEPS
-from oiiotex.core.window import Window
-from oiiotex.multiscale import candidate_sets
-from oiiotex.multiscale.candidate_sets import NONE, analyze, neighborhoods, project
-from oiiotex.multiscale.graph import Graph, parse_graph
-from oiiotex.multiscale.stacks import Exemplar, blurred, nearest_opaque, sigma_of, tiles
-from oiiotex.multiscale.superexemplar import unrolled
-from oiiotex.multiscale.targets import lively_texels, stacks_of
-from oiiotex.opencl.buffers import Buffers
+from oiiotex.engine.color.lab_grid import FINE_STEPS
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.opencl.buffers import Buffers
+from oiiotex.synthesis.multiscale import candidate_sets
+from oiiotex.synthesis.multiscale.candidate_sets import NONE, analyze, neighborhoods, project
+from oiiotex.synthesis.multiscale.graph import Graph, parse_graph
+from oiiotex.synthesis.multiscale.stacks import Exemplar, blurred, nearest_opaque, sigma_of, tiles
+from oiiotex.synthesis.multiscale.superexemplar import unrolled
+from oiiotex.synthesis.multiscale.targets import lively_texels, stacks_of
 from tests import pictures
 from tests.reference import candidates as reference
 

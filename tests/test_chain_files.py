@@ -11,8 +11,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.running.line_run import run
-from oiiotex.io import writing
+from oiiotex.engine.io import writing
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.conftest import save
 from tests.peer import OIIOTOOL, refused, same

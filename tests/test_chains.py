@@ -11,8 +11,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.running.line_run import run
-from oiiotex.errors import Error
+from oiiotex.engine.errors import Error
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.conftest import load, save
 from tests.peer import OIIOTOOL, assert_same_file, same

@@ -99,10 +99,10 @@ def test_an_op_in_place_gives_what_it_gives_elsewhere(tmp_path, name, op):
 
 CHANGED = """
 import os, shutil, sys
-from oiiotex.errors import Error
-from oiiotex.io.reading import read
-from oiiotex.core.demand import PieceCache
-from oiiotex.core.window import Window
+from oiiotex.engine.errors import Error
+from oiiotex.engine.io.reading import read
+from oiiotex.engine.core.demand import PieceCache
+from oiiotex.engine.core.window import Window
 
 part = read(sys.argv[1], PieceCache(1)).first
 part.read(Window(0, 2300, 2400, 2400))

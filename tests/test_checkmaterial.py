@@ -9,11 +9,12 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.capture import material_checks
-from oiiotex.core.image import from_buffer
-from oiiotex.session import Session
-from oiiotex.session.progress import Progress
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.session import Session
+from oiiotex.engine.session.progress import Progress
+from oiiotex.surfaces.capture import material_checks
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import oiiotex, save
@@ -173,7 +174,7 @@ def test_heights_and_data_that_say_little():
 def test_bands_do_not_show(monkeypatch):
     maps = tuple(map(from_buffer, material(color=0.5 * reliefs.lit(HEIGHT, 90)[..., None] * np.ones(3))))
     once = material_checks.check_material(maps, KINDS, "opengl", Session().resources, Progress())
-    for band in ("oiiotex.core.demand.BAND_BYTES", "oiiotex.scan.BAND_BYTES"):
+    for band in ("oiiotex.engine.core.demand.BAND_BYTES", "oiiotex.engine.scan.BAND_BYTES"):
         monkeypatch.setattr(band, 12 * SIDE * 7)
     assert material_checks.check_material(maps, KINDS, "opengl", Session().resources, Progress()) == once
 

@@ -164,7 +164,9 @@ def test_help_and_warp_need_no_opencl(tmp_path, photo):
     """pyopencl is imported by what computes on a device, and by nothing else."""
     done_well(tmp_path, f"photo.png --texstationarize{QUICK}:flatten=0:stmap=st.exr -o tile.png")
     for words in (["--help", "all"], ["photo.png", "--texwarp", "st.exr", "-o", "again.png"]):
-        script = f"import sys; sys.modules['pyopencl'] = None; from oiiotex.cli.main import main; main({words!r})"
+        script = (
+            f"import sys; sys.modules['pyopencl'] = None; from oiiotex.oiiotool.cli.main import main; main({words!r})"
+        )
         done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
     np.testing.assert_array_equal(load(tmp_path / "again.png"), load(tmp_path / "tile.png"))

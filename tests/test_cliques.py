@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from oiiotex.segmentation.clique_partition import contracted, partition
+from oiiotex.analysis.segmentation.clique_partition import contracted, partition
 from tests.reference.cliques import best_partition, instance, merged_by_definition, misplaced, score
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import PyOpenColorIO as ocio
 import pytest
 
-from oiiotex.color.config import DEFAULT_CONFIG, ColorConfig
-from oiiotex.core.demand import bands
-from oiiotex.errors import ImageError
+from oiiotex.engine.color.config import DEFAULT_CONFIG, ColorConfig
+from oiiotex.engine.core.demand import bands
+from oiiotex.engine.errors import ImageError
 from tests.colored import LINEAR, SRGB, image_of, lab, seen
 
 with warnings.catch_warnings():

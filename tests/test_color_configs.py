@@ -11,8 +11,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.color.config import DEFAULT_CONFIG, ColorConfig
-from oiiotex.errors import ColorError
+from oiiotex.engine.color.config import DEFAULT_CONFIG, ColorConfig
+from oiiotex.engine.errors import ColorError
 from tests.conftest import load, oiiotex, save
 
 LEGACY = """\

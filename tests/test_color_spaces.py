@@ -11,10 +11,10 @@ import OpenImageIO as oiio
 import PyOpenColorIO as ocio
 import pytest
 
-from oiiotex.color.config import DEFAULT_CONFIG, TAG, ColorConfig, space_of
-from oiiotex.core.image import tagged
-from oiiotex.errors import ColorError
-from oiiotex.io.reading import read
+from oiiotex.engine.color.config import DEFAULT_CONFIG, TAG, ColorConfig, space_of
+from oiiotex.engine.core.image import tagged
+from oiiotex.engine.errors import ColorError
+from oiiotex.engine.io.reading import read
 from tests.colored import SRGB, image_of, lab, seen
 
 CONFIG = """\

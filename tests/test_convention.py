@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
 
-from oiiotex.capture.convention import Convention, convention_of
-from oiiotex.core.image import from_buffer
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.surfaces.capture.convention import Convention, convention_of
 from tests.any_filter import buffer
 from tests.pictures import noise
 from tests.reference import reliefs

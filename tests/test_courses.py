@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from oiiotex import filters
-from oiiotex.core.window import Domain
-from oiiotex.patchmatch.optimization import synthesize
-from oiiotex.regularity.courses import Courses, InCourses, find_courses
-from oiiotex.regularity.offset_prices import BITS
-from oiiotex.session import Session
+from oiiotex.analysis.regularity.courses import Courses, InCourses, find_courses
+from oiiotex.analysis.regularity.offset_prices import BITS
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.patchmatch.optimization import synthesize
 from tests import pictures
 from tests.any_filter import buffer
 from tests.lattices import regular

@@ -9,13 +9,13 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.core.op import Space
-from oiiotex.multiscale.candidate_sets import analyze
-from oiiotex.multiscale.coverage import FAR, shares, unmatched
-from oiiotex.multiscale.infinite_plane import graph_images
-from oiiotex.multiscale.stacks import load_exemplars
-from oiiotex.multiscale.targets import stacks_of
-from oiiotex.session import Session
+from oiiotex.engine.core.op import Space
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.multiscale.candidate_sets import analyze
+from oiiotex.synthesis.multiscale.coverage import FAR, shares, unmatched
+from oiiotex.synthesis.multiscale.infinite_plane import graph_images
+from oiiotex.synthesis.multiscale.stacks import load_exemplars
+from oiiotex.synthesis.multiscale.targets import stacks_of
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.test_candidates import BUDGET, exemplar_of, graph_of

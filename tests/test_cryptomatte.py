@@ -12,9 +12,9 @@ import OpenImageIO as oiio
 import pytest
 from scipy.ndimage import convolve, maximum_filter, minimum_filter
 
-from oiiotex.core.image import Part, from_pixels
-from oiiotex.core.window import Window
-from oiiotex.io.cryptomatte import covered, hashed
+from oiiotex.engine.core.image import Part, from_pixels
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.io.cryptomatte import covered, hashed
 from tests.conftest import load, oiiotex, save
 from tests.peer import OIIOTOOL
 from tests.test_label_parts import ids_of, parts_of

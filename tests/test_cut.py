@@ -12,16 +12,17 @@ import OpenImageIO as oiio
 import pytest
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from oiiotex import errors, filters
-from oiiotex.color.lab_grid import FINE_STEPS, to_grid
-from oiiotex.core.scratch import RowStore
-from oiiotex.core.source_map import SourceMap
-from oiiotex.graphcut import photo as photo_in_tiles
-from oiiotex.graphcut import placement as gc
-from oiiotex.graphcut import seams
-from oiiotex.graphcut import search as searching
-from oiiotex.graphcut.photo import Photo
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.color.lab_grid import FINE_STEPS, to_grid
+from oiiotex.engine.core.scratch import RowStore
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.graphcut import photo as photo_in_tiles
+from oiiotex.synthesis.graphcut import placement as gc
+from oiiotex.synthesis.graphcut import seams
+from oiiotex.synthesis.graphcut import search as searching
+from oiiotex.synthesis.graphcut.photo import Photo
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save

@@ -21,8 +21,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.core.window import Window
-from oiiotex.session import Session
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.session import Session
 from tests import pictures
 from tests.conftest import save
 from tests.test_wang_renderers import TILE, endless, folder  # noqa: F401
@@ -317,7 +317,7 @@ def test_houdini_builds_a_material(host, monkeypatch):
 
 def test_the_input_names_of_houdini_are_those_of_materialx(host):
     mx = pytest.importorskip("MaterialX", reason="NOT RUN: no MaterialX")
-    from oiiotex.materials.documents import loaded_libraries
+    from oiiotex_studio.materials.documents import loaded_libraries
 
     surface = loaded_libraries().getNodeDef("ND_standard_surface_surfaceshader")
     kinds = {"color3": "color3", "default": "float", "vector3": "vector3"}

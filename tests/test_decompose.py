@@ -11,17 +11,18 @@ import pytest
 
 from benchmarks.labels.levels import score
 from benchmarks.shared.collages import drawn_collage
-from oiiotex import errors, filters
-from oiiotex.color.lab import lens_of
-from oiiotex.color.lab_reduced import LabPixels, lab_pixels, reduction
-from oiiotex.core.image import from_buffer, to_buffer
+from oiiotex import filters
+from oiiotex.analysis.segmentation import region_merging, subtextures, textons
+from oiiotex.analysis.segmentation.clique_partition import joined_to
+from oiiotex.analysis.segmentation.subtextures import DecompositionSettings, decomposed
+from oiiotex.engine import errors
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.color.lab_reduced import LabPixels, lab_pixels, reduction
+from oiiotex.engine.core.image import from_buffer, to_buffer
+from oiiotex.engine.run import run
+from oiiotex.engine.session import Session
 from oiiotex.filters import texdecompose
 from oiiotex.filters.texdecompose import Decompose
-from oiiotex.run import run
-from oiiotex.segmentation import region_merging, subtextures, textons
-from oiiotex.segmentation.clique_partition import joined_to
-from oiiotex.segmentation.subtextures import DecompositionSettings, decomposed
-from oiiotex.session import Session
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.reference import textons as reference

@@ -11,7 +11,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.running.line_run import run
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests.peer import OIIOTOOL, chains, refused, same
 
 pytestmark = pytest.mark.skipif(not OIIOTOOL.exists(), reason="no oiiotool")

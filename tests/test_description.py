@@ -10,12 +10,12 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.cli.running.line_run import run
-from oiiotex.core.attributes import OURS, SOURCE, TAG
-from oiiotex.core.image import from_buffer
-from oiiotex.io.description import describe, restore
-from oiiotex.io.reading import read
-from oiiotex.io.writing import write
+from oiiotex.engine.core.attributes import OURS, SOURCE, TAG
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.io.description import describe, restore
+from oiiotex.engine.io.reading import read
+from oiiotex.engine.io.writing import write
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.any_filter import buffer
 from tests.conftest import save

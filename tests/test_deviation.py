@@ -9,10 +9,11 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.color.config import ColorConfig
-from oiiotex.core.window import Domain
-from oiiotex.stationarity import costs as st
+from oiiotex import filters
+from oiiotex.analysis.stationarity import costs as st
+from oiiotex.engine import errors
+from oiiotex.engine.color.config import ColorConfig
+from oiiotex.engine.core.window import Domain
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import data_folder

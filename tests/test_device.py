@@ -9,13 +9,13 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from oiiotex.errors import DeviceError, MemoryBudgetError
-from oiiotex.machine import memory
-from oiiotex.opencl import device as devices
-from oiiotex.opencl.buffers import Buffers
-from oiiotex.opencl.source import kernel_source
-from oiiotex.session import Session
-from oiiotex.stats import Stats
+from oiiotex.engine.errors import DeviceError, MemoryBudgetError
+from oiiotex.engine.machine import memory
+from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.opencl.buffers import Buffers
+from oiiotex.engine.opencl.source import kernel_source
+from oiiotex.engine.session import Session
+from oiiotex.engine.stats import Stats
 
 
 def test_a_device_is_chosen_by_number_kind_or_name(monkeypatch):

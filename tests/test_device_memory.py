@@ -12,18 +12,18 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.color.lab import lens_of
-from oiiotex.color.lab_on_device import LabGrid
-from oiiotex.core.window import Window
-from oiiotex.errors import DeviceError, MemoryBudgetError, OutOfDeviceMemory
-from oiiotex.multiscale import candidate_sets
-from oiiotex.opencl import buffers
-from oiiotex.opencl import device as devices
-from oiiotex.opencl.buffers import Buffers, in_smaller_pieces, offset_table
-from oiiotex.patchmatch import memory
-from oiiotex.patchmatch.constraints import Constraints
-from oiiotex.patchmatch.recipe import Recipe, geometry_at
-from oiiotex.session import Session
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.color.lab_on_device import LabGrid
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.errors import DeviceError, MemoryBudgetError, OutOfDeviceMemory
+from oiiotex.engine.opencl import buffers
+from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.opencl.buffers import Buffers, in_smaller_pieces, offset_table
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.multiscale import candidate_sets
+from oiiotex.synthesis.patchmatch import memory
+from oiiotex.synthesis.patchmatch.constraints import Constraints
+from oiiotex.synthesis.patchmatch.recipe import Recipe, geometry_at
 from tests import pictures
 from tests.test_superpixels import image_of, resources_of
 
@@ -147,7 +147,7 @@ def test_an_image_lies_on_a_device_in_smaller_pieces_until_they_fit():
 
 
 def filters_superpixels(image, resources):
-    from oiiotex.superpixels.superpixels import superpixels
+    from oiiotex.analysis.superpixels.superpixels import superpixels
 
     found = superpixels(image, lens_of(image, resources), resources, sigma=40.0, iterations=3)
     return found.runs.pixels(0, 300, 0, 96)
@@ -277,7 +277,7 @@ def test_smaller_pieces_end_at_the_least():
 
 
 def test_a_window_of_a_plane_is_made_in_smaller_ones(monkeypatch):
-    from oiiotex.multiscale import synthesizer
+    from oiiotex.synthesis.multiscale import synthesizer
 
     asked = []
 

@@ -10,8 +10,8 @@ import sys
 import numpy as np
 import pytest
 
-from oiiotex.io import disk_cache
-from oiiotex.io.disk_cache import cached_arrays, hash_of
+from oiiotex.engine.io import disk_cache
+from oiiotex.engine.io.disk_cache import cached_arrays, hash_of
 
 ARRAYS = (np.arange(70, dtype=np.uint32).reshape(7, 10), np.zeros((3, 0), np.int16), np.array([0.25]))
 
@@ -80,7 +80,7 @@ def test_processes_do_not_disturb_each_other(tmp_path):
     program = f"""
 import numpy as np
 from pathlib import Path
-from oiiotex.io import disk_cache
+from oiiotex.engine.io import disk_cache
 disk_cache.MOST_BYTES = 250_000
 for turn in range(60):
     number = (turn * 7 + {{}}) % 5

@@ -126,7 +126,7 @@ def test_lines_of_a_page_run(name, shown, tmp_path):
             words = shlex.split(re.split(r" \|\| | && ", line)[0])[1:]
             done = forked.run(["--noprogress", *words], tmp_path, 300)
         else:
-            shell = line.replace("oiiotex-library", f"{sys.executable} -m oiiotex.library.main")
+            shell = line.replace("oiiotex-library", f"{sys.executable} -m oiiotex_studio.library.main")
             done = subprocess.run(["sh", "-e", "-c", shell], cwd=tmp_path, capture_output=True, text=True)
         expected = {0, 3} if " || " in line or "oiiotex-library" in line else {0}  # 3: somebody is to look at it
         assert done.returncode in expected, (line, done.stdout, done.stderr)

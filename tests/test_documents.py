@@ -13,14 +13,14 @@ from typing import Annotated, Literal, TypedDict
 import numpy as np
 import pytest
 
-from oiiotex.color.config import ColorConfig
-from oiiotex.errors import ImageError
-from oiiotex.io.atomic import temporary_beside
-from oiiotex.io.documents import read_arrays, read_document
-from oiiotex.io.schema import Allowed, Fraction, read_as
-from oiiotex.multiscale.graph import Edge, Graph, read_graph
-from oiiotex.quilting.guide_map import read_table
-from oiiotex.quilting.quilt_plan import Grid, Plan
+from oiiotex.engine.color.config import ColorConfig
+from oiiotex.engine.errors import ImageError
+from oiiotex.engine.io.atomic import temporary_beside
+from oiiotex.engine.io.documents import read_arrays, read_document
+from oiiotex.engine.io.schema import Allowed, Fraction, read_as
+from oiiotex.synthesis.multiscale.graph import Edge, Graph, read_graph
+from oiiotex.synthesis.quilting.guide_map import read_table
+from oiiotex.synthesis.quilting.quilt_plan import Grid, Plan
 from tests.conftest import oiiotex
 
 NODE = '{"exemplars": [{"id": "a", "file": "a.png"}], '

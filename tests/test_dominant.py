@@ -11,13 +11,14 @@ import OpenImageIO as oiio
 import pytest
 
 from benchmarks.dominant.composites import composite, seen_as
-from oiiotex import errors, filters
-from oiiotex.charts import dominant_chart
-from oiiotex.dominant import diffusion
-from oiiotex.dominant.diffusion import dominant_texture
-from oiiotex.dominant.refinement import pixel_colors, refined_mask
-from oiiotex.session import Session
-from oiiotex.session.progress import Progress
+from oiiotex import filters
+from oiiotex.analysis.dominant import diffusion
+from oiiotex.analysis.dominant.diffusion import dominant_texture
+from oiiotex.analysis.dominant.refinement import pixel_colors, refined_mask
+from oiiotex.engine import errors
+from oiiotex.engine.session import Session
+from oiiotex.engine.session.progress import Progress
+from oiiotex.surfaces.charts import dominant_chart
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.test_labels import buffer

@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oiiotex.color.lab_reduced import LabPixels
-from oiiotex.dominant import diffusion, patch_manifold
-from oiiotex.dominant.refinement import pixel_colors, refined_mask
-from oiiotex.session import Session
-from oiiotex.session.progress import Progress
+from oiiotex.analysis.dominant import diffusion, patch_manifold
+from oiiotex.analysis.dominant.refinement import pixel_colors, refined_mask
+from oiiotex.engine.color.lab_reduced import LabPixels
+from oiiotex.engine.session import Session
+from oiiotex.engine.session.progress import Progress
 from tests.reference import diffusion as reference
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oiiotex import errors
-from oiiotex.cli.running.line_run import run
+from oiiotex.engine import errors
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.conftest import load, save
 

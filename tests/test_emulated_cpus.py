@@ -36,10 +36,10 @@ CPUS = {
 RUN = """
 import json, sys
 sys.executable, flags, lines = sys.argv[1:]
-from oiiotex.opencl import cpu, runtime
+from oiiotex.engine.opencl import cpu, runtime
 cpu.cpu = lambda: {"flags": flags}  # /proc/cpuinfo is the machine's
 runtime._PROBE_SECONDS = 900  # an emulator is slow
-from oiiotex.cli.running.line_run import run
+from oiiotex.oiiotool.cli.running.line_run import run
 for words in json.loads(lines):
     assert run(words) == 0, words
 """

@@ -11,10 +11,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.cli.running.line_run import run
-from oiiotex.errors import PYTHON, Error, MemoryBudgetError, ParameterError, modifier, of_facts, spelled, texture_filter
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.errors import (
+    PYTHON,
+    Error,
+    MemoryBudgetError,
+    ParameterError,
+    modifier,
+    of_facts,
+    spelled,
+    texture_filter,
+)
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.conftest import save
 

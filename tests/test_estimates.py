@@ -10,9 +10,10 @@ import OpenImageIO as oiio
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from oiiotex import errors, filters
-from oiiotex.core.attributes import ESTIMATE, HEIGHT_PX
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.attributes import ESTIMATE, HEIGHT_PX
+from oiiotex.engine.session import Session
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import oiiotex, save

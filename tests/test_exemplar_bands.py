@@ -10,19 +10,19 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.core import image, source_map
-from oiiotex.core.demand import MadeRows
-from oiiotex.core.scratch import RowStore
-from oiiotex.core.source_map import SourceMap
-from oiiotex.errors import MemoryBudgetError
-from oiiotex.exemplar.exemplar_op import ExemplarOp
-from oiiotex.io.disk_cache import hash_of
-from oiiotex.opencl.buffers import require_room
-from oiiotex.patchmatch import memory, optimization
-from oiiotex.patchmatch.constraints import Octaves
-from oiiotex.patchmatch.field import Geometry, allowed_patches, hash_at, random_field, variance_of
-from oiiotex.patchmatch.use_prices import ranked
-from oiiotex.session import Session
+from oiiotex.engine.core import image, source_map
+from oiiotex.engine.core.demand import MadeRows
+from oiiotex.engine.core.scratch import RowStore
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.errors import MemoryBudgetError
+from oiiotex.engine.io.disk_cache import hash_of
+from oiiotex.engine.opencl.buffers import require_room
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.exemplar.exemplar_op import ExemplarOp
+from oiiotex.synthesis.patchmatch import memory, optimization
+from oiiotex.synthesis.patchmatch.constraints import Octaves
+from oiiotex.synthesis.patchmatch.field import Geometry, allowed_patches, hash_at, random_field, variance_of
+from oiiotex.synthesis.patchmatch.use_prices import ranked
 from tests import pictures
 from tests.any_filter import buffer, pixels
 

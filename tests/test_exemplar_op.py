@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from oiiotex import filters
-from oiiotex.color.lab import working_values
-from oiiotex.core.image import Image, Part, from_buffer
-from oiiotex.core.op import Space
-from oiiotex.errors import ImageError, ParameterError
-from oiiotex.exemplar.exemplar_op import ExemplarOp, LabeledExemplar
+from oiiotex.engine.color.lab import working_values
+from oiiotex.engine.core.image import Image, Part, from_buffer
+from oiiotex.engine.core.op import Space
+from oiiotex.engine.errors import ImageError, ParameterError
+from oiiotex.engine.session import Session
 from oiiotex.filters.texcut import Cut
 from oiiotex.filters.texquilt import Quilting
-from oiiotex.session import Session
+from oiiotex.synthesis.exemplar.exemplar_op import ExemplarOp, LabeledExemplar
 from tests import pictures
 from tests.any_filter import buffer, quarters
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from oiiotex.errors import ImageError
-from oiiotex.multiscale.graph import Edge, Graph, parse_graph, read_graph
+from oiiotex.engine.errors import ImageError
+from oiiotex.synthesis.multiscale.graph import Edge, Graph, parse_graph, read_graph
 from tests.conftest import data_folder
 
 

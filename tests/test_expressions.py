@@ -15,14 +15,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oiiotex.cli.files.reading import read_input
-from oiiotex.cli.language.expression_values import Value
-from oiiotex.cli.language.expressions import substituted
-from oiiotex.cli.language.sequences import Frame
-from oiiotex.cli.stack.chain import Chain
-from oiiotex.errors import ImageError, ParameterError
-from oiiotex.io.reading import read
-from oiiotex.session import Session
+from oiiotex.engine.errors import ImageError, ParameterError
+from oiiotex.engine.io.reading import read
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool.cli.files.reading import read_input
+from oiiotex.oiiotool.cli.language.expression_values import Value
+from oiiotex.oiiotool.cli.language.expressions import substituted
+from oiiotex.oiiotool.cli.language.sequences import Frame
+from oiiotex.oiiotool.cli.stack.chain import Chain
 from tests.peer import OIIOTOOL
 
 FILES = ("constant.exr", "plain.tif", "ramp.exr")  # from the bottom of the stack up

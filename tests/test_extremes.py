@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oiiotex import filters, host
-from oiiotex.core.op import Op
+from oiiotex import filters
+from oiiotex.engine.core.op import Op
+from oiiotex.oiiotool import host
 from tests.conftest import save
 from tests.extremes import lines, try_all
 

@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from oiiotex_studio.farm import dask_cluster, openjd
 
-from oiiotex import errors
-from oiiotex.cli.language.sequences import Frame
-from oiiotex.cli.running import shares as sharing
-from oiiotex.cli.running.line_run import run
-from oiiotex.cli.running.parallel import WorkerDied, worker_processes
-from oiiotex.cli.running.tasks import Job, Task, work
-from oiiotex.farm import dask_cluster, openjd
-from oiiotex.io.checkpoint import Checkpoint
+from oiiotex.engine import errors
+from oiiotex.engine.io.checkpoint import Checkpoint
+from oiiotex.oiiotool.cli.language.sequences import Frame
+from oiiotex.oiiotool.cli.running import shares as sharing
+from oiiotex.oiiotool.cli.running.line_run import run
+from oiiotex.oiiotool.cli.running.parallel import WorkerDied, worker_processes
+from oiiotex.oiiotool.cli.running.tasks import Job, Task, work
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 

@@ -13,12 +13,12 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.core.demand import PieceCache, bands
-from oiiotex.core.image import dtype_of
-from oiiotex.core.window import Window
-from oiiotex.errors import ImageError
-from oiiotex.io import reading
-from oiiotex.io.reading import read
+from oiiotex.engine.core.demand import PieceCache, bands
+from oiiotex.engine.core.image import dtype_of
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.errors import ImageError
+from oiiotex.engine.io import reading
+from oiiotex.engine.io.reading import read
 from tests.parts import NUMPY, WINDOWS, assert_same, deep_file, noise, part_of, put, refusal, spec_of
 
 # --- any window ---

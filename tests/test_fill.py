@@ -11,22 +11,23 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.core.image import from_buffer
-from oiiotex.core.source_map import SourceMap
-from oiiotex.fill import border
-from oiiotex.fill import fill_measures as measured
-from oiiotex.fill.border import border_offsets
-from oiiotex.fill.fill_measures import fill_measures
-from oiiotex.fill.onion_peel import BYTES as START_BYTES
-from oiiotex.fill.onion_peel import peeled
-from oiiotex.fill.seam_zone import cut_bytes, grown, replaced_pixels
-from oiiotex.fill.source_layout import in_layout_of
-from oiiotex.io.cryptomatte import hashed
-from oiiotex.patchmatch.field import Geometry
-from oiiotex.projections.histograms import OUTSIDE
-from oiiotex.quality.seam_measures import seam_ratio
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.io.cryptomatte import hashed
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.fill import border
+from oiiotex.synthesis.fill import fill_measures as measured
+from oiiotex.synthesis.fill.border import border_offsets
+from oiiotex.synthesis.fill.fill_measures import fill_measures
+from oiiotex.synthesis.fill.onion_peel import BYTES as START_BYTES
+from oiiotex.synthesis.fill.onion_peel import peeled
+from oiiotex.synthesis.fill.seam_zone import cut_bytes, grown, replaced_pixels
+from oiiotex.synthesis.fill.source_layout import in_layout_of
+from oiiotex.synthesis.patchmatch.field import Geometry
+from oiiotex.synthesis.projections.histograms import OUTSIDE
+from oiiotex.synthesis.quality.seam_measures import seam_ratio
 from tests import pictures
 from tests.any_filter import buffer, ids, pixels
 from tests.conftest import load, oiiotex, save

@@ -11,15 +11,16 @@ import OpenImageIO as oiio
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from oiiotex import errors, filters
-from oiiotex.color.config import ColorConfig
-from oiiotex.exemplar import first_result
-from oiiotex.patchmatch.recipe import COARSEST, Recipe, level_scales
-from oiiotex.quality.fidelity import GOOD, fidelity
-from oiiotex.regularity.lattice import Lattice
-from oiiotex.regularity.offset_prices import InStep
-from oiiotex.session import Session
-from oiiotex.session.progress import WHOLE
+from oiiotex import filters
+from oiiotex.analysis.regularity.lattice import Lattice
+from oiiotex.analysis.regularity.offset_prices import InStep
+from oiiotex.engine import errors
+from oiiotex.engine.color.config import ColorConfig
+from oiiotex.engine.session import Session
+from oiiotex.engine.session.progress import WHOLE
+from oiiotex.synthesis.exemplar import first_result
+from oiiotex.synthesis.patchmatch.recipe import COARSEST, Recipe, level_scales
+from oiiotex.synthesis.quality.fidelity import GOOD, fidelity
 from tests import pictures
 from tests.any_filter import buffer, pixels
 

@@ -10,11 +10,12 @@ import OpenImageIO as oiio
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from oiiotex import errors, filters
-from oiiotex.cli.running.line_run import run
-from oiiotex.color.config import ColorConfig
-from oiiotex.core.source_map import SourceMap
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.color.config import ColorConfig
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import save
@@ -270,7 +271,7 @@ def test_a_torus_has_no_corner():
 def test_bands_and_threads_do_not_show_in_what_tiles(monkeypatch):
     photo = linear(wrapping(97, 61))
     made = pixels(filters.flatten(photo, radius=18, tile="xy"))
-    monkeypatch.setattr("oiiotex.scan.PIECE_PIXELS", 61 * 2)
+    monkeypatch.setattr("oiiotex.engine.scan.PIECE_PIXELS", 61 * 2)
     again = pixels(filters.flatten(photo, radius=18, tile="xy", session=Session(threads=1)))
     np.testing.assert_array_equal(made, again)
 

@@ -34,8 +34,8 @@ CRASHES: dict[tuple[str, int], str] = {}
 
 BATCH = """
 import contextlib, io, os, sys
-from oiiotex.cli.running.line_run import run
-from oiiotex.errors import Error
+from oiiotex.oiiotool.cli.running.line_run import run
+from oiiotex.engine.errors import Error
 
 log, output, *names = sys.argv[1:]
 for name in names:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oiiotex.opencl import device
+from oiiotex.engine.opencl import device
 from tests.conftest import load
 from tests.golden import CASES, FOLDER, make
 

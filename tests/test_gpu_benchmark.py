@@ -15,7 +15,7 @@ SLIC, QUILT = "SLIC, ten iterations", "texquilt"
 # on the path of a worker: a GPU that is the CPU seen as one, and what a driver does that does not like a kernel
 FAULT = """
 import dataclasses
-from oiiotex.opencl import device
+from oiiotex.engine.opencl import device
 if {pretend}:
     found = device.devices
     def devices(threads=0):
@@ -24,7 +24,7 @@ if {pretend}:
     device.devices = devices
 
 import os
-from oiiotex.opencl.program import Program
+from oiiotex.engine.opencl.program import Program
 launch = Program.__call__
 def broken(self, name, *arguments, **options):
     if name == "best":

@@ -9,8 +9,9 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.multiscale.graph import Edge, read_graph
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.synthesis.multiscale.graph import Edge, read_graph
 from tests import pictures
 from tests.conftest import load, oiiotex, run_in, save
 

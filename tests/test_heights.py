@@ -9,9 +9,10 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.core.source_map import SourceMap
-from oiiotex.exemplar.heights import large_steps, levels, neighbors
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.synthesis.exemplar.heights import large_steps, levels, neighbors
 from tests import pictures
 from tests.any_filter import buffer, pixels
 

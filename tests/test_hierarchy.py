@@ -9,8 +9,8 @@ from scipy.ndimage import gaussian_filter
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from oiiotex.superpixels.gaussian_stack import blurred_sums, taps_of
-from oiiotex.superpixels.hierarchy import hierarchy, merged, scales
+from oiiotex.analysis.superpixels.gaussian_stack import blurred_sums, taps_of
+from oiiotex.analysis.superpixels.hierarchy import hierarchy, merged, scales
 from tests import pictures
 from tests.reference import superpixels as reference
 from tests.test_superpixels import found, grid_values, resources_of

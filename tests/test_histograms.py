@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oiiotex.core.window import Domain
-from oiiotex.opencl.buffers import Buffers
-from oiiotex.projections import histograms
-from oiiotex.stationarity.grid_statistics import CellGrid
+from oiiotex.analysis.stationarity.grid_statistics import CellGrid
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.opencl.buffers import Buffers
+from oiiotex.synthesis.projections import histograms
 from tests import pictures
 from tests.reference import histograms as reference
 from tests.reference.projections import projected_by

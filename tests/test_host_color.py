@@ -10,8 +10,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.running.line_run import run
-from oiiotex.color.config import DEFAULT_CONFIG
+from oiiotex.engine.color.config import DEFAULT_CONFIG
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests.conftest import load, save
 from tests.inputs import write_inputs
 from tests.peer import chains, refused, same

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from oiiotex.cli.running.line_run import run
+from oiiotex.oiiotool.cli.running.line_run import run
 
 from .peer import assert_same_file, chains, refused, same
 from .sources import sources

@@ -11,9 +11,9 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.running.line_run import run
-from oiiotex.errors import ParameterError
-from oiiotex.host.channels import chosen_channels
+from oiiotex.engine.errors import ParameterError
+from oiiotex.oiiotool.cli.running.line_run import run
+from oiiotex.oiiotool.host.channels import chosen_channels
 from tests.conftest import load, save
 from tests.inputs import write_inputs
 from tests.peer import chains, refused, same

@@ -10,8 +10,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.core.demand import bands
-from oiiotex.core.image import (
+from oiiotex.engine.core.demand import bands
+from oiiotex.engine.core.image import (
     Channels,
     Image,
     Part,
@@ -26,7 +26,7 @@ from oiiotex.core.image import (
     to_buffer,
     type_named,
 )
-from oiiotex.core.window import Window
+from oiiotex.engine.core.window import Window
 from tests.parts import (
     NUMPY,
     WINDOWS,
@@ -318,7 +318,8 @@ def test_a_buffer_of_a_volume_is_refused():
 
 def test_a_deep_buffer_is_refused(tmp_path):
     deep_file(tmp_path / "deep.exr")
-    script = "import OpenImageIO as o; from oiiotex.core.image import from_buffer; from_buffer(o.ImageBuf('deep.exr'))"
+    script = "import OpenImageIO as o; from oiiotex.engine.core.image import from_buffer; "
+    script += "from_buffer(o.ImageBuf('deep.exr'))"
     # in a process of its own: OpenImageIO crashes when it is asked for a deep buffer's pixels
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 1

@@ -10,7 +10,7 @@ import pytest
 
 RUN = """
 import sys
-from oiiotex.cli.main import main
+from oiiotex.oiiotool.cli.main import main
 try:
     main(sys.argv[2:])
 except SystemExit as done:
@@ -104,5 +104,5 @@ def test_a_tile_takes_no_more_than_its_measure_needs(photo, tmp_path, measure):
     packages = {name.partition(".")[0] for name in modules} - set(sys.stdlib_module_names) - {"__main__"}
     foreign = {name for name in packages if not name.startswith(("_", "oiiotex", "sitecustomize"))}
     assert NEEDED <= foreign <= NEEDED | PYOPENCLS
-    assert ("oiiotex.projections.pearson_table" in modules) == measure.startswith("moments")
+    assert ("oiiotex.synthesis.projections.pearson_table" in modules) == measure.startswith("moments")
     assert sum(not name.startswith(("oiiotex", "attr")) for name in modules) < 360

@@ -11,8 +11,8 @@ import sys
 
 import pytest
 
-from oiiotex import machine
-from oiiotex.opencl import device, runtime
+from oiiotex.engine import machine
+from oiiotex.engine.opencl import device, runtime
 from tests.conftest import oiiotex
 
 
@@ -42,7 +42,7 @@ def test_the_built_wheel_finds_its_config_and_kernels(tmp_path, photo):
         text=True,
     )
     assert where.stdout.startswith(str(tmp_path / "site"))
-    recipe = [sys.executable, "-m", "oiiotex.library.main", "recipe"]
+    recipe = [sys.executable, "-m", "oiiotex_studio.library.main", "recipe"]
     assert "[[product]]" in subprocess.run(recipe, env=environment, cwd=tmp_path, capture_output=True, text=True).stdout
     line = "--texstationarize:size=64x64:iterations=2:measure=moments:order=4"  # which reads a table of the package
     done = oiiotex(photo, line, "-o", "tile.png", cwd=tmp_path, env=environment)
@@ -86,7 +86,8 @@ def test_without_a_linker_pocl_works_through_lld(tmp_path, photo):
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="PoCL from PyPI is for Linux")
 def test_without_any_linker_the_advice_is_one_line(tmp_path, photo):
     hide = (
-        "from oiiotex.opencl import runtime; runtime._zig = lambda: None; from oiiotex.cli.main import main; "
+        "from oiiotex.engine.opencl import runtime; runtime._zig = lambda: None; "
+        "from oiiotex.oiiotool.cli.main import main; "
         f"main([{str(photo)!r}, '--texstationarize', '-o', {str(tmp_path / 'tile.png')!r}])"
     )
     done = without_linker(shlex.join([sys.executable, "-c", hide]), str(tmp_path / "cache"))
@@ -102,7 +103,7 @@ def test_without_any_device_the_advice_is_one_line(photo, words):
         "import pyopencl as cl\n"
         "def none(): raise cl.LogicError('no platform')\n"
         "cl.get_platforms = none\n"
-        f"from oiiotex.cli.main import main; main([{str(photo)!r}, *{words!r}])"
+        f"from oiiotex.oiiotool.cli.main import main; main([{str(photo)!r}, *{words!r}])"
     )
     done = subprocess.run([sys.executable, "-c", script], env=empty, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
@@ -120,7 +121,8 @@ def test_a_probe_that_fails_in_its_process_is_reported(monkeypatch):
 
 
 def test_threads_follow_the_affinity_of_the_process():
-    script = "from oiiotex.opencl import runtime as r; r.load(); import os; print(os.environ['POCL_MAX_PTHREAD_COUNT'])"
+    script = "from oiiotex.engine.opencl import runtime as r; r.load(); "
+    script += "import os; print(os.environ['POCL_MAX_PTHREAD_COUNT'])"
     clean = {k: v for k, v in os.environ.items() if k != "POCL_MAX_PTHREAD_COUNT"}
     pinned = f"import os; os.sched_setaffinity(0, {{min(os.sched_getaffinity(0))}}); {script}"
     assert subprocess.run([sys.executable, "-c", pinned], env=clean, capture_output=True, text=True).stdout == "1\n"

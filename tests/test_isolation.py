@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from oiiotex.machine import forget_current_folder, start
-from oiiotex.opencl import runtime
+from oiiotex.engine.machine import forget_current_folder, start
+from oiiotex.engine.opencl import runtime
 from tests import pictures
 from tests.conftest import save
 
@@ -34,7 +34,7 @@ RECIPE = 'schema = 1\n[[product]]\nname = "tile"\nline = "$maps --flip $outputs"
 # Each is a script in a Python of ours whose current folder is the planted one; `folder` is another one.
 WAYS = {
     "a device is tried": """
-from oiiotex.opencl import device, runtime
+from oiiotex.engine.opencl import device, runtime
 handle = next(d for d in device.devices() if d.kind == "cpu").handle
 assert runtime._try_in_subprocess(handle, runtime.Attempt())[0] or runtime._zig()
 for attempt in runtime.attempts(""):
@@ -53,30 +53,30 @@ program("--frames", "1-2", "--farm", "dask=local:1", "photo.png", "--mulc", "0.5
 program("photo.png", "--blur", "5x5", "-o", "out.exr", "--farm", "dask=local:1")
 """,
     "a library": """
-from oiiotex.library.main import main
+from oiiotex_studio.library.main import main
 main(["ingest", f"{folder}/photos", f"{folder}/library", "--recipe", f"{folder}/recipe.toml", "-q"])
 """,
     "a library on a farm of this machine": """
-from oiiotex.library.main import main
+from oiiotex_studio.library.main import main
 words = ["--recipe", f"{folder}/recipe.toml", "-q", "--farm", "dask=local:1"]
 main(["ingest", f"{folder}/photos", f"{folder}/library", *words])
 """,
     "the resident process": """
-from oiiotex.service.client import connect
-from oiiotex.service.settings import ResidentSettings
+from oiiotex.oiiotool.service.client import connect
+from oiiotex.oiiotool.service.settings import ResidentSettings
 client = connect(ResidentSettings(budget=1 << 28, idle=1))
 print(client.hello()["pid"])
 client.end()
 """,
     "the door for hosts": """
 import json, subprocess
-from oiiotex.service.client import connect
-from oiiotex.service.settings import ResidentSettings
+from oiiotex.oiiotool.service.client import connect
+from oiiotex.oiiotool.service.settings import ResidentSettings
 text = json.dumps({"device": None})
 isolated = [sys.executable, "-I", "-c", f"import sys; sys.path.insert(0, {root!r}); sys.argv[1:] = [{text!r}];"
-    "import runpy; runpy.run_module('oiiotex.service.door', run_name='__main__')"]
+    "import runpy; runpy.run_module('oiiotex.oiiotool.service.door', run_name='__main__')"]
 print(subprocess.run(isolated, capture_output=True, text=True, check=True).stdout)
-from oiiotex.session import Session
+from oiiotex.engine.session import Session
 connect(ResidentSettings.of(Session())).end()
 """,
     "Blender's extension": """
@@ -91,9 +91,9 @@ process = Process("python3")
 connection = process._connected()
 process.run(["--version"]).wait()
 connection.close()
-from oiiotex.service.client import connect
-from oiiotex.service.settings import ResidentSettings
-from oiiotex.session import Session
+from oiiotex.oiiotool.service.client import connect
+from oiiotex.oiiotool.service.settings import ResidentSettings
+from oiiotex.engine.session import Session
 connect(ResidentSettings.of(Session())).end()
 """,
     "a JPEG": """
@@ -105,11 +105,11 @@ program("--list-formats", "--buildinfo", "--colorconfiginfo")
     "a movie": """
 from pathlib import Path
 import numpy as np
-from oiiotex.io.movie import write_movie
+from oiiotex.engine.io.movie import write_movie
 write_movie(Path(folder) / "z.mp4", [np.zeros((8, 8, 3), np.uint8)] * 2, 5)
 """,
     "a browser": """
-from oiiotex.machine import forget_current_folder
+from oiiotex.engine.machine import forget_current_folder
 forget_current_folder()  # as every line does
 import webbrowser
 webbrowser.open("http://127.0.0.1:9/")
@@ -120,7 +120,7 @@ import os, sys
 root, folder = sys.argv[1:]
 sys.path.insert(0, root)
 def program(*words):
-    from oiiotex.cli.main import main
+    from oiiotex.oiiotool.cli.main import main
     main([f"{folder}/{word}" if word.endswith((".png", ".jpg", ".exr")) else word for word in words])
 """
 

@@ -9,8 +9,9 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.core.window import Window
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.window import Window
 from oiiotex.filters.texjoin import first_gap
 from tests import pictures
 from tests.conftest import load, oiiotex, run_in, save

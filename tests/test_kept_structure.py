@@ -9,17 +9,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from oiiotex.color.lab import working_values
-from oiiotex.core.image import from_buffer
-from oiiotex.core.parameters import Size
-from oiiotex.core.window import Domain
+from oiiotex.analysis.regularity.lattice import BINS, Lattice, find_lattice
+from oiiotex.analysis.regularity.offset_prices import BITS, InStep, Prices
+from oiiotex.analysis.regularity.regularity import peaks_over_floor
+from oiiotex.engine.color.lab import working_values
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.core.parameters import Size
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.session import Session
 from oiiotex.filters.texcut import Cut
 from oiiotex.filters.texquilt import Quilting
 from oiiotex.filters.texsynth import Synth
-from oiiotex.regularity.lattice import BINS, Lattice, find_lattice
-from oiiotex.regularity.offset_prices import BITS, InStep, Prices
-from oiiotex.regularity.regularity import peaks_over_floor
-from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import buffer
 from tests.lattices import regular

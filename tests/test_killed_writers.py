@@ -21,12 +21,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from oiiotex_studio.library import runs
+from oiiotex_studio.library.catalog import Catalog
+from oiiotex_studio.library.upkeep import check
 
-from oiiotex.errors import Error
-from oiiotex.io.reading import read
-from oiiotex.library import runs
-from oiiotex.library.catalog import Catalog
-from oiiotex.library.upkeep import check
+from oiiotex.engine.errors import Error
+from oiiotex.engine.io.reading import read
 from tests import pictures
 from tests.conftest import save
 from tests.faults import OLD, PROGRAM
@@ -37,7 +37,7 @@ pytestmark = [
 ]
 KILLS = int(os.environ.get("OIIOTEX_KILLS", "20"))
 SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129, signal.SIGKILL: -9}
-LIBRARY = [sys.executable, "-m", "oiiotex.library.main"]
+LIBRARY = [sys.executable, "-m", "oiiotex_studio.library.main"]
 RECIPE = 'schema = 1\n[[product]]\nname = "tile"\nline = "$maps --flip $outputs"\n[deliver]\ntx = false\n'
 
 

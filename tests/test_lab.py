@@ -8,7 +8,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
+from oiiotex import filters
+from oiiotex.engine import errors
 from tests.any_filter import buffer, pixels
 
 RNG = np.random.default_rng(0)

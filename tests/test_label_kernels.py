@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from oiiotex.core.elementary import exponential, logarithm, root
-from oiiotex.labels import affinity_graph, features, potts, products, random_walk, stochastic_nmf
+from oiiotex.analysis.labels import affinity_graph, features, potts, products, random_walk, stochastic_nmf
+from oiiotex.engine.core.elementary import exponential, logarithm, root
 from tests.reference import labels as reference
 from tests.test_superpixels import resources_of
 

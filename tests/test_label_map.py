@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.core.image import Image, Part, from_pixels
-from oiiotex.core.label_map import LabelMap, label_maps, opened_level
-from oiiotex.labels.legend import Legend, code_of, codes_of, color_of
+from oiiotex.analysis.labels.legend import Legend, code_of, codes_of, color_of
+from oiiotex.engine.core.image import Image, Part, from_pixels
+from oiiotex.engine.core.label_map import LabelMap, label_maps, opened_level
 
 
 def part(name: str, ids: np.ndarray) -> Part:

@@ -13,14 +13,15 @@ import OpenImageIO as oiio
 import pytest
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from oiiotex import errors, filters
-from oiiotex.color.lab import lens_of
-from oiiotex.core.image import Image, from_buffer, from_pixels
-from oiiotex.core.label_map import LabelMap
-from oiiotex.io.cryptomatte import cryptomatte_part, hashed, hashes
-from oiiotex.labels.scales import LabelSettings, label_maps
-from oiiotex.session import Session
-from oiiotex.session.progress import Progress
+from oiiotex import filters
+from oiiotex.analysis.labels.scales import LabelSettings, label_maps
+from oiiotex.engine import errors
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.core.image import Image, from_buffer, from_pixels
+from oiiotex.engine.core.label_map import LabelMap
+from oiiotex.engine.io.cryptomatte import cryptomatte_part, hashed, hashes
+from oiiotex.engine.session import Session
+from oiiotex.engine.session.progress import Progress
 from tests.conftest import oiiotex, save
 from tests.peer import OIIOTOOL
 from tests.test_labels import NOISE, buffer, quarters
@@ -90,7 +91,7 @@ def test_hashes_are_those_of_the_specification():
 
 
 def test_names_of_equal_hash_are_told_apart(monkeypatch):
-    monkeypatch.setattr("oiiotex.io.cryptomatte.hashed", lambda name: 0x40000000 + len(name) % 3)
+    monkeypatch.setattr("oiiotex.engine.io.cryptomatte.hashed", lambda name: 0x40000000 + len(name) % 3)
     bits = hashes(["x", "y"])
     assert len(bits) == len(set(bits.values())) == 2
 
@@ -160,7 +161,7 @@ def test_the_view_shows_photo_levels_and_tree(written):
 
 
 def test_colors_stay_apart_for_every_eye():
-    from oiiotex.labels.legend import _BLIND, _oklab, distinct_colors
+    from oiiotex.analysis.labels.legend import _BLIND, _oklab, distinct_colors
 
     srgb = distinct_colors()[:12]
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

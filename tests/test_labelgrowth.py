@@ -9,10 +9,11 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.core.window import Domain
-from oiiotex.quilting import label_growth as lg
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.quilting import label_growth as lg
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save

@@ -11,17 +11,18 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from benchmarks.labels.levels import Score, score
-from oiiotex import errors, filters
-from oiiotex.color.lab import lens_of
-from oiiotex.core.image import from_buffer
-from oiiotex.core.op import Op
-from oiiotex.labels import random_walk, scales
-from oiiotex.labels.features import KINDS, moments
-from oiiotex.labels.filter_bank import PLANES, blurred_layers, codebook, gabor_responses, nearest_centers
-from oiiotex.labels.potts import settled
-from oiiotex.labels.scales import LabelMaps, LabelSettings, label_maps
-from oiiotex.session import Session
-from oiiotex.session.progress import Progress
+from oiiotex import filters
+from oiiotex.analysis.labels import random_walk, scales
+from oiiotex.analysis.labels.features import KINDS, moments
+from oiiotex.analysis.labels.filter_bank import PLANES, blurred_layers, codebook, gabor_responses, nearest_centers
+from oiiotex.analysis.labels.potts import settled
+from oiiotex.analysis.labels.scales import LabelMaps, LabelSettings, label_maps
+from oiiotex.engine import errors
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.core.op import Op
+from oiiotex.engine.session import Session
+from oiiotex.engine.session.progress import Progress
 from tests import pictures
 from tests.test_label_kernels import blobs
 from tests.test_superpixels import resources_of

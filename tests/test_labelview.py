@@ -8,12 +8,12 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.core.image import from_buffer
-from oiiotex.core.label_map import LabelMap, label_maps
-from oiiotex.errors import ImageError
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.core.label_map import LabelMap, label_maps
+from oiiotex.engine.errors import ImageError
+from oiiotex.engine.run import run
+from oiiotex.engine.session import Session
 from oiiotex.filters.texlabelview import _title
-from oiiotex.run import run
-from oiiotex.session import Session
 from tests.conftest import load, oiiotex, save
 from tests.test_labels import buffer, quarters
 

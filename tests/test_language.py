@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from oiiotex.cli.language.parse import Refused, names_of, parse
-from oiiotex.cli.printing import help, report, shells
-from oiiotex.cli.vocabulary import LANGUAGE, REFUSED
-from oiiotex.core.op import Op
-from oiiotex.errors import ParameterError
+from oiiotex.engine.core.op import Op
+from oiiotex.engine.errors import ParameterError
+from oiiotex.oiiotool.cli.language.parse import Refused, names_of, parse
+from oiiotex.oiiotool.cli.printing import help, report, shells
+from oiiotex.oiiotool.cli.vocabulary import LANGUAGE, REFUSED
 from tests.conftest import oiiotex
 from tests.peer import OIIOTOOL
 

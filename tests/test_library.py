@@ -15,16 +15,16 @@ import zipfile
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from oiiotex_studio.library import asset as making
+from oiiotex_studio.library import digests, ingest, runs
+from oiiotex_studio.library.asset import read_sidecar
+from oiiotex_studio.library.catalog import Catalog
+from oiiotex_studio.library.commands import run
+from oiiotex_studio.library.report import write_report
+from oiiotex_studio.library.upkeep import check, orphans
+from oiiotex_studio.recipes import found as finding
 
-from oiiotex import errors
-from oiiotex.library import asset as making
-from oiiotex.library import digests, ingest, runs
-from oiiotex.library.asset import read_sidecar
-from oiiotex.library.catalog import Catalog
-from oiiotex.library.commands import run
-from oiiotex.library.report import write_report
-from oiiotex.library.upkeep import check, orphans
-from oiiotex.recipes import found as finding
+from oiiotex.engine import errors
 from tests import pictures as drawn
 from tests.conftest import load, save
 from tests.library_makings import LINE, OPENGL, brought_in, bumps, recipe

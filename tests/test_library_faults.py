@@ -16,15 +16,15 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from oiiotex_studio.library import runs
+from oiiotex_studio.library.catalog import Catalog
+from oiiotex_studio.library.upkeep import check
 
-from oiiotex.library import runs
-from oiiotex.library.catalog import Catalog
-from oiiotex.library.upkeep import check
 from tests import pictures
 from tests.conftest import load, save
 from tests.test_imports import LARGE
 
-PROGRAM = [sys.executable, "-m", "oiiotex.library.main"]
+PROGRAM = [sys.executable, "-m", "oiiotex_studio.library.main"]
 RECIPE = 'schema = 1\n[[product]]\nname = "tile"\nline = "$maps --flip $outputs"\n[deliver]\ntx = false\n'
 MATERIALS = 5
 
@@ -144,7 +144,7 @@ def test_two_runs_at_once_share_the_work(folder):
 def test_errors_are_one_line_and_touch_no_large_library(folder, words, text):
     (folder / "bad.toml").write_text(RECIPE.replace("--flip", "--texflat"))
     told = (
-        "import sys\nfrom oiiotex.library.main import main\n"
+        "import sys\nfrom oiiotex_studio.library.main import main\n"
         f"try:\n main({words!r})\nexcept SystemExit as done:\n assert done.code == 1\nprint(*sys.modules)"
     )
     done = subprocess.run([sys.executable, "-P", "-c", told], cwd=folder, capture_output=True, text=True, timeout=100)

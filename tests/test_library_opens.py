@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from oiiotex_studio.library.commands import run
+from oiiotex_studio.library.wang import write_wang
+from oiiotex_studio.materials.preview import Looks
+from oiiotex_studio.materials.shaded import shaded_sphere
 
-from oiiotex.io.reading import read
-from oiiotex.library.commands import run
-from oiiotex.library.wang import write_wang
-from oiiotex.materials.preview import Looks
-from oiiotex.materials.shaded import shaded_sphere
-from oiiotex.session import Session
+from oiiotex.engine.io.reading import read
+from oiiotex.engine.session import Session
 from tests import pictures
 from tests.any_filter import buffer
 from tests.browser import DRAWING, chromium

@@ -7,12 +7,13 @@ import json
 import os
 from pathlib import Path
 
-from oiiotex.library import asset as making
-from oiiotex.library import catalog as catalogs
-from oiiotex.library import ingest, runs
-from oiiotex.library.catalog import Catalog
-from oiiotex.library.commands import run
-from oiiotex.library.upkeep import check
+from oiiotex_studio.library import asset as making
+from oiiotex_studio.library import catalog as catalogs
+from oiiotex_studio.library import ingest, runs
+from oiiotex_studio.library.catalog import Catalog
+from oiiotex_studio.library.commands import run
+from oiiotex_studio.library.upkeep import check
+
 from tests import pictures as drawn
 from tests.conftest import save
 from tests.library_makings import LINE, brought_in, recipe, touched

@@ -9,15 +9,15 @@ import shutil
 import subprocess
 
 import pytest
+from oiiotex_studio.library import catalog as catalogs
+from oiiotex_studio.library.catalog import Catalog
+from oiiotex_studio.library.commands import run
+from oiiotex_studio.library.report import write_report
+from oiiotex_studio.library.search import AssetSearch
+from oiiotex_studio.library.upkeep import check, orphans
 
-from oiiotex import errors
-from oiiotex.errors import ParameterError
-from oiiotex.library import catalog as catalogs
-from oiiotex.library.catalog import Catalog
-from oiiotex.library.commands import run
-from oiiotex.library.report import write_report
-from oiiotex.library.search import AssetSearch
-from oiiotex.library.upkeep import check, orphans
+from oiiotex.engine import errors
+from oiiotex.engine.errors import ParameterError
 from tests.conftest import load
 from tests.library_makings import LINE, brought_in, recipe
 from tests.library_makings import here as here

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from oiiotex_studio.library.catalog import Catalog
+from oiiotex_studio.library.commands import run
+from oiiotex_studio.library.report import write_report
+from oiiotex_studio.library.upkeep import check
+from oiiotex_studio.materials import preview
+from oiiotex_studio.recipes.lines import require_lines
 
-from oiiotex import errors
-from oiiotex.library.catalog import Catalog
-from oiiotex.library.commands import run
-from oiiotex.library.report import write_report
-from oiiotex.library.upkeep import check
-from oiiotex.materials import preview
-from oiiotex.recipes.lines import require_lines
-from oiiotex.wang.plane import index_image
+from oiiotex.engine import errors
+from oiiotex.synthesis.wang.plane import index_image
 from tests.any_filter import buffer
 from tests.conftest import load
 from tests.library_makings import brought_in, recipe
@@ -48,7 +48,7 @@ def library(tmp_path: Path, here: None, monkeypatch: pytest.MonkeyPatch) -> Path
     """A library of one material of two maps, which are atlases already: its line only passes them on."""
     atlas(tmp_path / "photos/wall_color.png", 3, "srgb_rec709_scene")
     atlas(tmp_path / "photos/wall_rough.png", 1, "")
-    monkeypatch.setattr("oiiotex.library.ingest.require_lines", lambda recipe: "tile")
+    monkeypatch.setattr("oiiotex_studio.library.ingest.require_lines", lambda recipe: "tile")
     told = recipe(
         '[[product]]\nname = "tile"\nline = "$maps $outputs"\n[deliver]\nwang = true\n[assets.wall]\nsize_m=[2, 1]\n'
     )
@@ -103,7 +103,7 @@ def test_a_shader_renders_the_delivered_document(library, tmp_path, monkeypatch)
         asked.append((document.is_file(), document.name, sorted(maps), tile, columns))
         return np.concatenate([np.zeros((side, side, 3)), np.ones((side, side, 1))], -1)
 
-    monkeypatch.setattr("oiiotex.api.materials.shaded_sphere", render)
+    monkeypatch.setattr("oiiotex_studio.api.materials.shaded_sphere", render)
     deliver = "[deliver]\nwang = true\nshader = true\n[assets.wall]\nsize_m = [2, 1]\n"
     told = recipe('[[product]]\nname = "tile"\nline = "$maps $outputs"\n' + deliver)
     tally, _ = brought_in(tmp_path / "photos", library, told)

@@ -20,8 +20,8 @@ import pytest
 pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
 pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex[live])")
 
-from oiiotex.color.config import ColorConfig, as_float
-from oiiotex.color.display import shown_by, usual_view, views
+from oiiotex.engine.color.config import ColorConfig, as_float
+from oiiotex.engine.color.display import shown_by, usual_view, views
 from tests import pictures
 from tests.browser import Served, chromium, end_resident, resident_pid
 from tests.conftest import load, oiiotex, save

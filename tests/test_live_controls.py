@@ -14,8 +14,9 @@ import pytest
 
 pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
 
-from oiiotex.api.images import Image, from_array
-from oiiotex.api.measures import region_uses
+from oiiotex_studio.api.images import Image, from_array
+from oiiotex_studio.api.measures import region_uses
+
 from tests import pictures
 from tests.browser import Served, chromium, end_resident
 from tests.conftest import load, oiiotex, save

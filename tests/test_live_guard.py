@@ -22,14 +22,15 @@ import pytest
 pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
 pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex[live])")
 
-from oiiotex.cli.language.parse import split_modifiers
-from oiiotex.errors import Error, ParameterError
-from oiiotex.io import atomic
-from oiiotex.live.document import Document, default_state
-from oiiotex.live.guard import token_for
-from oiiotex.live.hub import Hub, PageSource
-from oiiotex.live.lines import text_of, word_of
-from oiiotex.session import Session
+from oiiotex_studio.live.document import Document, default_state
+from oiiotex_studio.live.guard import token_for
+from oiiotex_studio.live.hub import Hub, PageSource
+from oiiotex_studio.live.lines import text_of, word_of
+
+from oiiotex.engine.errors import Error, ParameterError
+from oiiotex.engine.io import atomic
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool.cli.language.parse import split_modifiers
 from tests import pictures
 from tests.browser import TOKEN, Served, end_resident
 from tests.conftest import oiiotex, save
@@ -280,8 +281,8 @@ def test_autosave_goes_on_after_a_full_disk_and_keeps_the_last_state(tmp_path, m
 
     hub = Hub(PageSource(None, "", (), "x", None, 256, "uint8"), opened(), Session(), tmp_path)
     monkeypatch.setattr(hub, "tell", told.append)
-    monkeypatch.setattr("oiiotex.live.hub.SAVE_EVERY", 0.01)
-    monkeypatch.setattr("oiiotex.live.hub.RETRY_EVERY", 0.01)
+    monkeypatch.setattr("oiiotex_studio.live.hub.SAVE_EVERY", 0.01)
+    monkeypatch.setattr("oiiotex_studio.live.hub.RETRY_EVERY", 0.01)
 
     async def until(condition: Callable[[], bool]) -> None:
         async with asyncio.timeout(20):

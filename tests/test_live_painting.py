@@ -10,14 +10,22 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from oiiotex_studio.live.painting.palette import (
+    COARSE,
+    FINE,
+    LAYERS,
+    LabelPalette,
+    extended,
+    require_replaceable,
+    step_facts,
+)
+from oiiotex_studio.live.painting.steps import Steps, fine_of, paintings_in
 
 from oiiotex import filters
-from oiiotex.core.demand import PieceCache
-from oiiotex.errors import ImageError
-from oiiotex.io.reading import read
-from oiiotex.live.painting.palette import COARSE, FINE, LAYERS, LabelPalette, extended, require_replaceable, step_facts
-from oiiotex.live.painting.steps import Steps, fine_of, paintings_in
-from oiiotex.quilting.painted_plans import changed_box
+from oiiotex.engine.core.demand import PieceCache
+from oiiotex.engine.errors import ImageError
+from oiiotex.engine.io.reading import read
+from oiiotex.synthesis.quilting.painted_plans import changed_box
 from tests import test_painting
 from tests.conftest import save
 from tests.faults import full_disk

@@ -13,18 +13,19 @@ import pytest
 
 pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
 
-from oiiotex.api.images import from_array
-from oiiotex.cli.language.parse import parse
-from oiiotex.cli.running.living import _photos
-from oiiotex.cli.vocabulary import LANGUAGE
-from oiiotex.core.image import Image
-from oiiotex.errors import Error, MemoryBudgetError
-from oiiotex.live.hub import Hub
-from oiiotex.live.pages import Page
-from oiiotex.live.photos.opening import OpenPhoto, hub_of, materials_of
-from oiiotex.live.photos.strip import PhotoStrip
-from oiiotex.live.photos.upload import MOST, Upload, photos_in
-from oiiotex.session import Session
+from oiiotex_studio.api.images import from_array
+from oiiotex_studio.live.hub import Hub
+from oiiotex_studio.live.pages import Page
+from oiiotex_studio.live.photos.opening import OpenPhoto, hub_of, materials_of
+from oiiotex_studio.live.photos.strip import PhotoStrip
+from oiiotex_studio.live.photos.upload import MOST, Upload, photos_in
+
+from oiiotex.engine.core.image import Image
+from oiiotex.engine.errors import Error, MemoryBudgetError
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool.cli.language.parse import parse
+from oiiotex.oiiotool.cli.running.living import _photos
+from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 from tests.faults import full_disk
 
 

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from oiiotex_studio.materials.preview import Looks, _bilinear, encoded
 
-from oiiotex.materials.preview import Looks, _bilinear, encoded
-from oiiotex.service.client import Client
-from oiiotex.service.messages import Link
+from oiiotex.oiiotool.service.client import Client
+from oiiotex.oiiotool.service.messages import Link
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.test_live import wait

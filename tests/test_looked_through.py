@@ -11,13 +11,16 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.charts import content_chart, tile_preview
-from oiiotex.core import demand
-from oiiotex.core.image import Image, Part, from_pixels
-from oiiotex.core.label_map import LabelMap
-from oiiotex.core.op import Op
-from oiiotex.core.parameters import Size
-from oiiotex.core.window import Window
+from oiiotex.analysis.labels import content_scan
+from oiiotex.engine.core import demand
+from oiiotex.engine.core.image import Image, Part, from_pixels
+from oiiotex.engine.core.label_map import LabelMap
+from oiiotex.engine.core.op import Op
+from oiiotex.engine.core.parameters import Size
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.run import run
+from oiiotex.engine.session import Session
+from oiiotex.engine.session.resources import Resources
 from oiiotex.filters import texpalette
 from oiiotex.filters.texcontent import Content
 from oiiotex.filters.texcut import Cut
@@ -25,12 +28,9 @@ from oiiotex.filters.texpaint import Paint
 from oiiotex.filters.texpalette import Palette
 from oiiotex.filters.texpreview import Preview
 from oiiotex.filters.texquilt import Quilting
-from oiiotex.graphcut import photo as photo_in_tiles
-from oiiotex.labels import content_scan
-from oiiotex.quilting.quilt_job import Quilted
-from oiiotex.run import run
-from oiiotex.session import Session
-from oiiotex.session.resources import Resources
+from oiiotex.surfaces.charts import content_chart, tile_preview
+from oiiotex.synthesis.graphcut import photo as photo_in_tiles
+from oiiotex.synthesis.quilting.quilt_job import Quilted
 
 
 def picture(width: int, height: int) -> Part:

@@ -7,10 +7,10 @@ import re
 
 import numpy as np
 import pytest
+from oiiotex_studio.materials import documents, shaded, wang_documents
+from oiiotex_studio.materials import preview as pictures
 
-from oiiotex import errors
-from oiiotex.materials import documents, shaded, wang_documents
-from oiiotex.materials import preview as pictures
+from oiiotex.engine import errors
 from tests import pictures as drawn
 
 

@@ -12,9 +12,9 @@ import threading
 import numpy as np
 import pytest
 
-from oiiotex.core.demand import materialized
-from oiiotex.core.image import Part
-from oiiotex.core.window import Window
+from oiiotex.engine.core.demand import materialized
+from oiiotex.engine.core.image import Part
+from oiiotex.engine.core.window import Window
 from tests.parts import coordinates, counted, part_of, spec_of
 
 
@@ -75,8 +75,8 @@ def test_a_spilled_part_leaves_no_file(tmp_path, monkeypatch):
 SPILL_INTO_A_SMALL_DISK = """
 import resource, sys
 import numpy as np
-from oiiotex.errors import ImageError
-from oiiotex.core.demand import materialized
+from oiiotex.engine.errors import ImageError
+from oiiotex.engine.core.demand import materialized
 from tests.parts import coordinates
 
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))

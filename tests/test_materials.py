@@ -9,7 +9,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
+from oiiotex import filters
+from oiiotex.engine import errors
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save

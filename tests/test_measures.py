@@ -11,13 +11,14 @@ import OpenImageIO as oiio
 import pytest
 
 from benchmarks.quilts.copies import copies
-from oiiotex import errors, filters
-from oiiotex.core.source_map import SourceMap
-from oiiotex.core.window import Domain
-from oiiotex.quality.copy_detection import copies_by_source, region_uses
-from oiiotex.session import Session
-from oiiotex.stationarity import costs as st
-from oiiotex.stationarity.steerable import RADIUS, responses
+from oiiotex import filters
+from oiiotex.analysis.stationarity import costs as st
+from oiiotex.analysis.stationarity.steerable import RADIUS, responses
+from oiiotex.engine import errors
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.quality.copy_detection import copies_by_source, region_uses
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.reference.histograms import gaussian_rows, soft_members
@@ -156,7 +157,7 @@ def test_the_map_of_responses_is_eq_1_place_by_place(hole):
 def test_neither_bands_nor_threads_show_in_a_map(monkeypatch, measure):
     photo = buffer(pictures.stained(pictures.bricks(70, 83, 1)))
     found = pixels(filters.stationarity(photo, sigma=5, measure=measure))
-    monkeypatch.setattr("oiiotex.scan.PIECE_PIXELS", 83 * 2)
+    monkeypatch.setattr("oiiotex.engine.scan.PIECE_PIXELS", 83 * 2)
     again = pixels(filters.stationarity(photo, sigma=5, measure=measure, session=Session(threads=1)))
     np.testing.assert_array_equal(found, again)
 
@@ -182,7 +183,7 @@ def test_data_and_images_without_alpha(measure):
 
 @pytest.mark.parametrize("measure", ["moments", "steerable"])
 def test_all_that_is_broken_is_counted(monkeypatch, measure):
-    monkeypatch.setattr("oiiotex.scan.PIECE_PIXELS", 40 * 50 // 4)
+    monkeypatch.setattr("oiiotex.engine.scan.PIECE_PIXELS", 40 * 50 // 4)
     broken = pictures.bricks(300, 40, 1)
     broken[[3, 49, 50, 299], 5, 0] = np.nan
     with pytest.raises(errors.ImageError, match="4 NaN and 0 Inf"):

@@ -7,17 +7,17 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.capture.homography import through
-from oiiotex.core.image import channels_of
-from oiiotex.core.window import Window
-from oiiotex.errors import ImageError
-from oiiotex.motion.clean_plate import assembled, laid_out
-from oiiotex.motion.frame_files import numbered
-from oiiotex.motion.frame_grain import Side, grain_between, of_shot
-from oiiotex.motion.frame_motion import STEP, FrameMotion, fitted, homography_of, nodes, read_shot
-from oiiotex.motion.light import gains, grain
-from oiiotex.motion.sampling import at_points, centers, grown
-from oiiotex.motion.tracking import gray_view
+from oiiotex.engine.core.image import channels_of
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.errors import ImageError
+from oiiotex.surfaces.capture.homography import through
+from oiiotex.surfaces.motion.clean_plate import assembled, laid_out
+from oiiotex.surfaces.motion.frame_files import numbered
+from oiiotex.surfaces.motion.frame_grain import Side, grain_between, of_shot
+from oiiotex.surfaces.motion.frame_motion import STEP, FrameMotion, fitted, homography_of, nodes, read_shot
+from oiiotex.surfaces.motion.light import gains, grain
+from oiiotex.surfaces.motion.sampling import at_points, centers, grown
+from oiiotex.surfaces.motion.tracking import gray_view
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 

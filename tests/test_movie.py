@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oiiotex import errors, filters
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.io.movie import write_movie
+from oiiotex.engine.session import Session
 from oiiotex.filters import texzoom
-from oiiotex.io.movie import write_movie
-from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import buffer, pixels
 

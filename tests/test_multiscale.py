@@ -9,12 +9,15 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.core.window import Window
-from oiiotex.errors import MemoryBudgetError, ParameterError
-from oiiotex.multiscale.candidate_sets import analyze
-from oiiotex.multiscale.contrast import kept_in, with_contrast
-from oiiotex.multiscale.graph import Graph
-from oiiotex.multiscale.synthesizer import (
+from oiiotex.analysis.regularity.lattice import BINS, Lattice
+from oiiotex.analysis.regularity.offset_prices import InStep
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.errors import MemoryBudgetError, ParameterError
+from oiiotex.engine.opencl.device import Device, choose
+from oiiotex.synthesis.multiscale.candidate_sets import analyze
+from oiiotex.synthesis.multiscale.contrast import kept_in, with_contrast
+from oiiotex.synthesis.multiscale.graph import Graph
+from oiiotex.synthesis.multiscale.synthesizer import (
     KEPT_IN_LOOPS,
     LatticeSteps,
     PlaneSettings,
@@ -23,10 +26,7 @@ from oiiotex.multiscale.synthesizer import (
     plan,
     schedule,
 )
-from oiiotex.multiscale.targets import stacks_of
-from oiiotex.opencl.device import Device, choose
-from oiiotex.regularity.lattice import BINS, Lattice
-from oiiotex.regularity.offset_prices import InStep
+from oiiotex.synthesis.multiscale.targets import stacks_of
 from tests import pictures
 from tests.conftest import data_folder
 from tests.reference.multiscale import Oracle

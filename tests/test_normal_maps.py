@@ -9,13 +9,13 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.running.line_run import run
-from oiiotex.color.config import DEFAULT_CONFIG, ColorConfig
-from oiiotex.color.normal_maps import looks_like_normals, named_as_normals
-from oiiotex.core.attributes import TAG
-from oiiotex.core.image import from_buffer
-from oiiotex.errors import ColorError, Error
-from oiiotex.io.reading import read
+from oiiotex.engine.color.config import DEFAULT_CONFIG, ColorConfig
+from oiiotex.engine.color.normal_maps import looks_like_normals, named_as_normals
+from oiiotex.engine.core.attributes import TAG
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.errors import ColorError, Error
+from oiiotex.engine.io.reading import read
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.any_filter import buffer
 from tests.conftest import save

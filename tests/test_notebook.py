@@ -11,7 +11,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.notebook import SIDE, figures, png
+from oiiotex.python.notebook import SIDE, figures, png
 from tests.any_filter import buffer, ids
 from tools.docs import notebook
 

@@ -10,11 +10,11 @@ from importlib import resources
 
 import pytest
 
-from oiiotex.opencl import device
+from oiiotex.engine.opencl import device
 
 BEFORE = """
 import numpy as np
-from oiiotex.opencl.device import Device, choose
+from oiiotex.engine.opencl.device import Device, choose
 Device.lanes = {lanes}
 opened = Device(choose("Oclgrind"))
 class Names(set):
@@ -28,14 +28,14 @@ print(*sorted(opened._events))
 # what runs all kernels of some files in cl/
 USES = {
     "patchmatch histograms use_prices": """
-from oiiotex.core.source_map import SourceMap
-from oiiotex.patchmatch.constraints import Constraints, FixedPixels
-from oiiotex.patchmatch.optimization import synthesize
-from oiiotex.patchmatch.recipe import Recipe
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.synthesis.patchmatch.constraints import Constraints, FixedPixels
+from oiiotex.synthesis.patchmatch.optimization import synthesize
+from oiiotex.synthesis.patchmatch.recipe import Recipe
 exemplar = (np.random.default_rng(0).random((7, 8, 3)) * 100).astype(np.float32)
 from dataclasses import replace
-from oiiotex.regularity.lattice import Lattice
-from oiiotex.regularity.offset_prices import InStep
+from oiiotex.analysis.regularity.lattice import Lattice
+from oiiotex.analysis.regularity.offset_prices import InStep
 def made(recipe, exemplar=exemplar, **constraints):
     synthesize(opened, exemplar, None, recipe, 1 << 30, lambda *_: None, constraints=Constraints(**constraints))
 recipe = Recipe(width=6, height=5, wrap_x=True, wrap_y=True, sigma=3.0, patch=5, iterations=1, seed=1,
@@ -48,7 +48,7 @@ made(recipe, exemplar, fixed=fixed, sigmas=np.geomspace(2, 5, 30).astype(np.floa
 lattice = Lattice(np.array([[0.2, 0.05], [-0.03, 0.3]]), 9.0, np.eye(64))
 recipe = replace(recipe, in_step=InStep(lattice, lattice.frequencies, 0.5))
 made(recipe, exemplar)
-from oiiotex.patchmatch import exemplar_rows, memory, optimization, use_prices
+from oiiotex.synthesis.patchmatch import exemplar_rows, memory, optimization, use_prices
 exemplar_rows.REGION = use_prices.REGION = 3
 def in_pieces(device, shape, recipe, geometries, scales, constraints, budget, held):
     grids = memory.grids_of(recipe, geometries, scales, constraints)
@@ -60,9 +60,9 @@ made(recipe, exemplar)
     "atlas": """
 import tempfile
 from pathlib import Path
-from oiiotex.atlas.charts import Frames
-from oiiotex.atlas.mesh import read_mesh
-from oiiotex.atlas.synthesis import stack, synthesize
+from oiiotex.surfaces.atlas.charts import Frames
+from oiiotex.surfaces.atlas.mesh import read_mesh
+from oiiotex.surfaces.atlas.synthesis import stack, synthesize
 from tests.test_atlas import TWO_CHARTS
 from tests.test_superpixels import resources_of
 with tempfile.TemporaryDirectory() as folder:
@@ -73,8 +73,8 @@ levels = stack((np.random.default_rng(0).random((16, 18, 3)) * 100).astype(np.fl
 synthesize(mesh, Frames.of(mesh, 1 / 10), (24, 24), levels, 1, "two.obj", resources_of(opened))
 """,
     "moments steerable": """
-from oiiotex.patchmatch.optimization import synthesize
-from oiiotex.patchmatch.recipe import Recipe
+from oiiotex.synthesis.patchmatch.optimization import synthesize
+from oiiotex.synthesis.patchmatch.recipe import Recipe
 exemplar = (np.random.default_rng(0).random((7, 8, 3)) * 100).astype(np.float32)
 for wrap, measure in ((True, "moments"), (False, "steerable")):
     recipe = Recipe(width=6, height=5, wrap_x=wrap, wrap_y=wrap, sigma=3.0, patch=5, iterations=1, seed=1,
@@ -82,10 +82,10 @@ for wrap, measure in ((True, "moments"), (False, "steerable")):
     synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
 """,
     "superpixels slic_seeds": """
-from oiiotex.color import lab_on_device as labgrid
-from oiiotex.superpixels.hierarchy import hierarchy
-from oiiotex.superpixels.superpixels import superpixels
-from oiiotex.color.lab import lens_of
+from oiiotex.engine.color import lab_on_device as labgrid
+from oiiotex.analysis.superpixels.hierarchy import hierarchy
+from oiiotex.analysis.superpixels.superpixels import superpixels
+from oiiotex.engine.color.lab import lens_of
 from tests.test_superpixels import image_of, resources_of
 pixels = np.random.default_rng(0).random((19, 27, 4))
 pixels[3:8, 5:9, 3] = 0
@@ -97,7 +97,7 @@ for budget in (labgrid._HOST_BYTES, 0):
 hierarchy(found, resources, np.array([5.0, 8.0, 11.0, 14.0]))
 """,
     "filter_bank": """
-from oiiotex.labels.filter_bank import texton_map, texture_of
+from oiiotex.analysis.labels.filter_bank import texton_map, texture_of
 from tests.test_superpixels import resources_of
 lab = np.random.default_rng(0).random((19, 27, 3)).astype(np.float32) * 90
 resources, seen = resources_of(opened), np.ones((19, 27), bool)
@@ -105,8 +105,8 @@ seen[3:8, 5:9] = False
 texton_map(texture_of(lab, seen, resources), resources, most=7)
 """,
     "affinity factorization features potts": """
-from oiiotex.labels import features, potts
-from oiiotex.labels.scales import LabelSettings, labeled
+from oiiotex.analysis.labels import features, potts
+from oiiotex.analysis.labels.scales import LabelSettings, labeled
 from tests.test_superpixels import resources_of
 resources, random = resources_of(opened), np.random.default_rng(0)
 labeled(random.random((29, 5)) * 9, LabelSettings(neighbors=9), 0, resources)
@@ -116,11 +116,11 @@ potts.settled(likely, np.stack([np.arange(28), np.arange(1, 29)], 1), resources)
 potts.winners(random.random((3, 4, 5)).astype(np.float32), 4, (15, 19), resources)
 """,
     "quilting": """
-from oiiotex.labels import content_table as regions
-from oiiotex.quilting import quilter as quilting
-from oiiotex.quilting.quilt_plan import Grid, Plan
-from oiiotex.core.source_map import NONE
-from oiiotex.core.window import Window
+from oiiotex.analysis.labels import content_table as regions
+from oiiotex.synthesis.quilting import quilter as quilting
+from oiiotex.synthesis.quilting.quilt_plan import Grid, Plan
+from oiiotex.engine.core.source_map import NONE
+from oiiotex.engine.core.window import Window
 random = np.random.default_rng(0)
 lab = random.integers(-300, 300, (19, 23, 3)).astype(np.int16)
 labels = np.where(np.indices((19, 23))[1] < 12, 1, 2).astype(np.uint8)
@@ -140,11 +140,11 @@ for tile in (True, False):
 """,
     "candidates multiscale": """
 from pathlib import Path
-from oiiotex.multiscale.candidate_sets import Stacks, analyze
-from oiiotex.multiscale.graph import Edge, Graph
-from oiiotex.multiscale.synthesizer import PlaneSettings, Synthesizer
-from oiiotex.multiscale.superexemplar import unrolled
-from oiiotex.core.window import Window
+from oiiotex.synthesis.multiscale.candidate_sets import Stacks, analyze
+from oiiotex.synthesis.multiscale.graph import Edge, Graph
+from oiiotex.synthesis.multiscale.synthesizer import PlaneSettings, Synthesizer
+from oiiotex.synthesis.multiscale.superexemplar import unrolled
+from oiiotex.engine.core.window import Window
 graph = Graph(("a",), (Path("a"),), 0, (Edge(0, 0, 1),), (1.0,), (None,))
 levels = unrolled(graph, 3)
 planes = np.random.default_rng(0).integers(-900, 900, (len(levels.stacks), 8, 8, 4)).astype(np.int16)

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from oiiotex.core.source_map import SourceMap
-from oiiotex.fill.onion_peel import peeled
-from oiiotex.patchmatch.field import Geometry, allowed_patches
-from oiiotex.projections.histograms import OUTSIDE
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.synthesis.fill.onion_peel import peeled
+from oiiotex.synthesis.patchmatch.field import Geometry, allowed_patches
+from oiiotex.synthesis.projections.histograms import OUTSIDE
 from tests.any_filter import buffer, pixels
 from tests.test_fill import made
 

@@ -27,8 +27,8 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.service.client import connect
-from oiiotex.service.texture_file import read_texture_file
+from oiiotex.oiiotool.service.client import connect
+from oiiotex.oiiotool.service.texture_file import read_texture_file
 from tests import pictures
 from tests.conftest import save
 
@@ -235,8 +235,8 @@ def test_lookups_between_levels_are_those_of_a_file_of_these_levels(python, fold
 def test_one_that_is_killed_is_one_error_and_starts_again(python, shell, folder):
     said = python("""
         import os, signal
-        from oiiotex.service.client import connect
-        from oiiotex.service.texture_file import read_texture_file
+        from oiiotex.oiiotool.service.client import connect
+        from oiiotex.oiiotool.service.texture_file import read_texture_file
         def pid():
             client = connect(read_texture_file("wall.oiiotex").settings())
             number = client.hello()["pid"]
@@ -383,7 +383,7 @@ def test_a_host_with_another_openimageio_is_told_once(shell, plugin, tmp_path):
     assert f"built for OpenImageIO {metadata.version('OpenImageIO')}, which this program does not have" in said[0]
 
 
-PROGRAM = "import sys; sys.prefix = sys.argv[1]; from oiiotex.cli.main import main; main(['--plugin-path'])"
+PROGRAM = "import sys; sys.prefix = sys.argv[1]; from oiiotex.oiiotool.cli.main import main; main(['--plugin-path'])"
 
 
 def test_the_program_says_where_it_lies(plugin):

@@ -16,8 +16,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.core.window import Window
-from oiiotex.session import Session
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.session import Session
 from tests.browser import end_resident
 from tests.test_cryptomatte_blender import BLENDER, needs_blender
 from tests.test_openimageio_plugin import HOST, without_compiler

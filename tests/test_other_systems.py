@@ -39,7 +39,7 @@ for module in (os, signal, socket):
     for name in lacks[module.__name__].split():
         if hasattr(module, name):
             delattr(module, name)
-from oiiotex.cli.main import main
+from oiiotex.oiiotool.cli.main import main
 main(line)
 """
 

@@ -13,14 +13,15 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.core.access import Pointwise
-from oiiotex.core.image import Image, from_buffer
-from oiiotex.core.op import Kind, Op, Output, Space
-from oiiotex.core.parameters import image, param
-from oiiotex.io.reading import read
-from oiiotex.run import run
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.access import Pointwise
+from oiiotex.engine.core.image import Image, from_buffer
+from oiiotex.engine.core.op import Kind, Op, Output, Space
+from oiiotex.engine.core.parameters import image, param
+from oiiotex.engine.io.reading import read
+from oiiotex.engine.run import run
+from oiiotex.engine.session import Session
 from tests.any_filter import PHOTO, buffer, of, operands, settings
 from tests.conftest import oiiotex, save
 

@@ -10,19 +10,20 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.charts.drawing import colored
-from oiiotex.core.demand import PieceCache
-from oiiotex.core.image import from_buffer
-from oiiotex.core.parameters import Size
-from oiiotex.core.source_map import SourceMap
-from oiiotex.core.window import Window
-from oiiotex.graphcut import seam_overlay
-from oiiotex.graphcut.seams import SeamPhoto, seam_costs
-from oiiotex.labels.legend import codes_of, color_of, colors_of
-from oiiotex.quilting import label_painting
-from oiiotex.quilting.guide_map import meaning_of, read_table
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.analysis.labels.legend import codes_of, color_of, colors_of
+from oiiotex.engine import errors
+from oiiotex.engine.core.demand import PieceCache
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.core.parameters import Size
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.session import Session
+from oiiotex.surfaces.charts.drawing import colored
+from oiiotex.synthesis.graphcut import seam_overlay
+from oiiotex.synthesis.graphcut.seams import SeamPhoto, seam_costs
+from oiiotex.synthesis.quilting import label_painting
+from oiiotex.synthesis.quilting.guide_map import meaning_of, read_table
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save

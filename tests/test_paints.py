@@ -9,13 +9,14 @@ import struct
 import numpy as np
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.cli.running.line_run import run
-from oiiotex.core.label_map import LabelMap
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.label_map import LabelMap
+from oiiotex.engine.io.cryptomatte import hashed
+from oiiotex.engine.io.paint_palette import Swatch, write_palette
+from oiiotex.engine.io.reading import read
 from oiiotex.filters.texpalette import Palette
-from oiiotex.io.cryptomatte import hashed
-from oiiotex.io.paint_palette import Swatch, write_palette
-from oiiotex.io.reading import read
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.any_filter import pixels
 from tests.conftest import save

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks import figures
-from oiiotex.cli.language.parse import parse, split_modifiers
-from oiiotex.cli.vocabulary import LANGUAGE
+from oiiotex.oiiotool.cli.language.parse import parse, split_modifiers
+from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "explanation" / "papers.md").read_text()

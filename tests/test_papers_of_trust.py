@@ -117,7 +117,7 @@ sys.addaudithook(watch)
 import socket
 if sys.argv[1] == "connect":
     socket.create_connection(("127.0.0.1", 9))
-from oiiotex.cli.main import main
+from oiiotex.oiiotool.cli.main import main
 main(sys.argv[1:])
 """
 

@@ -12,11 +12,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oiiotex.core.access import Pointwise
-from oiiotex.core.image import Image
-from oiiotex.core.op import Kind, Output, Space
-from oiiotex.core.parameters import Numbers, Parameter, Size, Words, argument, image, nearest, param, parse_modifiers
-from oiiotex.errors import ParameterError
+from oiiotex.engine.core.access import Pointwise
+from oiiotex.engine.core.image import Image
+from oiiotex.engine.core.op import Kind, Output, Space
+from oiiotex.engine.core.parameters import (
+    Numbers,
+    Parameter,
+    Size,
+    Words,
+    argument,
+    image,
+    nearest,
+    param,
+    parse_modifiers,
+)
+from oiiotex.engine.errors import ParameterError
 from oiiotex.filters import FILTERS
 from tests.everything import KNOWN, Everything, is_allowed, refusal
 

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oiiotex.core.parameters import Numbers, Size, Words
-from oiiotex.errors import PYTHON, ParameterError, spelled
+from oiiotex.engine.core.parameters import Numbers, Size, Words
+from oiiotex.engine.errors import PYTHON, ParameterError, spelled
 from tests.everything import KNOWN, is_allowed
 
 FUZZ = settings(max_examples=100, deadline=None, derandomize=True, database=None)

@@ -12,15 +12,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oiiotex.cli.language.parse import CommandLine, Language, Option, Refused, parse, split_modifiers, values_of
-from oiiotex.cli.vocabulary import LANGUAGE
-from oiiotex.core.op import Op
-from oiiotex.core.parameters import param
-from oiiotex.deferred import Shelf
-from oiiotex.errors import ParameterError, one_line
+from oiiotex.engine.core.op import Op
+from oiiotex.engine.core.parameters import param
+from oiiotex.engine.deferred import Shelf
+from oiiotex.engine.errors import ParameterError, one_line
 from oiiotex.filters import FILTERS
 from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.filters.texwarp import Warp
+from oiiotex.oiiotool.cli.language.parse import (
+    CommandLine,
+    Language,
+    Option,
+    Refused,
+    parse,
+    split_modifiers,
+    values_of,
+)
+from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 from tests.everything import refusal
 
 FUZZ = settings(max_examples=150, deadline=None, derandomize=True, database=None)

@@ -6,17 +6,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oiiotex.color.lab_grid import steps_for, to_grid
-from oiiotex.core.source_map import SourceMap
-from oiiotex.core.window import Domain
-from oiiotex.errors import ImageError
-from oiiotex.opencl.buffers import Buffers
-from oiiotex.opencl.device import Device
-from oiiotex.patchmatch import field as pm
-from oiiotex.patchmatch.matcher import MATCH_PASSES, PICK_SIGMA, Matcher, _penalty_unit, match_patches
-from oiiotex.projections.histograms import OUTSIDE
-from oiiotex.regularity.lattice import Lattice
-from oiiotex.regularity.offset_prices import InStep
+from oiiotex.analysis.regularity.lattice import Lattice
+from oiiotex.analysis.regularity.offset_prices import InStep
+from oiiotex.engine.color.lab_grid import steps_for, to_grid
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.errors import ImageError
+from oiiotex.engine.opencl.buffers import Buffers
+from oiiotex.engine.opencl.device import Device
+from oiiotex.synthesis.patchmatch import field as pm
+from oiiotex.synthesis.patchmatch.matcher import MATCH_PASSES, PICK_SIGMA, Matcher, _penalty_unit, match_patches
+from oiiotex.synthesis.projections.histograms import OUTSIDE
 from tests.reference import patchmatch as reference
 
 BUDGET = 1 << 30

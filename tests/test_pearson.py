@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from oiiotex.projections import pearson_table
+from oiiotex.synthesis.projections import pearson_table
 from tests.reference import pearson
 
 TYPES = {

@@ -9,9 +9,9 @@ import sys
 
 import pytest
 
-from oiiotex import host
-from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.filters import OURS
+from oiiotex.oiiotool import host
+from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 from tests import plain_words
 
 HELP = {f"{op.flag()}:{p.name}": p for op in (*OURS, *host.OPS) for p in (*op.arguments(), *op.modifiers())}

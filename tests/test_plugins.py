@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from oiiotex import plugin
-from oiiotex.core.op import Op
+from oiiotex.engine.core.op import Op
 from tests.conftest import load, oiiotex, save
 
 ROOT = Path(__file__).parents[1]

@@ -6,14 +6,14 @@ from __future__ import annotations
 import logging
 
 import pytest
+from oiiotex_studio.recipes.recipe import commented_recipe
 
 from oiiotex import filters
-from oiiotex.core.parameters import Size, SizeRule, parse_modifiers
-from oiiotex.errors import PYTHON, ParameterError, ParameterTypeError
+from oiiotex.engine.core.parameters import Size, SizeRule, parse_modifiers
+from oiiotex.engine.errors import PYTHON, ParameterError, ParameterTypeError
+from oiiotex.engine.session import Session
 from oiiotex.filters.texpatchmatch import PatchMatch
 from oiiotex.filters.texstationarize import Stationarize
-from oiiotex.recipes.recipe import commented_recipe
-from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import buffer
 from tests.lattices import regular

@@ -7,13 +7,14 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.core.window import Domain
-from oiiotex.opencl.buffers import Buffers
-from oiiotex.opencl.rows import Rows
-from oiiotex.patchmatch import constraints
-from oiiotex.projections import histograms
-from oiiotex.stationarity.grid_statistics import CellGrid
+from oiiotex import filters
+from oiiotex.analysis.stationarity.grid_statistics import CellGrid
+from oiiotex.engine import errors
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.opencl.buffers import Buffers
+from oiiotex.engine.opencl.rows import Rows
+from oiiotex.synthesis.patchmatch import constraints
+from oiiotex.synthesis.projections import histograms
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.reference.projections import projected_by

@@ -6,10 +6,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.charts.tile_preview import area_means, made_seamless, plane_in_perspective, repeated
-from oiiotex.quality.seam_measures import seam_ratio
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.session import Session
+from oiiotex.surfaces.charts.tile_preview import area_means, made_seamless, plane_in_perspective, repeated
+from oiiotex.synthesis.quality.seam_measures import seam_ratio
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save

@@ -10,12 +10,12 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.printing.comparing import Thresholds, compare
-from oiiotex.cli.printing.metadata import shortest
-from oiiotex.cli.running.line_run import run
-from oiiotex.core.demand import sha1
-from oiiotex.errors import Error
-from oiiotex.io.reading import read
+from oiiotex.engine.core.demand import sha1
+from oiiotex.engine.errors import Error
+from oiiotex.engine.io.reading import read
+from oiiotex.oiiotool.cli.printing.comparing import Thresholds, compare
+from oiiotex.oiiotool.cli.printing.metadata import shortest
+from oiiotex.oiiotool.cli.running.line_run import run
 
 from .peer import OIIOTOOL
 

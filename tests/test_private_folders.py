@@ -12,9 +12,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from oiiotex.errors import DeviceError, Error, NoDeviceError
-from oiiotex.opencl import device as devices
-from oiiotex.opencl.cache_folders import require_private
+from oiiotex.engine.errors import DeviceError, Error, NoDeviceError
+from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.opencl.cache_folders import require_private
 from tests.conftest import installed, save
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="owners and permissions of POSIX")
@@ -120,7 +120,7 @@ def test_without_a_safe_cache_folder_a_run_uses_a_temporary_one(tmp_path, spoil,
 
 
 def test_the_temporary_folder_is_private_and_goes_with_the_process(tmp_path):
-    script = "import os\nfrom oiiotex.opencl.cache_folders import cache_folder\n"
+    script = "import os\nfrom oiiotex.engine.opencl.cache_folders import cache_folder\n"
     script += "f = cache_folder(); print(f.parent, oct(f.parent.stat().st_mode & 0o777), os.environ['POCL_CACHE_DIR'])"
     there = {**os.environ, "XDG_CACHE_HOME": str(Path(tmp_path, "none")), "TMPDIR": str(tmp_path)}
     (tmp_path / "none").write_text("")
@@ -135,7 +135,7 @@ def test_no_room_for_compiled_kernels_is_one_line(tmp_path):
     """PoCL aborts without a word where it cannot write one; a limit on files is seen as a full disk is."""
     save(np.random.default_rng(0).random((24, 24, 3)), tmp_path / "a.exr", "float", "lin_rec709_scene")
     limited = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, 1 << 20));"
-    limited += "from oiiotex.cli.main import main; main(sys.argv[1:])"
+    limited += "from oiiotex.oiiotool.cli.main import main; main(sys.argv[1:])"
     words = [sys.executable, "-c", limited, "a.exr", "--texsuperpixel", "-q", "-o", "o.exr"]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 1, done.stderr

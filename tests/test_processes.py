@@ -16,20 +16,22 @@ from subprocess import PIPE
 import numpy as np
 import pytest
 
-from oiiotex.cli.running.parallel import WorkerDied, worker_processes
-from oiiotex.core.image import from_array
-from oiiotex.io.atomic import temporary_beside
-from oiiotex.machine import start_python
-from oiiotex.service.client import connect
-from oiiotex.service.settings import ResidentSettings
+from oiiotex.engine.core.image import from_array
+from oiiotex.engine.io.atomic import temporary_beside
+from oiiotex.engine.machine import start_python
+from oiiotex.oiiotool.cli.running.parallel import WorkerDied, worker_processes
+from oiiotex.oiiotool.service.client import connect
+from oiiotex.oiiotool.service.settings import ResidentSettings
 from tests.browser import Served, end_resident
 from tests.conftest import save
 from tests.faults import SLOW, half_files, half_written, nobody_left, start, wait_for
 
 ROOT = Path(__file__).parents[1]
 PLACES = {  # who may start processes, and by what
-    "oiiotex/machine.py": {"subprocess.Popen"},  # for all of the package; tests/test_isolation.py runs each use
-    "oiiotex/live/server.py": {"webbrowser"},  # the user's browser, of $PATH as `forget_current_folder` leaves it
+    "oiiotex/engine/machine.py": {"subprocess.Popen"},  # for all of the package; tests/test_isolation.py runs each use
+    "studio/oiiotex_studio/live/server.py": {
+        "webbrowser"
+    },  # the user's browser, of $PATH as `forget_current_folder` leaves it
     "hosts/blender/oiiotex_blender/__init__.py": {"context.preferences.system"},  # a setting of that name
     "hosts/blender/oiiotex_blender/process.py": {"subprocess.run", "subprocess.Popen"},  # has none of the package
     "hosts/dcc/oiiotex_line.py": {"subprocess.run"},  # the user's oiiotex, which has none of the package either
@@ -224,7 +226,7 @@ def test_what_ends_the_resident_process_ends_its_job_without_an_abort(monkeypatc
     with tempfile.TemporaryDirectory(prefix="oxp") as folder:  # a short name: sockets' are
         monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
         settings = ResidentSettings(budget=1 << 28, idle=60)
-        with start_python("oiiotex.service", settings.text(), stderr=PIPE, text=True) as process:
+        with start_python("oiiotex.oiiotool.service", settings.text(), stderr=PIPE, text=True) as process:
             while not settings.socket().exists():
                 assert process.poll() is None
             client = connect(settings)

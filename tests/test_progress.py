@@ -10,18 +10,18 @@ import time
 
 import pytest
 
-from oiiotex.cli.running import progress
-from oiiotex.cli.running.progress import Display
-from oiiotex.session.progress import WHOLE, Progress
-from oiiotex.stats import Stats
+from oiiotex.engine.session.progress import WHOLE, Progress
+from oiiotex.engine.stats import Stats
+from oiiotex.oiiotool.cli.running import progress
+from oiiotex.oiiotool.cli.running.progress import Display
 
 LINE = ("--texstationarize:size=64x64:iterations=20", "-o", "tile.exr")
 # a bar appears at once, not after a second of work
 EARLY = """
 import sys
-from oiiotex.cli.running import progress
+from oiiotex.oiiotool.cli.running import progress
 progress._QUIET, progress._TICK = {quiet}, 0.02
-from oiiotex.cli.main import main
+from oiiotex.oiiotool.cli.main import main
 main(sys.argv[1:])
 """
 

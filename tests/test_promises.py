@@ -11,14 +11,15 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.core.access import Gather, InBands, Neighborhood, Pointwise, ScanThenMap, Whole
-from oiiotex.core.image import Image, Part, from_buffer
-from oiiotex.core.op import Kind, Op, Space
-from oiiotex.core.window import Window
-from oiiotex.io.reading import read
-from oiiotex.run import run
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.access import Gather, InBands, Neighborhood, Pointwise, ScanThenMap, Whole
+from oiiotex.engine.core.image import Image, Part, from_buffer
+from oiiotex.engine.core.op import Kind, Op, Space
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.io.reading import read
+from oiiotex.engine.run import run
+from oiiotex.engine.session import Session
 from tests import pictures
 from tests.any_filter import (
     COLOR,
@@ -312,7 +313,7 @@ def made_of(op: type[Op], photo: Image) -> Part:
 def test_a_filter_reads_what_its_access_kind_says(op, monkeypatch):
     """Nothing before a window is asked for, unless it scans: then bands of full rows; and then that window alone."""
     asked: list[Window] = []
-    for band in ("oiiotex.core.demand.BAND_BYTES", "oiiotex.scan.BAND_BYTES"):
+    for band in ("oiiotex.engine.core.demand.BAND_BYTES", "oiiotex.engine.scan.BAND_BYTES"):
         monkeypatch.setattr(band, 8 * 72 * 3 * 4)  # eight rows
     part = made_of(op, watched(PHOTO, asked))
     if issubclass(op, ScanThenMap):

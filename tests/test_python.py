@@ -17,9 +17,11 @@ import OpenImageIO as oiio
 import pytest
 
 import oiiotex
-from oiiotex import errors, filters, python_types
-from oiiotex.python_types import forms, signature
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.session import Session
+from oiiotex.python import python_types
+from oiiotex.python.python_types import forms, signature
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, save
@@ -134,7 +136,7 @@ def test_an_array_a_file_and_a_buffer_give_the_same_pixels(tmp_path):
     ],
 )
 def test_arrays_are_images(array, names, kind):
-    from oiiotex.core.image import from_array
+    from oiiotex.engine.core.image import from_array
 
     part = from_array(array).first
     assert (part.spec.channelnames, str(part.spec.format)) == (names, kind)
@@ -301,8 +303,8 @@ from numpy.typing import NDArray
 from typing import assert_type
 
 from oiiotex import Error, filters
-from oiiotex.errors import Interrupted
-from oiiotex.session import Session
+from oiiotex.engine.errors import Interrupted
+from oiiotex.engine.session import Session
 
 
 def work(photo: NDArray[np.uint8]) -> oiio.ImageBuf:

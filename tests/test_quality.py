@@ -11,11 +11,11 @@ from skimage import color
 from benchmarks.shared import measures
 from benchmarks.tiles import drifts
 from oiiotex import filters
-from oiiotex.color.lab import working_values
-from oiiotex.core.image import from_buffer
-from oiiotex.quality.fidelity import GOOD
-from oiiotex.session import Session
-from oiiotex.stationarity.costs import stationarity_cost
+from oiiotex.analysis.stationarity.costs import stationarity_cost
+from oiiotex.engine.color.lab import working_values
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.quality.fidelity import GOOD
 from tests.conftest import data_folder
 from tools.demo import gravel, save, stained
 

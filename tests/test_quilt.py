@@ -10,9 +10,10 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.labels import content_table
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.analysis.labels import content_table
+from oiiotex.engine import errors
+from oiiotex.engine.session import Session
 from tests import pictures
 from tests.any_filter import buffer, ids, pixels
 from tests.conftest import load, oiiotex, save

@@ -8,16 +8,16 @@ import itertools
 import numpy as np
 import pytest
 
-from oiiotex.core.source_map import NONE
-from oiiotex.core.window import Window
-from oiiotex.errors import ImageError
-from oiiotex.labels import content_table
-from oiiotex.quality.copy_detection import most_shown
-from oiiotex.quilting import quilter
-from oiiotex.quilting.quilt_plan import Grid, Plan, Renderer
-from oiiotex.quilting.repetition import UNITS, PatchSquares
-from oiiotex.regularity.lattice import BINS, Lattice
-from oiiotex.regularity.offset_prices import InStep
+from oiiotex.analysis.labels import content_table
+from oiiotex.analysis.regularity.lattice import BINS, Lattice
+from oiiotex.analysis.regularity.offset_prices import InStep
+from oiiotex.engine.core.source_map import NONE
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.errors import ImageError
+from oiiotex.synthesis.quality.copy_detection import most_shown
+from oiiotex.synthesis.quilting import quilter
+from oiiotex.synthesis.quilting.quilt_plan import Grid, Plan, Renderer
+from oiiotex.synthesis.quilting.repetition import UNITS, PatchSquares
 from tests import pictures
 from tests.reference.quilting import Oracle
 

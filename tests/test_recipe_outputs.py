@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from oiiotex_studio.library.asset import run_line
+from oiiotex_studio.recipes.lines import ProductStep, require_confined, require_lines
 
 import oiiotex
-from oiiotex.cli.language.parse import Option
-from oiiotex.cli.vocabulary import LANGUAGE
-from oiiotex.core.op import Op
-from oiiotex.errors import Error, ParameterError
-from oiiotex.io.atomic import make_folders, writing_only_below
-from oiiotex.io.checkpoint import Checkpoint
-from oiiotex.library.asset import run_line
-from oiiotex.recipes.lines import ProductStep, require_confined, require_lines
-from oiiotex.run import run
-from oiiotex.session import Session
+from oiiotex.engine.core.op import Op
+from oiiotex.engine.errors import Error, ParameterError
+from oiiotex.engine.io.atomic import make_folders, writing_only_below
+from oiiotex.engine.io.checkpoint import Checkpoint
+from oiiotex.engine.run import run
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool.cli.language.parse import Option
+from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 from tests import sources
 from tests.conftest import save
 from tests.library_makings import recipe

@@ -8,13 +8,13 @@ import re
 import zipfile
 
 import pytest
+from oiiotex_studio.materials.naming import read_name
+from oiiotex_studio.recipes import found as finding
+from oiiotex_studio.recipes.found import MapFile, materials
+from oiiotex_studio.recipes.lines import require_lines, steps_of
+from oiiotex_studio.recipes.recipe import commented_recipe, load_recipe
 
-from oiiotex import errors
-from oiiotex.materials.naming import read_name
-from oiiotex.recipes import found as finding
-from oiiotex.recipes.found import MapFile, materials
-from oiiotex.recipes.lines import require_lines, steps_of
-from oiiotex.recipes.recipe import commented_recipe, load_recipe
+from oiiotex.engine import errors
 from tests.library_makings import LINE, names_of, recipe, touched
 from tests.library_makings import photos as photos
 

@@ -11,14 +11,15 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.capture.homography import aspect_of, homography, require_quadrangle, through
-from oiiotex.capture.slanted_lattice import SlantedLattice, is_sheared, largest_rectangle, slanted_lattice
-from oiiotex.core.image import Image, Part, from_buffer
-from oiiotex.core.window import Window
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.image import Image, Part, from_buffer
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.run import run
+from oiiotex.engine.session import Session
 from oiiotex.filters.texrectify import Rectify
-from oiiotex.run import run
-from oiiotex.session import Session
+from oiiotex.surfaces.capture.homography import aspect_of, homography, require_quadrangle, through
+from oiiotex.surfaces.capture.slanted_lattice import SlantedLattice, is_sheared, largest_rectangle, slanted_lattice
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import oiiotex, save

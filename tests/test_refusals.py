@@ -9,13 +9,14 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.core.access import Pointwise
-from oiiotex.core.image import Image, Part
-from oiiotex.core.op import Op
-from oiiotex.core.window import Window
-from oiiotex.run import run
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.access import Pointwise
+from oiiotex.engine.core.image import Image, Part
+from oiiotex.engine.core.op import Op
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.run import run
+from oiiotex.engine.session import Session
 from tests.any_filter import is_view, of, settings
 
 FIGURE = re.compile(r"needs \d+ MB.* the budget is \d+ MB")

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from oiiotex import filters
-from oiiotex.errors import BuildError, DeviceError, NoDeviceError, ParameterError
-from oiiotex.opencl import device as devices
-from oiiotex.opencl.device import DeviceInfo
-from oiiotex.session import Session
+from oiiotex.engine.errors import BuildError, DeviceError, NoDeviceError, ParameterError
+from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.opencl.device import DeviceInfo
+from oiiotex.engine.session import Session
 from tests import pictures
 from tests.any_filter import buffer
 

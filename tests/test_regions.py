@@ -8,9 +8,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from oiiotex.core.source_map import SourceMap
-from oiiotex.errors import ImageError
-from oiiotex.labels import content_table
+from oiiotex.analysis.labels import content_table
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.errors import ImageError
 
 
 def blobs(height: int, width: int, labels: int, seed: int = 0) -> np.ndarray:

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from oiiotex import filters
-from oiiotex.core.window import Domain
-from oiiotex.patchmatch.optimization import synthesize
-from oiiotex.patchmatch.recipe import Recipe
-from oiiotex.regularity.autocorrelation import autocorrelation, high_passed, wrapped_autocorrelation
-from oiiotex.regularity.lattice import STRETCHED, Lattice, bytes_needed, find_lattice
-from oiiotex.regularity.offset_prices import InStep
-from oiiotex.regularity.regularity import peaks_over_floor
-from oiiotex.session import Session
+from oiiotex.analysis.regularity.autocorrelation import autocorrelation, high_passed, wrapped_autocorrelation
+from oiiotex.analysis.regularity.lattice import STRETCHED, Lattice, bytes_needed, find_lattice
+from oiiotex.analysis.regularity.offset_prices import InStep
+from oiiotex.analysis.regularity.regularity import peaks_over_floor
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.patchmatch.optimization import synthesize
+from oiiotex.synthesis.patchmatch.recipe import Recipe
 from tests import pictures
 from tests.any_filter import buffer
 from tests.lattices import VECTORS, regular

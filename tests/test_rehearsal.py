@@ -11,9 +11,9 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.running.line_run import run
-from oiiotex.errors import Error
-from oiiotex.opencl import device
+from oiiotex.engine.errors import Error
+from oiiotex.engine.opencl import device
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.conftest import load, save
 
@@ -37,7 +37,7 @@ def idle(monkeypatch):
         raise Worked
 
     monkeypatch.setattr(device, "open_device", worked)
-    monkeypatch.setattr("oiiotex.io.reading._OpenFile.read", worked)
+    monkeypatch.setattr("oiiotex.engine.io.reading._OpenFile.read", worked)
 
 
 REFUSED = {

@@ -10,14 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.core.source_map import SourceMap
-from oiiotex.exemplar import synthesis_run
-from oiiotex.quality import lost_structure, patch_texture, report
-from oiiotex.quality.report import SCHEMA
-from oiiotex.quality.report_measures import REPORT_MEASURES
-from oiiotex.regularity.lattice import Lattice
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.analysis.regularity.lattice import Lattice
+from oiiotex.engine import errors
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.exemplar import synthesis_run
+from oiiotex.synthesis.quality import lost_structure, patch_texture, report
+from oiiotex.synthesis.quality.report import SCHEMA
+from oiiotex.synthesis.quality.report_measures import REPORT_MEASURES
 from tests import pictures
 from tests.any_filter import buffer, pixels, quarters
 from tests.conftest import oiiotex, save

@@ -9,10 +9,11 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.opencl.buffers import Buffers
-from oiiotex.patchmatch import optimization as st
-from oiiotex.patchmatch.constraints import (
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.opencl.buffers import Buffers
+from oiiotex.synthesis.patchmatch import optimization as st
+from oiiotex.synthesis.patchmatch.constraints import (
     ENOUGH,
     Constraints,
     FixedPixels,
@@ -21,11 +22,11 @@ from oiiotex.patchmatch.constraints import (
     ease_from,
     first_level,
 )
-from oiiotex.patchmatch.field import allowed_patches, random_field
-from oiiotex.patchmatch.matcher import Matcher
-from oiiotex.patchmatch.memory import ExemplarHeld, plan_memory
-from oiiotex.patchmatch.recipe import Recipe, geometry_at, level_scales
-from oiiotex.projections.histograms import OUTSIDE, matching_table
+from oiiotex.synthesis.patchmatch.field import allowed_patches, random_field
+from oiiotex.synthesis.patchmatch.matcher import Matcher
+from oiiotex.synthesis.patchmatch.memory import ExemplarHeld, plan_memory
+from oiiotex.synthesis.patchmatch.recipe import Recipe, geometry_at, level_scales
+from oiiotex.synthesis.projections.histograms import OUTSIDE, matching_table
 from tests import pictures
 from tests.any_filter import buffer, pixels
 

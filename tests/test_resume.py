@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oiiotex.core.window import Window
-from oiiotex.io.checkpoint import Checkpoint
-from oiiotex.session import Session
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.io.checkpoint import Checkpoint
+from oiiotex.engine.session import Session
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 

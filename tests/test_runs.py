@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from oiiotex.superpixels.run_length import OUTSIDE, Pieces, Strip, pieces_of, without_small
+from oiiotex.analysis.superpixels.run_length import OUTSIDE, Pieces, Strip, pieces_of, without_small
 
 
 def pieces(labels: np.ndarray, *cuts: int) -> Pieces:

@@ -10,13 +10,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from oiiotex.cli.printing.devices import device_list
-from oiiotex.errors import DeviceError, NoDeviceError
-from oiiotex.opencl import cpu as opencl_cpu
-from oiiotex.opencl import device as devices
-from oiiotex.opencl import probe, runtime
-from oiiotex.opencl.device import DeviceInfo
-from oiiotex.opencl.runtime import Attempt, Trial
+from oiiotex.engine.errors import DeviceError, NoDeviceError
+from oiiotex.engine.opencl import cpu as opencl_cpu
+from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.opencl import probe, runtime
+from oiiotex.engine.opencl.device import DeviceInfo
+from oiiotex.engine.opencl.runtime import Attempt, Trial
+from oiiotex.oiiotool.cli.printing.devices import device_list
 from tests.conftest import oiiotex
 
 CPU = 1 << 1  # CL_DEVICE_TYPE_CPU

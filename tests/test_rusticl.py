@@ -28,7 +28,7 @@ FILES = [
 ]  # fmt: skip
 # the answer that its probe does not give
 WORKS = """
-from oiiotex.opencl import device, runtime
+from oiiotex.engine.opencl import device, runtime
 info = next(d for d in device.devices() if d.platform == "rusticl")
 runtime.keep(info.handle, runtime.Trial(runtime.Attempt(), lanes=1, failures=()))
 """

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from oiiotex.opencl import device as devices
+from oiiotex.engine.opencl import device as devices
 
 ROOT = Path(__file__).parents[1]
 MADE = """
@@ -21,7 +21,7 @@ import hashlib, json, sys
 import numpy as np
 import OpenImageIO as oiio
 from oiiotex import filters
-from oiiotex.session import Session
+from oiiotex.engine.session import Session
 from tests import pictures
 from tests.any_filter import buffer
 tiny = int(sys.argv[2])

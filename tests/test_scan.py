@@ -6,14 +6,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oiiotex.color.lab import Lens, lens_of
-from oiiotex.core.image import Image
-from oiiotex.core.op import Space
-from oiiotex.core.window import Window
-from oiiotex.errors import BrokenValues, Interrupted
-from oiiotex.scan import scan
-from oiiotex.session import Session
-from oiiotex.session.progress import Progress
+from oiiotex.engine.color.lab import Lens, lens_of
+from oiiotex.engine.core.image import Image
+from oiiotex.engine.core.op import Space
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.errors import BrokenValues, Interrupted
+from oiiotex.engine.scan import scan
+from oiiotex.engine.session import Session
+from oiiotex.engine.session.progress import Progress
 from tests.colored import image_of
 
 HEIGHT, WIDTH = 83, 17
@@ -23,8 +23,8 @@ ROWS = np.arange(HEIGHT, dtype=np.float32)[:, None, None].repeat(WIDTH, 1).repea
 @pytest.fixture(autouse=True)
 def small_pieces(monkeypatch):
     """Bands of 20 rows, pieces of 3."""
-    monkeypatch.setattr("oiiotex.scan.BAND_BYTES", 20 * WIDTH * 3 * 4)
-    monkeypatch.setattr("oiiotex.scan.PIECE_PIXELS", 3 * WIDTH)
+    monkeypatch.setattr("oiiotex.engine.scan.BAND_BYTES", 20 * WIDTH * 3 * 4)
+    monkeypatch.setattr("oiiotex.engine.scan.PIECE_PIXELS", 3 * WIDTH)
 
 
 def at(left: int, top: int, pixels: np.ndarray) -> tuple[Image, Lens]:

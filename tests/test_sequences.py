@@ -8,9 +8,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from oiiotex.cli.language.sequences import MOST_FRAMES, Frame, frame_numbers
-from oiiotex.cli.language.sequences import frames as all_frames
-from oiiotex.errors import ParameterError
+from oiiotex.engine.errors import ParameterError
+from oiiotex.oiiotool.cli.language.sequences import MOST_FRAMES, Frame, frame_numbers
+from oiiotex.oiiotool.cli.language.sequences import frames as all_frames
 from tests.peer import OIIOTOOL
 
 

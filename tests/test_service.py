@@ -21,14 +21,14 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.core.image import Image, from_array, tagged
-from oiiotex.core.window import Window
-from oiiotex.errors import Error
-from oiiotex.service.client import BRUSH, EXPORT, Client, connect
-from oiiotex.service.messages import Link, LinkError
-from oiiotex.service.pictures import facts_of, image_facts, image_of
-from oiiotex.service.settings import ResidentSettings
-from oiiotex.session import Session
+from oiiotex.engine.core.image import Image, from_array, tagged
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.errors import Error
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool.service.client import BRUSH, EXPORT, Client, connect
+from oiiotex.oiiotool.service.messages import Link, LinkError
+from oiiotex.oiiotool.service.pictures import facts_of, image_facts, image_of
+from oiiotex.oiiotool.service.settings import ResidentSettings
 from tests import pictures
 
 SETTINGS = ResidentSettings(budget=1 << 30, idle=30)
@@ -160,7 +160,7 @@ def test_a_client_that_dies_takes_its_jobs_with_it(client, folder):
     line = """
 import sys, time
 import numpy as np
-from oiiotex.service.client import connect
+from oiiotex.oiiotool.service.client import connect
 from tests.test_service import LONG, SETTINGS, image
 client = connect(SETTINGS)
 client.make("stationarize", [client.put(image(np.random.default_rng(1).random((96, 96, 3), np.float32)))], LONG,

@@ -12,10 +12,11 @@ import OpenImageIO as oiio
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from oiiotex import errors, filters
-from oiiotex.session import Session
-from oiiotex.session.progress import Progress
-from oiiotex.session.resources import Resources
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.session import Session
+from oiiotex.engine.session.progress import Progress
+from oiiotex.engine.session.resources import Resources
 from tests.any_filter import buffer
 
 

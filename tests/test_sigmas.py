@@ -11,13 +11,14 @@ import OpenImageIO as oiio
 import pytest
 from scipy.stats import wasserstein_distance
 
-from oiiotex import errors, filters
-from oiiotex.core.image import from_buffer
-from oiiotex.exemplar import sigma_scale
-from oiiotex.exemplar.sigma_scale import SigmaTiles, distance, perceived_scale, variation
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.io.atomic import _host
+from oiiotex.engine.session import Session
 from oiiotex.filters.texstationarize import Stationarize
-from oiiotex.io.atomic import _host
-from oiiotex.session import Session
+from oiiotex.synthesis.exemplar import sigma_scale
+from oiiotex.synthesis.exemplar.sigma_scale import SigmaTiles, distance, perceived_scale, variation
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.test_deviation import lab_of

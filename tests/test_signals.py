@@ -53,7 +53,7 @@ def test_a_signal_while_reading_or_computing_ends_the_run(tmp_path, words, numbe
     assert (tmp_path / "out.exr").read_bytes() == OLD
 
 
-PROGRAMS = {"oiiotex": "oiiotex", "oiiotex-library": "oiiotex.library.main"}
+PROGRAMS = {"oiiotex": "oiiotex", "oiiotex-library": "oiiotex_studio.library.main"}
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.01, 0.03, 0.1, 0.3])
@@ -72,7 +72,7 @@ def test_a_signal_while_the_program_is_loaded_leaves_no_traceback(tmp_path, modu
 def test_a_signal_where_python_drops_exceptions_ends_the_run():
     code = """
 import signal
-from oiiotex.cli.running.stopping import stop_on_signals
+from oiiotex.oiiotool.cli.running.stopping import stop_on_signals
 class Dropped:
     def __del__(self):
         signal.raise_signal(signal.SIGTERM)

@@ -12,9 +12,10 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import filters, host
-from oiiotex.cli.running.line_run import run
-from oiiotex.errors import Error
+from oiiotex import filters
+from oiiotex.engine.errors import Error
+from oiiotex.oiiotool import host
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests.conftest import load, oiiotex, save
 from tests.faults import PROGRAM, line_of, slow
 from tests.parts import deep_file

@@ -7,9 +7,10 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.core.source_map import SourceMap, require_addressable
-from oiiotex.core.window import Window
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.source_map import SourceMap, require_addressable
+from oiiotex.engine.core.window import Window
 from tests.any_filter import buffer
 
 

@@ -11,18 +11,18 @@ import OpenImageIO as oiio
 import pytest
 from scipy import ndimage
 
-from oiiotex.color import lab_on_device
-from oiiotex.color.lab import lens_of
-from oiiotex.color.lab_on_device import LabGrid
-from oiiotex.core.image import Image, Part
-from oiiotex.errors import ImageError
-from oiiotex.opencl.device import Device
-from oiiotex.superpixels import refinement
-from oiiotex.superpixels.crumbs import without_crumbs
-from oiiotex.superpixels.refinement import LabelSquares, refined_slots
-from oiiotex.superpixels.run_length import OUTSIDE, Strip, pieces_of
-from oiiotex.superpixels.slic import SeedGrid, Slic, candidates
-from oiiotex.superpixels.superpixels import superpixels
+from oiiotex.analysis.superpixels import refinement
+from oiiotex.analysis.superpixels.crumbs import without_crumbs
+from oiiotex.analysis.superpixels.refinement import LabelSquares, refined_slots
+from oiiotex.analysis.superpixels.run_length import OUTSIDE, Strip, pieces_of
+from oiiotex.analysis.superpixels.slic import SeedGrid, Slic, candidates
+from oiiotex.analysis.superpixels.superpixels import superpixels
+from oiiotex.engine.color import lab_on_device
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.color.lab_on_device import LabGrid
+from oiiotex.engine.core.image import Image, Part
+from oiiotex.engine.errors import ImageError
+from oiiotex.engine.opencl.device import Device
 from tests import pictures
 from tests.reference import superpixels as reference
 from tests.test_superpixels import checks, found, grid_values, image_of, resources_of, same, slots_of

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from oiiotex.core.window import Domain
-from oiiotex.quality import copy_detection, seam_measures
-from oiiotex.quality.seam_measures import line_jumps, seam_ratio, sharpness
-from oiiotex.stationarity import costs as st
-from oiiotex.stationarity.row_bands import row_bands, rows_around
+from oiiotex.analysis.stationarity import costs as st
+from oiiotex.analysis.stationarity.row_bands import row_bands, rows_around
+from oiiotex.engine.core.window import Domain
+from oiiotex.synthesis.quality import copy_detection, seam_measures
+from oiiotex.synthesis.quality.seam_measures import line_jumps, seam_ratio, sharpness
 from tests import pictures
 from tests.reference.histograms import gaussian_rows, soft_members
 

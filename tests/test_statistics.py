@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.cli.printing.comparing import Thresholds, compare
-from oiiotex.cli.printing.pixel_statistics import part_statistics
-from oiiotex.core.image import from_pixels
+from oiiotex.engine.core.image import from_pixels
+from oiiotex.oiiotool.cli.printing.comparing import Thresholds, compare
+from oiiotex.oiiotool.cli.printing.pixel_statistics import part_statistics
 
 
 def test_comparison_equals_numpy():

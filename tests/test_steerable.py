@@ -8,12 +8,12 @@ import math
 import numpy as np
 import pytest
 
-from oiiotex.core.window import Domain
-from oiiotex.opencl.buffers import Buffers
-from oiiotex.projections import histograms
-from oiiotex.projections import steerable as projection
-from oiiotex.stationarity import steerable
-from oiiotex.stationarity.grid_statistics import CellGrid
+from oiiotex.analysis.stationarity import steerable
+from oiiotex.analysis.stationarity.grid_statistics import CellGrid
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.opencl.buffers import Buffers
+from oiiotex.synthesis.projections import histograms
+from oiiotex.synthesis.projections import steerable as projection
 from tests import pictures
 from tests.reference import histograms as reference
 from tests.reference.projections import projected_by

@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from oiiotex.errors import Error
-from oiiotex.service.client import Client, connect
-from oiiotex.service.messages import Link, LinkError
-from oiiotex.service.settings import ResidentSettings
+from oiiotex.engine.errors import Error
+from oiiotex.oiiotool.service.client import Client, connect
+from oiiotex.oiiotool.service.messages import Link, LinkError
+from oiiotex.oiiotool.service.settings import ResidentSettings
 from tests import pictures
 from tests.browser import TOKEN, Served, end_resident
 from tests.conftest import save

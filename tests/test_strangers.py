@@ -15,8 +15,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.running.line_run import run
-from oiiotex.errors import Error
+from oiiotex.engine.errors import Error
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests.conftest import oiiotex, save
 
 PROGRAM = Path(sys.executable).with_name("oiiotex")
@@ -61,7 +61,7 @@ def test_a_log_is_as_a_pipe_of_oiiotool_has_it(tmp_path, picture):
 
 def test_errors_and_warnings_are_one_line(caplog):
     assert str(Error(STEERS)) == "a\\x1b]0;x\\x07\\x1b[2J\\u202eb c"
-    from oiiotex.cli.running.line_run import _OneLine
+    from oiiotex.oiiotool.cli.running.line_run import _OneLine
 
     record = logging.LogRecord("oiiotex", logging.WARNING, "", 0, "%s is odd", (STEERS,), None)
     assert _OneLine().format(record) == "a\\x1b]0;x\\x07\\x1b[2J\\u202eb c is odd"

@@ -16,15 +16,15 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import host
-from oiiotex.core import demand
-from oiiotex.core.access import Neighborhood, Pointwise
-from oiiotex.core.image import Image, Part, Pixels, dtype_of, in_memory
-from oiiotex.core.op import Op
-from oiiotex.core.window import Window
-from oiiotex.host import remapping
-from oiiotex.host.kinds import HostOp, Respec
-from oiiotex.session import Session
+from oiiotex.engine.core import demand
+from oiiotex.engine.core.access import Neighborhood, Pointwise
+from oiiotex.engine.core.image import Image, Part, Pixels, dtype_of, in_memory
+from oiiotex.engine.core.op import Op
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool import host
+from oiiotex.oiiotool.host import remapping
+from oiiotex.oiiotool.host.kinds import HostOp, Respec
 
 from .sources import spec_of
 

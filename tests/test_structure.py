@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from oiiotex import filters, host
-from oiiotex.core import access
-from oiiotex.core.op import Kind, Op, Output, Space
+from oiiotex import filters
+from oiiotex.engine.core import access
+from oiiotex.engine.core.op import Kind, Op, Output, Space
+from oiiotex.oiiotool import host
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "oiiotex"

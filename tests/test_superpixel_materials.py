@@ -8,7 +8,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.segmentation.superpixel_materials import divided
+from oiiotex.analysis.segmentation.superpixel_materials import divided
 from tests.test_labels import buffer
 
 

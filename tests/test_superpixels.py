@@ -8,17 +8,17 @@ import OpenImageIO as oiio
 import pytest
 from scipy import ndimage
 
-from oiiotex.color import lab_on_device
-from oiiotex.color.lab import lens_of
-from oiiotex.color.lab_on_device import Band, LabGrid
-from oiiotex.core.image import Image, from_pixels
-from oiiotex.core.window import Window
-from oiiotex.errors import BrokenValues, ImageError
-from oiiotex.opencl.device import Device
-from oiiotex.session import Session
-from oiiotex.session.resources import Resources
-from oiiotex.superpixels.slic import SeedGrid, Slic, candidates, centers_of
-from oiiotex.superpixels.superpixels import Superpixels, superpixels
+from oiiotex.analysis.superpixels.slic import SeedGrid, Slic, candidates, centers_of
+from oiiotex.analysis.superpixels.superpixels import Superpixels, superpixels
+from oiiotex.engine.color import lab_on_device
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.color.lab_on_device import Band, LabGrid
+from oiiotex.engine.core.image import Image, from_pixels
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.errors import BrokenValues, ImageError
+from oiiotex.engine.opencl.device import Device
+from oiiotex.engine.session import Session
+from oiiotex.engine.session.resources import Resources
 from tests import pictures
 from tests.reference import superpixels as reference
 

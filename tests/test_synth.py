@@ -12,9 +12,10 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.cli.running.line_run import run
-from oiiotex.session import Session
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.conftest import data_folder, load, run_in, save
 from tests.test_sizes import peak_of
@@ -248,7 +249,7 @@ def test_memory_does_not_grow_with_the_image(folder):
 def test_nothing_slow_is_imported(folder, op):
     """scipy takes longer to import than its part of the work would; so does numpy.ma, which np.unique brings."""
     words = ["-q", "--autocc", "photo.png", op, "-o", "out.png"]
-    code = f"import sys; from oiiotex.cli.running.line_run import run; run({words!r}); print(*sys.modules)"
+    code = f"import sys; from oiiotex.oiiotool.cli.running.line_run import run; run({words!r}); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert not {"scipy", "numpy.ma", "pandas", "networkx"} & set(done.stdout.split())

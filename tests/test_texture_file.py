@@ -12,13 +12,13 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.core.window import Window
-from oiiotex.errors import Error, ImageError
-from oiiotex.service.door import answer
-from oiiotex.service.texture_file import TextureFile, read_texture_file, tile_side
-from oiiotex.service.textures import OpenTexture, opened
-from oiiotex.session import Session
-from oiiotex.wang.tiles import Edges, edges_of
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.errors import Error, ImageError
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool.service.door import answer
+from oiiotex.oiiotool.service.texture_file import TextureFile, read_texture_file, tile_side
+from oiiotex.oiiotool.service.textures import OpenTexture, opened
+from oiiotex.synthesis.wang.tiles import Edges, edges_of
 from tests import pictures
 from tests.conftest import save
 

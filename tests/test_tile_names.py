@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from oiiotex.cli.language.sequences import OPTIONS, Frame, names_tiles, tile_files, tile_name
-from oiiotex.errors import ParameterError
+from oiiotex.engine.errors import ParameterError
+from oiiotex.oiiotool.cli.language.sequences import OPTIONS, Frame, names_tiles, tile_files, tile_name
 from tests.test_sequences import RELAXED, frames, touch
 
 TILES = """

@@ -15,10 +15,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oiiotex.core.demand import PieceCache, assembled, bands, cached, on_a_torus, rows_for, stream
-from oiiotex.core.image import Part
-from oiiotex.core.window import Window
-from oiiotex.errors import ImageError
+from oiiotex.engine.core.demand import PieceCache, assembled, bands, cached, on_a_torus, rows_for, stream
+from oiiotex.engine.core.image import Part
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.errors import ImageError
 from tests.parts import NUMPY, coordinates, counted, part_of, refusal, spec_of
 
 FUZZ = settings(max_examples=150, deadline=None, derandomize=True, database=None)
@@ -308,11 +308,11 @@ STREAM_A_LARGE_ONE = """
 import resource
 import numpy as np
 import OpenImageIO as oiio
-from oiiotex.core.image import Image, Part, type_named
-from oiiotex.core.demand import cached, PieceCache
-from oiiotex.core.window import Window
-from oiiotex.io.formats import Format
-from oiiotex.io.writing import write
+from oiiotex.engine.core.image import Image, Part, type_named
+from oiiotex.engine.core.demand import cached, PieceCache
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.io.formats import Format
+from oiiotex.engine.io.writing import write
 
 def fetch(window):
     y, x = np.ogrid[window.top : window.bottom, window.left : window.right]

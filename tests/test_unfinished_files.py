@@ -15,11 +15,11 @@ from pathlib import Path
 
 import pytest
 
-from oiiotex.core.image import Image
-from oiiotex.io import atomic
-from oiiotex.io.atomic import temporary_beside
-from oiiotex.io.reading import read
-from oiiotex.io.writing import write
+from oiiotex.engine.core.image import Image
+from oiiotex.engine.io import atomic
+from oiiotex.engine.io.atomic import temporary_beside
+from oiiotex.engine.io.reading import read
+from oiiotex.engine.io.writing import write
 from tests.conftest import oiiotex, save
 from tests.faults import half_files
 from tests.parts import small
@@ -31,7 +31,7 @@ from pathlib import Path
 host, pid = sys.argv[1:]
 platform.node = lambda: host
 own, os.getpid = os.getpid, lambda: int(pid)
-from oiiotex.io.atomic import temporary_beside
+from oiiotex.engine.io.atomic import temporary_beside
 with temporary_beside(Path("big.exr")) as temporary:
     temporary.write_bytes(b"half")
     print(temporary.name, flush=True)
@@ -223,7 +223,7 @@ def test_a_part_of_an_image_that_is_not_there_is_an_error(tmp_path):
     write(image, tmp_path / "a.tif")
     whole = (tmp_path / "a.tif").read_bytes()
     (tmp_path / "half.tif").write_bytes(whole[: len(whole) // 2])
-    from oiiotex.io.writing import require_arrived
+    from oiiotex.engine.io.writing import require_arrived
 
     with pytest.raises(atomic.ImageError, match="the file is incomplete"):
         require_arrived(tmp_path / "half.tif", tmp_path / "b.tif", image, "tiff")

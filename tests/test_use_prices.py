@@ -10,16 +10,16 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.core.source_map import SourceMap
-from oiiotex.errors import ImageError
-from oiiotex.opencl.buffers import Buffers
-from oiiotex.patchmatch import use_prices
-from oiiotex.patchmatch.field import Geometry, allowed_patches
-from oiiotex.patchmatch.matcher import Matcher
-from oiiotex.patchmatch.optimization import synthesize
-from oiiotex.patchmatch.recipe import Recipe
-from oiiotex.patchmatch.use_prices import KINDS, Lost, UsePrices, activity, flat_bound, kinds_of, lost_texture
-from oiiotex.quality.copy_detection import most_shown
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.errors import ImageError
+from oiiotex.engine.opencl.buffers import Buffers
+from oiiotex.synthesis.patchmatch import use_prices
+from oiiotex.synthesis.patchmatch.field import Geometry, allowed_patches
+from oiiotex.synthesis.patchmatch.matcher import Matcher
+from oiiotex.synthesis.patchmatch.optimization import synthesize
+from oiiotex.synthesis.patchmatch.recipe import Recipe
+from oiiotex.synthesis.patchmatch.use_prices import KINDS, Lost, UsePrices, activity, flat_bound, kinds_of, lost_texture
+from oiiotex.synthesis.quality.copy_detection import most_shown
 from tests.pictures import pebbles, stained
 
 BUDGET = 1 << 30
@@ -159,7 +159,7 @@ def test_what_was_lost_is_said_and_warned_of(caplog, monkeypatch):
     photo = photo_with("gray", 0.25, 64)
     filters.stationarize(photo, seed=1, iterations=10)
     assert "of the photo is texture" in caplog.text and "is lost" not in caplog.text
-    from oiiotex.patchmatch import optimization as stationarize
+    from oiiotex.synthesis.patchmatch import optimization as stationarize
 
     monkeypatch.setattr(stationarize, "lost_texture", lambda *_: Lost(0.8, 0.6))
     filters.stationarize(photo, seed=1, iterations=1)

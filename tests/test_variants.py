@@ -7,8 +7,9 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.charts.drawing import GAP, TEXT
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.surfaces.charts.drawing import GAP, TEXT
 from tests import pictures
 from tests.any_filter import buffer, pixels
 

@@ -10,9 +10,9 @@ import threading
 import numpy as np
 import pytest
 
-from oiiotex import errors
-from oiiotex.cli.files import viewing
-from oiiotex.cli.running.line_run import run
+from oiiotex.engine import errors
+from oiiotex.oiiotool.cli.files import viewing
+from oiiotex.oiiotool.cli.running.line_run import run
 from tests.conftest import save
 
 pytest.importorskip("tevclient", reason="NOT RUN: no tevclient (pip install oiiotex[tev])")

@@ -8,8 +8,9 @@ import itertools
 import numpy as np
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.wang.tiles import Edges, between, edges_of, runs_for
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.synthesis.wang.tiles import Edges, between, edges_of, runs_for
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save

@@ -12,17 +12,18 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.core.window import Window
-from oiiotex.exemplar.heights import large_steps
-from oiiotex.io.reading import read
-from oiiotex.service.texture_file import read_texture_file
-from oiiotex.service.textures import OpenTexture
-from oiiotex.session import Session
-from oiiotex.wang.atlas import atlas_edges, atlas_numbers, first_tile
-from oiiotex.wang.cut import depths, joined
-from oiiotex.wang.plane import CELLS, index_image, plane_of
-from oiiotex.wang.tiles import COUNTS, edges_of
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.io.reading import read
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool.service.texture_file import read_texture_file
+from oiiotex.oiiotool.service.textures import OpenTexture
+from oiiotex.synthesis.exemplar.heights import large_steps
+from oiiotex.synthesis.wang.atlas import atlas_edges, atlas_numbers, first_tile
+from oiiotex.synthesis.wang.cut import depths, joined
+from oiiotex.synthesis.wang.plane import CELLS, index_image, plane_of
+from oiiotex.synthesis.wang.tiles import COUNTS, edges_of
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex

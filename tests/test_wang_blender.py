@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from oiiotex_studio.library.commands import run
 
-from oiiotex.core.window import Window
-from oiiotex.library.commands import run
-from oiiotex.session import Session
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.session import Session
 from tests.any_filter import buffer
 from tests.test_cryptomatte_blender import BLENDER, needs_blender
 from tests.test_wang_renderers import TILE, endless

@@ -17,16 +17,16 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from oiiotex_studio.library.commands import run
+from oiiotex_studio.materials.documents import loaded_libraries, materialx_faults, usd_faults
 
-from oiiotex import errors
-from oiiotex.core.window import Window
-from oiiotex.library.commands import run
-from oiiotex.materials.documents import loaded_libraries, materialx_faults, usd_faults
-from oiiotex.quality.seam_measures import sharpness
-from oiiotex.service.texture_file import read_texture_file
-from oiiotex.service.textures import OpenTexture
-from oiiotex.session import Session
-from oiiotex.wang.viewer import shader
+from oiiotex.engine import errors
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool.service.texture_file import read_texture_file
+from oiiotex.oiiotool.service.textures import OpenTexture
+from oiiotex.synthesis.quality.seam_measures import sharpness
+from oiiotex.synthesis.wang.viewer import shader
 from tests.any_filter import buffer
 from tests.browser import DRAWING, chromium
 from tests.reference.wang import bilinear

@@ -8,7 +8,7 @@ import OpenImageIO as oiio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oiiotex.core.window import Window
+from oiiotex.engine.core.window import Window
 
 FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
 places, lengths = st.integers(-20, 20), st.integers(0, 12)

@@ -11,16 +11,16 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import OpenImageIO as oiio
+from oiiotex_studio.library import commands as library
 
-from oiiotex import host
-from oiiotex.cli.language.parse import Refused, parse, split_modifiers
-from oiiotex.cli.printing import help, report
-from oiiotex.cli.vocabulary import LANGUAGE
-from oiiotex.core.parameters import declared
-from oiiotex.errors import Error
+from oiiotex.engine.core.parameters import declared
+from oiiotex.engine.errors import Error
+from oiiotex.engine.session import Session
 from oiiotex.filters import FILTERS
-from oiiotex.library import commands as library
-from oiiotex.session import Session
+from oiiotex.oiiotool import host
+from oiiotex.oiiotool.cli.language.parse import Refused, parse, split_modifiers
+from oiiotex.oiiotool.cli.printing import help, report
+from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 
 ROOT = Path(__file__).parents[1]
 # docs/how-to/your_own_filter.md writes ops of its own, which tests/test_plugins.py runs

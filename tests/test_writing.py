@@ -11,11 +11,11 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.core.image import Image, Part, from_pixels, tagged, type_named
-from oiiotex.core.window import Window
-from oiiotex.io.formats import Format
-from oiiotex.io.reading import read
-from oiiotex.io.writing import write
+from oiiotex.engine.core.image import Image, Part, from_pixels, tagged, type_named
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.io.formats import Format
+from oiiotex.engine.io.reading import read
+from oiiotex.engine.io.writing import write
 from tests.parts import (
     NUMPY,
     WINDOWS,

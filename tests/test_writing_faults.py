@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oiiotex.core.image import Image, Part, type_named
-from oiiotex.core.window import Window
-from oiiotex.errors import ImageError
-from oiiotex.io.reading import read
-from oiiotex.io.writing import write
+from oiiotex.engine.core.image import Image, Part, type_named
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.errors import ImageError
+from oiiotex.engine.io.reading import read
+from oiiotex.engine.io.writing import write
 from tests.parts import assert_same, counted, part_of, refusal, small, spec_of
 
 WIDE = 900_000  # pixels in a row that makes a band of few rows; libpng takes no more than a million
@@ -234,8 +234,8 @@ def test_what_cannot_be_swept_stops_no_one(tmp_path, dead_pid):
 KILLED = """
 import os, signal
 import numpy as np, OpenImageIO as oiio
-from oiiotex.core.image import Image, Part
-from oiiotex.io.writing import write
+from oiiotex.engine.core.image import Image, Part
+from oiiotex.engine.io.writing import write
 
 def fetch(window):
     if window.top > 0:
@@ -262,9 +262,9 @@ def test_a_killed_run_leaves_the_old_file_and_the_next_run_sweeps(tmp_path):
 FULL = """
 import resource, sys
 import numpy as np, OpenImageIO as oiio
-from oiiotex.errors import ImageError
-from oiiotex.core.image import Image, Part
-from oiiotex.io.writing import write
+from oiiotex.engine.errors import ImageError
+from oiiotex.engine.core.image import Image, Part
+from oiiotex.engine.io.writing import write
 
 def fetch(window):
     return np.random.default_rng(window.top).integers(0, 255, (window.height, window.width, 3), np.uint8)
@@ -307,8 +307,8 @@ def test_a_disk_that_lacks_a_byte_is_an_error_too(tmp_path, name):
 INTERRUPTED = """
 import os, signal, sys, threading, time
 import numpy as np, OpenImageIO as oiio
-from oiiotex.core.image import Image, from_array
-from oiiotex.io.writing import write
+from oiiotex.engine.core.image import Image, from_array
+from oiiotex.engine.io.writing import write
 
 def pester():
     while True:

@@ -9,8 +9,9 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import errors, filters
-from oiiotex.multiscale.zoom import filtered, taps, views
+from oiiotex import filters
+from oiiotex.engine import errors
+from oiiotex.synthesis.multiscale.zoom import filtered, taps, views
 from tests import pictures
 from tests.conftest import load, run_in, save
 

@@ -9,8 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from oiiotex.errors import DeviceError, NoDeviceError
-from oiiotex.opencl import device
+from oiiotex.engine.errors import DeviceError, NoDeviceError
+from oiiotex.engine.opencl import device
 
 _PROJECT = Path(__file__).parents[1]
 

@@ -18,12 +18,12 @@ import OpenImageIO as oiio
 from scipy.ndimage import gaussian_filter
 
 from benchmarks.shared.collages import _photo
-from oiiotex.color.lab import lens_of
-from oiiotex.color.lab_reduced import LabPixels, lab_pixels
-from oiiotex.core.image import from_buffer
-from oiiotex.dominant.diffusion import dominant_mask, dominant_texture
-from oiiotex.dominant.refinement import pixel_colors, refined_mask
-from oiiotex.session import Session
+from oiiotex.analysis.dominant.diffusion import dominant_mask, dominant_texture
+from oiiotex.analysis.dominant.refinement import pixel_colors, refined_mask
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.color.lab_reduced import LabPixels, lab_pixels
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.session import Session
 from tests import pictures
 
 HEIGHT, WIDTH = 94, 125

@@ -14,9 +14,9 @@ from unittest import mock
 import numpy as np
 
 from benchmarks.dominant.composites import TWELVE, composite, seen_as
-from oiiotex.dominant import diffusion
-from oiiotex.dominant.diffusion import dominant_mask, dominant_texture
-from oiiotex.session import Session
+from oiiotex.analysis.dominant import diffusion
+from oiiotex.analysis.dominant.diffusion import dominant_mask, dominant_texture
+from oiiotex.engine.session import Session
 
 Decide = Callable[[np.ndarray, np.ndarray, int], tuple[float, float | None, bool]]
 

@@ -18,11 +18,11 @@ import OpenImageIO as oiio
 
 from benchmarks.shared.measures import data_folder, load
 from oiiotex import filters
-from oiiotex.color.lab import working_values
-from oiiotex.core.image import from_buffer
-from oiiotex.core.window import Domain
-from oiiotex.session import Session
-from oiiotex.stationarity.costs import stationarity_cost
+from oiiotex.analysis.stationarity.costs import stationarity_cost
+from oiiotex.engine.color.lab import working_values
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.session import Session
 
 METHODS = ("patchmatch", "quilt")
 

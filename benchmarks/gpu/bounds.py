@@ -19,7 +19,7 @@ from types import SimpleNamespace as Launch
 
 import numpy as np
 
-from oiiotex.opencl.source import kernel_source
+from oiiotex.engine.opencl.source import kernel_source
 
 _SOURCES = resources.files("oiiotex") / "cl"
 _COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)

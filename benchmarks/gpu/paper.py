@@ -33,12 +33,12 @@ from benchmarks.gpu.bounds import WORK
 from benchmarks.gpu.table import number
 from benchmarks.gpu.worker import Worker
 from benchmarks.gpu.workloads import AT_EVERY_SIZE
-from oiiotex.machine import usable_threads
+from oiiotex.engine.machine import usable_threads
 from tests.kernel_options import OPTIONS, compiled
 
 SOURCES = Path(__file__).parents[2] / "oiiotex" / "cl"
 LEAST = 0.25  # occupancy below which a kernel needs a reason
-GROUP = 64  # items of a work-group, as oiiotex/opencl/device.py launches them
+GROUP = 64  # items of a work-group, as oiiotex/engine/opencl/device.py launches them
 
 
 @dataclass(frozen=True)

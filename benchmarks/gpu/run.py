@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.gpu import table
-from oiiotex.machine import usable_threads
+from oiiotex.engine.machine import usable_threads
 
 ROOT = Path(__file__).parents[2]
 COMPARED_SIDE = 256  # px

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.gpu import bounds, workloads
-from oiiotex.machine import usable_threads
-from oiiotex.opencl import device as devices
-from oiiotex.session import Session
+from oiiotex.engine.machine import usable_threads
+from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.session import Session
 
 _NOISE = """
 __kernel void touch(__global uint *a) { a[get_global_id(0)] = 1; }

@@ -16,16 +16,16 @@ import numpy as np
 import OpenImageIO as oiio
 
 from oiiotex import filters
-from oiiotex.color.lab import lens_of
-from oiiotex.color.lab_on_device import LabGrid
-from oiiotex.core.image import from_buffer
-from oiiotex.core.op import Space
-from oiiotex.multiscale.candidate_sets import analyze
-from oiiotex.multiscale.graph import Graph
-from oiiotex.multiscale.stacks import load_exemplars
-from oiiotex.multiscale.targets import stacks_of
-from oiiotex.session import Session
-from oiiotex.superpixels.slic import SeedGrid, Slic
+from oiiotex.analysis.superpixels.slic import SeedGrid, Slic
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.color.lab_on_device import LabGrid
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.core.op import Space
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.multiscale.candidate_sets import analyze
+from oiiotex.synthesis.multiscale.graph import Graph
+from oiiotex.synthesis.multiscale.stacks import load_exemplars
+from oiiotex.synthesis.multiscale.targets import stacks_of
 from tests import pictures
 from tools.demo import gravel, stained
 

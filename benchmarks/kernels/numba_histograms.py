@@ -12,8 +12,8 @@ import numpy as np
 from numba import prange
 
 from benchmarks.kernels.numba_patchmatch import parallel, serial
-from oiiotex.projections.histograms import BINS, INVERSE
-from oiiotex.stationarity.grid_statistics import CellGrid
+from oiiotex.analysis.stationarity.grid_statistics import CellGrid
+from oiiotex.synthesis.projections.histograms import BINS, INVERSE
 
 # --- local histograms ---
 

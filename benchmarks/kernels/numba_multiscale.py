@@ -13,8 +13,8 @@ import numpy as np
 from llvmlite.binding import get_host_cpu_features
 from numba import config, njit, prange
 
-from oiiotex.core.window import Window
-from oiiotex.multiscale.candidate_sets import DIMS, MOST_PROJECTED, Analysis
+from oiiotex.engine.core.window import Window
+from oiiotex.synthesis.multiscale.candidate_sets import DIMS, MOST_PROJECTED, Analysis
 
 BITS, MOST_OFFSET = np.int32(12), np.int32(8191)  # of cl/multiscale.cl
 NEAR = np.array([(0, 0), (1, 0), (-1, 1), (0, 1), (1, 1), (-1, -1), (0, -1), (1, -1), (-1, 0)], np.int64)  # (dx, dy)

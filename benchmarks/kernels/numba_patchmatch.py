@@ -12,8 +12,8 @@ import numpy as np
 from llvmlite.binding import get_host_cpu_features
 from numba import config, njit, prange
 
-from oiiotex.patchmatch.field import Geometry
-from oiiotex.patchmatch.matcher import JUMPS, SEARCHES
+from oiiotex.synthesis.patchmatch.field import Geometry
+from oiiotex.synthesis.patchmatch.matcher import JUMPS, SEARCHES
 
 PATCH = 11
 ROW = 3 * PATCH

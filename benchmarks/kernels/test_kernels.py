@@ -22,27 +22,27 @@ import pytest
 from benchmarks.kernels.numba_histograms import BoundProjection
 from benchmarks.kernels.numba_multiscale import BoundCorrection
 from benchmarks.kernels.numba_patchmatch import BoundMatcher
-from oiiotex.color.lab import working_values
-from oiiotex.color.lab_grid import to_grid
-from oiiotex.core.image import from_buffer
-from oiiotex.core.source_map import SourceMap
-from oiiotex.core.window import Window
+from oiiotex.analysis.stationarity.grid_statistics import CellGrid
+from oiiotex.engine.color.lab import working_values
+from oiiotex.engine.color.lab_grid import to_grid
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.io.reading import read as read_image
+from oiiotex.engine.opencl.buffers import Buffers
+from oiiotex.engine.opencl.device import Device, open_device
+from oiiotex.engine.opencl.rows import Rows
+from oiiotex.engine.session import Session
 from oiiotex.filters.texstationarize import Stationarize
-from oiiotex.io.reading import read as read_image
-from oiiotex.multiscale.graph import Graph
-from oiiotex.multiscale.infinite_plane import opened
-from oiiotex.multiscale.synthesizer import PASSES, LevelPlan, Synthesizer, parents, plan, schedule
-from oiiotex.opencl.buffers import Buffers
-from oiiotex.opencl.device import Device, open_device
-from oiiotex.opencl.rows import Rows
-from oiiotex.patchmatch.field import Geometry, allowed_patches, random_field
-from oiiotex.patchmatch.matcher import Matcher, _penalty_unit
-from oiiotex.patchmatch.optimization import OVERSHOOT, synthesize
-from oiiotex.patchmatch.recipe import Recipe
-from oiiotex.projections.histograms import Projection, layout
-from oiiotex.projections.projection import projected
-from oiiotex.session import Session
-from oiiotex.stationarity.grid_statistics import CellGrid
+from oiiotex.synthesis.multiscale.graph import Graph
+from oiiotex.synthesis.multiscale.infinite_plane import opened
+from oiiotex.synthesis.multiscale.synthesizer import PASSES, LevelPlan, Synthesizer, parents, plan, schedule
+from oiiotex.synthesis.patchmatch.field import Geometry, allowed_patches, random_field
+from oiiotex.synthesis.patchmatch.matcher import Matcher, _penalty_unit
+from oiiotex.synthesis.patchmatch.optimization import OVERSHOOT, synthesize
+from oiiotex.synthesis.patchmatch.recipe import Recipe
+from oiiotex.synthesis.projections.histograms import Projection, layout
+from oiiotex.synthesis.projections.projection import projected
 from tools.demo import gravel, save, stained
 
 ROUNDS, WARMUPS = 15, 2

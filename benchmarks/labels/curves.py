@@ -23,12 +23,12 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.labels.levels import Case, cases, score
-from oiiotex.color.lab import lens_of
-from oiiotex.labels.features import Features, features_of, small_lab
-from oiiotex.labels.scales import LabelSettings, labeled
-from oiiotex.session import Session
-from oiiotex.superpixels.hierarchy import Hierarchy, hierarchy
-from oiiotex.superpixels.superpixels import superpixels
+from oiiotex.analysis.labels.features import Features, features_of, small_lab
+from oiiotex.analysis.labels.scales import LabelSettings, labeled
+from oiiotex.analysis.superpixels.hierarchy import Hierarchy, hierarchy
+from oiiotex.analysis.superpixels.superpixels import superpixels
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.session import Session
 
 PERSISTENCES = (0.99, 0.97, 0.95, 0.9, 0.85, 0.75, 0.6, 0.45, 0.3, 0.15, 0.05)
 COUNTS = (2, 3, 4, 5, 6, 8, 10, 12, 16)

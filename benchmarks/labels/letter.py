@@ -13,9 +13,9 @@ import numpy as np
 
 from benchmarks.labels.levels import cases, score
 from oiiotex import filters
-from oiiotex.core.image import from_buffer, to_buffer
-from oiiotex.run import run
-from oiiotex.session import Session
+from oiiotex.engine.core.image import from_buffer, to_buffer
+from oiiotex.engine.run import run
+from oiiotex.engine.session import Session
 
 WAYS: dict[str, dict[str, object]] = {
     "default": {},

@@ -25,16 +25,16 @@ from sklearn.metrics.cluster import contingency_matrix, pair_confusion_matrix
 
 from benchmarks.shared.measures import data_folder
 from oiiotex import filters
-from oiiotex.color.lab import lens_of
-from oiiotex.core.image import Image, from_buffer, to_buffer
+from oiiotex.analysis.labels.features import features_of, small_lab
+from oiiotex.analysis.labels.scales import LabelMaps, LabelSettings, label_levels
+from oiiotex.analysis.segmentation.superpixel_subtextures import superpixel_subtextures
+from oiiotex.analysis.superpixels.hierarchy import hierarchy
+from oiiotex.analysis.superpixels.superpixels import superpixels
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.core.image import Image, from_buffer, to_buffer
+from oiiotex.engine.run import run
+from oiiotex.engine.session import Session
 from oiiotex.filters.texlabel import label_map
-from oiiotex.labels.features import features_of, small_lab
-from oiiotex.labels.scales import LabelMaps, LabelSettings, label_levels
-from oiiotex.run import run
-from oiiotex.segmentation.superpixel_subtextures import superpixel_subtextures
-from oiiotex.session import Session
-from oiiotex.superpixels.hierarchy import hierarchy
-from oiiotex.superpixels.superpixels import superpixels
 from tests import pictures
 
 PHOTOS = {"facade_tiles": "photos/facade_tiles.jpg", "rusty_metal_albedo": "pbr/rusty_metal/rusty_metal_albedo.jpg"}

@@ -23,7 +23,7 @@ from scipy.ndimage import binary_dilation, binary_erosion, gaussian_filter
 
 from benchmarks.motion.shots import HEIGHT, MOTIONS, WIDTH, Frame, photo_named, places, rendered, save
 from benchmarks.shared.measures import data_folder
-from oiiotex.motion.sampling import at_points
+from oiiotex.surfaces.motion.sampling import at_points
 
 
 def run(*words: str, folder: Path) -> None:

@@ -23,9 +23,9 @@ from scipy.ndimage import binary_dilation
 from benchmarks.motion.flicker import filled, flicker, prepare
 from benchmarks.motion.shots import HEIGHT, WIDTH, Frame, photo_named, places, rendered
 from benchmarks.shared.measures import data_folder
-from oiiotex.capture.homography import through
-from oiiotex.motion.frame_motion import Shot, read_shot
-from oiiotex.motion.sampling import at_points
+from oiiotex.surfaces.capture.homography import through
+from oiiotex.surfaces.motion.frame_motion import Shot, read_shot
+from oiiotex.surfaces.motion.sampling import at_points
 
 
 def drift(first: Frame, frame: Frame, shot: Shot) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 import OpenImageIO as oiio
 from scipy.ndimage import binary_dilation, gaussian_filter
 
-from oiiotex.motion.sampling import at_points, reduced
+from oiiotex.surfaces.motion.sampling import at_points, reduced
 
 WIDTH, HEIGHT, FIRST = 480, 270, 1001
 GRAIN = 0.02  # deviation, before a blur of half a pixel

@@ -17,15 +17,15 @@ import OpenImageIO as oiio
 
 from benchmarks.multiscale.quality import PLACES, lab
 from benchmarks.shared.measures import data_folder
-from oiiotex.core.op import Space
-from oiiotex.core.window import Window
-from oiiotex.io.reading import read
-from oiiotex.multiscale import candidate_sets
-from oiiotex.multiscale.candidate_sets import DISC, Stacks, basis_of, neighborhoods, project
-from oiiotex.multiscale.graph import Graph
-from oiiotex.multiscale.infinite_plane import opened
-from oiiotex.multiscale.synthesizer import Synthesizer, default_jitter
-from oiiotex.session import Session
+from oiiotex.engine.core.op import Space
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.io.reading import read
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.multiscale import candidate_sets
+from oiiotex.synthesis.multiscale.candidate_sets import DISC, Stacks, basis_of, neighborhoods, project
+from oiiotex.synthesis.multiscale.graph import Graph
+from oiiotex.synthesis.multiscale.infinite_plane import opened
+from oiiotex.synthesis.multiscale.synthesizer import Synthesizer, default_jitter
 from tools.demo import save
 
 PHOTOS = "pebbles_beach_shadow", "stone_breccia", "sandstone_wall_cracked", "clover_lawn"
@@ -65,7 +65,7 @@ def exact(dims: int | None):
 def spreads(path: Path, session: Session, dims: int, jitter: str, search: object) -> list[float]:
     """Of the levels, relative to the exemplar."""
     what = mock.patch.object(candidate_sets, "_level", search or candidate_sets._level)
-    with what, mock.patch("oiiotex.multiscale.infinite_plane.analysis_folder", lambda: None):
+    with what, mock.patch("oiiotex.synthesis.multiscale.infinite_plane.analysis_folder", lambda: None):
         how = {"side": SIDE, "dims": dims, "correct": True, "literal": True, "space": Space.LAB}
         image = read(path, session.resources.cache)
         plane = opened(session.resources, session.progress, Graph.loop("photo", 1), (image,), str(path), **how)

@@ -16,15 +16,15 @@ import numpy as np
 import OpenImageIO as oiio
 
 from benchmarks.shared.measures import data_folder
-from oiiotex.color.lab_grid import FINE_STEPS
-from oiiotex.core.op import Space
-from oiiotex.core.window import Window
-from oiiotex.multiscale.candidate_sets import neighborhoods
-from oiiotex.multiscale.contrast import with_contrast
-from oiiotex.multiscale.coverage import shares, unmatched
-from oiiotex.multiscale.infinite_plane import Plane, graph_images, opened
-from oiiotex.multiscale.synthesizer import Synthesizer
-from oiiotex.session import Session
+from oiiotex.engine.color.lab_grid import FINE_STEPS
+from oiiotex.engine.core.op import Space
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.multiscale.candidate_sets import neighborhoods
+from oiiotex.synthesis.multiscale.contrast import with_contrast
+from oiiotex.synthesis.multiscale.coverage import shares, unmatched
+from oiiotex.synthesis.multiscale.infinite_plane import Plane, graph_images, opened
+from oiiotex.synthesis.multiscale.synthesizer import Synthesizer
 from tests import pictures
 from tools.demo import save
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from benchmarks.multiscale.quality import GRAPHS, drawn, prepared
 from benchmarks.shared.measures import data_folder
-from oiiotex.color.lab_grid import FINE_STEPS
-from oiiotex.multiscale.candidate_sets import neighborhoods
-from oiiotex.session import Session
+from oiiotex.engine.color.lab_grid import FINE_STEPS
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.multiscale.candidate_sets import neighborhoods
 
 SAMPLED, PATHS, TRANSITIONS = 1000, 300, 4
 _HALF = np.arange(25) % 2 == 0

@@ -23,14 +23,14 @@ from statistics import median
 import numpy as np
 
 from benchmarks.shared.measures import data_folder, machine
-from oiiotex.core.op import Space
-from oiiotex.core.window import Window
-from oiiotex.io.reading import read
-from oiiotex.multiscale.candidate_sets import DIMS, DISC, analyze, neighborhoods, project
-from oiiotex.multiscale.graph import Graph
-from oiiotex.multiscale.infinite_plane import Plane, graph_images, opened
-from oiiotex.multiscale.synthesizer import Synthesizer
-from oiiotex.session import Session
+from oiiotex.engine.core.op import Space
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.io.reading import read
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.multiscale.candidate_sets import DIMS, DISC, analyze, neighborhoods, project
+from oiiotex.synthesis.multiscale.graph import Graph
+from oiiotex.synthesis.multiscale.infinite_plane import Plane, graph_images, opened
+from oiiotex.synthesis.multiscale.synthesizer import Synthesizer
 from tools.demo import gravel, save, stained
 
 SIDE = 1024  # px of a window

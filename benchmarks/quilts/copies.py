@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from oiiotex.core.source_map import NONE, SourceMap
-from oiiotex.quality.copy_detection import BLOCK, Copies, most_shown
+from oiiotex.engine.core.source_map import NONE, SourceMap
+from oiiotex.synthesis.quality.copy_detection import BLOCK, Copies, most_shown
 
 NEAR = 8  # of 255: a copy that was blended or rounded
 _AT_ONCE = 512

@@ -28,11 +28,11 @@ import OpenImageIO as oiio
 from benchmarks.quilts.copies import copies
 from benchmarks.quilts.relabel import far_from_borders, relabeled
 from benchmarks.shared.peers import CROPS, PEERS, SYNTHESIZERS, ToolError
-from oiiotex.core.source_map import SourceMap
-from oiiotex.io.reading import read
-from oiiotex.patchmatch.field import hash_at
-from oiiotex.quality.copy_detection import most_shown
-from oiiotex.quilting.quilt_plan import Plan
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.io.reading import read
+from oiiotex.synthesis.patchmatch.field import hash_at
+from oiiotex.synthesis.quality.copy_detection import most_shown
+from oiiotex.synthesis.quilting.quilt_plan import Plan
 
 PHOTOS = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")).resolve() / "photos"
 PHOTOS_SEEN = (

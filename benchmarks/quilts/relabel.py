@@ -11,12 +11,12 @@ import OpenImageIO as oiio
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from oiiotex.color.lab import lens_of
-from oiiotex.core.image import from_buffer
-from oiiotex.labels import features
-from oiiotex.session import Session
-from oiiotex.superpixels.hierarchy import COARSEST, hierarchy, scales
-from oiiotex.superpixels.superpixels import FINEST, LEAST_SIGMA, superpixels
+from oiiotex.analysis.labels import features
+from oiiotex.analysis.superpixels.hierarchy import COARSEST, hierarchy, scales
+from oiiotex.analysis.superpixels.superpixels import FINEST, LEAST_SIGMA, superpixels
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.session import Session
 
 GAP = 64  # px between the two, of alpha 0
 NEAREST = (1, 3, 5)

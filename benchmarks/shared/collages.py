@@ -10,7 +10,7 @@ import OpenImageIO as oiio
 
 from benchmarks.labels.levels import Case
 from benchmarks.shared.measures import data_folder
-from oiiotex.core.image import from_buffer
+from oiiotex.engine.core.image import from_buffer
 from tests import pictures
 
 

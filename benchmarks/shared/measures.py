@@ -15,7 +15,7 @@ import numpy as np
 import OpenImageIO as oiio
 from scipy.ndimage import gaussian_filter
 
-from oiiotex.quality.seam_measures import sharpness, wrap_percentile
+from oiiotex.synthesis.quality.seam_measures import sharpness, wrap_percentile
 
 __all__ = [
     "Spent", "data_folder", "load", "low_frequency", "luma", "machine", "measured", "sharpness", "tile_figures",

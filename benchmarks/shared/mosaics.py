@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.labels.levels import Case
 from benchmarks.shared.measures import data_folder
-from oiiotex.core.image import from_buffer
+from oiiotex.engine.core.image import from_buffer
 
 SIDE = 512
 KINDS = (

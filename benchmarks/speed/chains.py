@@ -16,10 +16,10 @@ import numpy as np
 import OpenImageIO as oiio
 
 from benchmarks.shared.measures import Spent, measured
-from oiiotex.core.image import Image, Part
-from oiiotex.core.window import Window
-from oiiotex.io.formats import Format
-from oiiotex.io.writing import write
+from oiiotex.engine.core.image import Image, Part
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.io.formats import Format
+from oiiotex.engine.io.writing import write
 
 BIN = Path(sys.executable).parent
 CHAINS = {

@@ -18,13 +18,14 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from oiiotex.cli.language.parse import parse
-from oiiotex.cli.language.sequences import Frame
-from oiiotex.cli.running.shares import Shares, line_of
-from oiiotex.cli.running.tasks import Job, Task, work
-from oiiotex.cli.vocabulary import LANGUAGE
-from oiiotex.core.demand import BAND_BYTES
-from oiiotex.farm.dask_cluster import cluster, results
+from oiiotex_studio.farm.dask_cluster import cluster, results
+
+from oiiotex.engine.core.demand import BAND_BYTES
+from oiiotex.oiiotool.cli.language.parse import parse
+from oiiotex.oiiotool.cli.language.sequences import Frame
+from oiiotex.oiiotool.cli.running.shares import Shares, line_of
+from oiiotex.oiiotool.cli.running.tasks import Job, Task, work
+from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 from tests import pictures
 from tests.conftest import save
 

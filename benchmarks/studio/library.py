@@ -19,18 +19,18 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
+from oiiotex_studio.library.asset import key_of
+from oiiotex_studio.library.catalog import Asset, Catalog
+from oiiotex_studio.recipes.found import extract, materials
+from oiiotex_studio.recipes.lines import SOURCE, source_name, steps_of
+from oiiotex_studio.recipes.recipe import load_recipe
 
-from oiiotex.cli.language.sequences import Frame
-from oiiotex.cli.running.tasks import Job, Task, work
-from oiiotex.library.asset import key_of
-from oiiotex.library.catalog import Asset, Catalog
-from oiiotex.machine import usable_threads
-from oiiotex.recipes.found import extract, materials
-from oiiotex.recipes.lines import SOURCE, source_name, steps_of
-from oiiotex.recipes.recipe import load_recipe
+from oiiotex.engine.machine import usable_threads
+from oiiotex.oiiotool.cli.language.sequences import Frame
+from oiiotex.oiiotool.cli.running.tasks import Job, Task, work
 from tests.conftest import data_folder
 
-PROGRAM = [sys.executable, "-m", "oiiotex.library.main"]
+PROGRAM = [sys.executable, "-m", "oiiotex_studio.library.main"]
 RECIPE = """schema = 1
 [find]
 normals = "opengl"

@@ -12,7 +12,7 @@ import time
 import numpy as np
 from scipy.sparse import csr_array
 
-from oiiotex.segmentation.clique_partition import partition
+from oiiotex.analysis.segmentation.clique_partition import partition
 from tests.reference.cliques import best_partition, instance, misplaced, score
 
 # noise 25 %; vertices, cliques, errors of the exact solution and of the heuristic, how far the two are apart ("Diff %")

@@ -31,11 +31,11 @@ from sklearn.metrics.cluster import contingency_matrix
 from benchmarks.labels.levels import Case, cases, score
 from benchmarks.shared.mosaics import KINDS, suite
 from benchmarks.subtextures import factorization
+from oiiotex.analysis.segmentation import clique_partition, subtextures
+from oiiotex.engine.run import run
+from oiiotex.engine.session import Session
 from oiiotex.filters.texdecompose import CLIQUES_THRESHOLD, Decompose
 from oiiotex.filters.texlabel import Label
-from oiiotex.run import run
-from oiiotex.segmentation import clique_partition, subtextures
-from oiiotex.session import Session
 
 HEAD = (
     "| images | setting | covering | Rand | ARI | correct | accuracy | labels | border % | CPU s |\n"

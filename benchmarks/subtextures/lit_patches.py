@@ -16,8 +16,8 @@ import OpenImageIO as oiio
 
 from benchmarks.dominant.composites import seen_as
 from benchmarks.shared.measures import data_folder, load
-from oiiotex.segmentation.textons import BINS, weighted_counts
-from oiiotex.session import Session
+from oiiotex.analysis.segmentation.textons import BINS, weighted_counts
+from oiiotex.engine.session import Session
 
 SIDE = 96  # px, of a half
 DARKER = 0.8  # of the sRGB values

@@ -24,10 +24,10 @@ import OpenImageIO as oiio
 from benchmarks.labels.levels import Case, cases
 from benchmarks.shared.mosaics import suite
 from benchmarks.subtextures.decompose import HEAD, by_label, measured, report
-from oiiotex.core.image import from_buffer
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.run import run
+from oiiotex.engine.session import Session
 from oiiotex.filters.texdecompose import Decompose
-from oiiotex.run import run
-from oiiotex.session import Session
 
 Segmenter = Callable[[np.ndarray, float], np.ndarray]
 LEAST = 0.02  # of the image: smallest segment, as of --texdecompose

@@ -17,13 +17,13 @@ from scipy import ndimage
 
 from benchmarks.shared.measures import data_folder
 from benchmarks.superpixels.segmenters import by_boundary, by_color, scikit_slic
-from oiiotex.color.lab import lens_of
-from oiiotex.color.lab_on_device import LabGrid
-from oiiotex.core.image import Image, from_buffer
-from oiiotex.session import Session
-from oiiotex.superpixels.hierarchy import hierarchy
-from oiiotex.superpixels.slic import SeedGrid, Slic
-from oiiotex.superpixels.superpixels import Superpixels, superpixels
+from oiiotex.analysis.superpixels.hierarchy import hierarchy
+from oiiotex.analysis.superpixels.slic import SeedGrid, Slic
+from oiiotex.analysis.superpixels.superpixels import Superpixels, superpixels
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.color.lab_on_device import LabGrid
+from oiiotex.engine.core.image import Image, from_buffer
+from oiiotex.engine.session import Session
 
 PEERS = (
     "our SLIC",

@@ -23,13 +23,13 @@ from skimage.metrics import variation_of_information
 from benchmarks.shared.measures import data_folder
 from benchmarks.superpixels.quality import load, under_segmentation
 from benchmarks.superpixels.segmenters import scikit_slic
-from oiiotex.color.lab import lens_of
-from oiiotex.core.image import Image
-from oiiotex.session import Session
-from oiiotex.superpixels import superpixels as module
-from oiiotex.superpixels.hierarchy import hierarchy
-from oiiotex.superpixels.slic import Slic
-from oiiotex.superpixels.superpixels import Superpixels, superpixels
+from oiiotex.analysis.superpixels import superpixels as module
+from oiiotex.analysis.superpixels.hierarchy import hierarchy
+from oiiotex.analysis.superpixels.slic import Slic
+from oiiotex.analysis.superpixels.superpixels import Superpixels, superpixels
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.core.image import Image
+from oiiotex.engine.session import Session
 
 PHOTOS = ("castle_brick_broken", "fieldstone_wall_kodim01", "flower_meadow_stones", "moss_grass_stones_ground",
           "pebbles_beach_shadow", "rust_barrel_side", "stained_plaster_wall", "stone_breccia")  # fmt: skip

@@ -35,13 +35,13 @@ from skimage import color
 from benchmarks.shared.peers import PEERS, ToolError
 from benchmarks.tiles import drifts
 from oiiotex import filters
-from oiiotex.charts.tile_preview import made_seamless
-from oiiotex.core.source_map import SourceMap
-from oiiotex.errors import Error
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.errors import Error
+from oiiotex.engine.session import Session
 from oiiotex.filters.texstationarize import Stationarize
-from oiiotex.quality.copy_detection import copies_by_source
-from oiiotex.quality.seam_measures import seam_ratio
-from oiiotex.session import Session
+from oiiotex.surfaces.charts.tile_preview import made_seamless
+from oiiotex.synthesis.quality.copy_detection import copies_by_source
+from oiiotex.synthesis.quality.seam_measures import seam_ratio
 from tools.demo import save
 from tools.docs.pictures.layout import pixels
 

@@ -29,7 +29,7 @@ import OpenImageIO as oiio
 from benchmarks.shared.measures import sharpness
 from benchmarks.tiles import hex_tiling
 from oiiotex import filters
-from oiiotex.errors import Error
+from oiiotex.engine.errors import Error
 from oiiotex.filters.texstationarity import COST
 from tools.docs.pictures.comparison import PHOTOS, SIGMA, square, ways
 from tools.docs.pictures.layout import image_of

@@ -26,24 +26,24 @@ import numpy as np
 import OpenImageIO as oiio
 
 from benchmarks.shared.measures import data_folder, load
-from oiiotex.color.lab import working_values
-from oiiotex.core.image import from_buffer
-from oiiotex.core.source_map import SourceMap
-from oiiotex.core.window import Domain
-from oiiotex.errors import Error
+from oiiotex.analysis.regularity.lattice import Lattice, find_lattice
+from oiiotex.analysis.regularity.offset_prices import InStep
+from oiiotex.analysis.regularity.regularity import peaks_over_floor
+from oiiotex.analysis.stationarity.costs import stationarity_cost
+from oiiotex.engine.color.lab import working_values
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.errors import Error
+from oiiotex.engine.session import Session
 from oiiotex.filters.texcut import Cut
 from oiiotex.filters.texpatchmatch import PatchMatch
 from oiiotex.filters.texquilt import Quilting
 from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.filters.texsynth import Synth
-from oiiotex.patchmatch.optimization import synthesize
-from oiiotex.patchmatch.recipe import Recipe
-from oiiotex.quality.copy_detection import copies_by_source
-from oiiotex.regularity.lattice import Lattice, find_lattice
-from oiiotex.regularity.offset_prices import InStep
-from oiiotex.regularity.regularity import peaks_over_floor
-from oiiotex.session import Session
-from oiiotex.stationarity.costs import stationarity_cost
+from oiiotex.synthesis.patchmatch.optimization import synthesize
+from oiiotex.synthesis.patchmatch.recipe import Recipe
+from oiiotex.synthesis.quality.copy_detection import copies_by_source
 from tests.any_filter import buffer
 from tests.lattices import VECTORS, regular
 

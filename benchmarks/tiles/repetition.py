@@ -22,13 +22,13 @@ import OpenImageIO as oiio
 from benchmarks.shared.measures import data_folder, load, low_frequency, sharpness
 from benchmarks.tiles.stationarization import Photo
 from oiiotex import filters
-from oiiotex.errors import ImageError
+from oiiotex.analysis.stationarity.costs import stationarity_cost
+from oiiotex.engine.errors import ImageError
+from oiiotex.engine.session import Session
 from oiiotex.filters.texstationarize import Stationarize
-from oiiotex.patchmatch.matcher import match_patches
-from oiiotex.patchmatch.optimization import synthesize
-from oiiotex.quality.copy_detection import copies_by_source
-from oiiotex.session import Session
-from oiiotex.stationarity.costs import stationarity_cost
+from oiiotex.synthesis.patchmatch.matcher import match_patches
+from oiiotex.synthesis.patchmatch.optimization import synthesize
+from oiiotex.synthesis.quality.copy_detection import copies_by_source
 
 NAMES = ("shown", "texture", "stationarity", "LowF", "sharpness", "CPU s")
 PARTS = ("gray", "noise", "black", "white")

@@ -28,18 +28,18 @@ from unittest import mock
 import numpy as np
 
 from benchmarks.shared.measures import data_folder, load
-from oiiotex import errors
-from oiiotex.color.lab import working_values
-from oiiotex.color.lab_grid import steps_for
-from oiiotex.core.image import Image, from_buffer
-from oiiotex.core.source_map import SourceMap
-from oiiotex.core.window import Domain
+from oiiotex.analysis.stationarity.costs import stationarity_cost
+from oiiotex.engine import errors
+from oiiotex.engine.color.lab import working_values
+from oiiotex.engine.color.lab_grid import steps_for
+from oiiotex.engine.core.image import Image, from_buffer
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.session import Session
 from oiiotex.filters.texstationarize import PAPER_PATCH, Stationarize
-from oiiotex.patchmatch import optimization as module
-from oiiotex.patchmatch.matcher import match_patches
-from oiiotex.patchmatch.recipe import Recipe
-from oiiotex.session import Session
-from oiiotex.stationarity.costs import stationarity_cost
+from oiiotex.synthesis.patchmatch import optimization as module
+from oiiotex.synthesis.patchmatch.matcher import match_patches
+from oiiotex.synthesis.patchmatch.recipe import Recipe
 
 MEASURES = ("histogram", "moments", "steerable")
 BASELINE, DEFAULT = "patchmatch", "default"

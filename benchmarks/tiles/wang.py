@@ -26,18 +26,18 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
+from oiiotex_studio.materials.preview import hex_tiled
 
 from benchmarks.shared.measures import data_folder, load, sharpness
 from oiiotex import filters
-from oiiotex.color.lab import working_values
-from oiiotex.core.image import from_buffer
-from oiiotex.core.window import Domain
-from oiiotex.materials.preview import hex_tiled
-from oiiotex.regularity.lattice import Lattice, find_lattice
-from oiiotex.regularity.regularity import peaks_over_floor
-from oiiotex.session import Session
-from oiiotex.wang.plane import CELLS, index_image
-from oiiotex.wang.viewer import shader
+from oiiotex.analysis.regularity.lattice import Lattice, find_lattice
+from oiiotex.analysis.regularity.regularity import peaks_over_floor
+from oiiotex.engine.color.lab import working_values
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.session import Session
+from oiiotex.synthesis.wang.plane import CELLS, index_image
+from oiiotex.synthesis.wang.viewer import shader
 from tests.any_filter import buffer
 from tests.lattices import regular
 from tests.reference.wang import border_steps

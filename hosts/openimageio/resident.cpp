@@ -250,7 +250,7 @@ std::string default_python()
     return path + "/bin/python3";
 }
 
-// The door of oiiotex (oiiotex/service/door.py): it starts the process of a texture unless one is running.
+// The door of oiiotex (oiiotex/oiiotool/service/door.py): it starts the process of a texture unless one is running.
 Json ask_door(const Json& question)
 {
     const char* chosen       = std::getenv("OIIOTEX_PYTHON");
@@ -265,7 +265,7 @@ Json ask_door(const Json& question)
     }
     if (word.size() > most_word)
         throw Error("the file name is too long: expected at most 4096 characters, and 1000 after '?'");
-    const std::string text   = printed_by({ python, "-I", "-m", "oiiotex.service.door", word });
+    const std::string text   = printed_by({ python, "-I", "-m", "oiiotex.oiiotool.service.door", word });
     const Json answer        = Json::parse(text, nullptr, false);
     if (!answer.is_object()) {
         const size_t end   = text.find_last_not_of('\n') + 1;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Client of oiiotex's resident process in C++, with the messages of oiiotex/service/messages.py.
+// Client of oiiotex's resident process in C++, with the messages of oiiotex/oiiotool/service/messages.py.
 #pragma once
 
 #include <cstddef>

@@ -11,10 +11,10 @@ import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from ..deferred import Shelf
+from ..engine.deferred import Shelf
 
 if TYPE_CHECKING:
-    from ..core.op import Op
+    from ..engine.core.op import Op
 
 _GROUPS = {  # the name of each filter and the class that declares it, in the order of help
     "Texture synthesis": {
@@ -53,7 +53,7 @@ def op_named(name: str) -> type[Op]:
 @functools.cache
 def further() -> tuple[type[Op], ...]:
     """The filters of other packages."""
-    from ..installed_filters import installed
+    from ..python.installed_filters import installed
 
     return installed(shelf.names[0].removeprefix("--tex") for shelf in SHELVES)
 
@@ -66,7 +66,7 @@ def _lists(name: str) -> tuple[type[Op], ...]:
 
 @functools.cache
 def _function(op: type[Op]) -> Callable[..., Any]:
-    from ..python_api import function_of
+    from ..python.python_api import function_of
 
     _lists("OURS")  # its docstring shows modifiers of other filters in Python notation
     return function_of(op)

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..core.access import Whole
-from ..core.image import Part, channels_of
-from ..core.op import Kind, Output
-from ..core.parameters import Size, param
-from ..core.source_map import ST, require_addressable
-from ..deferred import np
-from ..errors import ImageError, ParameterError
-from ..exemplar.exemplar_op import MaterialOp
-from ..session import Session
+from ..engine.core.access import Whole
+from ..engine.core.image import Part, channels_of
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import Size, param
+from ..engine.core.source_map import ST, require_addressable
+from ..engine.deferred import np
+from ..engine.errors import ImageError, ParameterError
+from ..engine.session import Session
+from ..synthesis.exemplar.exemplar_op import MaterialOp
 
 if TYPE_CHECKING:
-    from ..atlas.mesh import Mesh
+    from ..surfaces.atlas.mesh import Mesh
 
 _LARGEST = 65536  # px of all tiles together
 _FINEST, _COARSEST = 0.5, 2.0  # width of a pixel of the photo, in pixels of the atlas
@@ -82,10 +82,10 @@ class Atlas(MaterialOp, Whole):
 
     def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The atlas and its source coordinates; a tuple of such mappings for several maps."""
-        from ..atlas.charts import Frames  # trimesh and its like are slow to import
-        from ..atlas.mesh import read_mesh
-        from ..atlas.normals import turned, turns
-        from ..atlas.synthesis import stack, synthesize
+        from ..surfaces.atlas.charts import Frames  # trimesh and its like are slow to import
+        from ..surfaces.atlas.mesh import read_mesh
+        from ..surfaces.atlas.normals import turned, turns
+        from ..surfaces.atlas.synthesis import stack, synthesize
 
         resources, progress = session.resources, session.progress
         if self.mesh is None:

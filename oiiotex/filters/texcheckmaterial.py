@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from .. import __version__
-from ..core.access import ScanThenMap
-from ..core.image import Image
-from ..core.op import Kind, Output, Space
-from ..core.parameters import Words, image, param
-from ..deferred import oiio
-from ..exemplar.materials import KINDS_HELP, kinds_of
-from ..session import Session
+from ..engine.core.access import ScanThenMap
+from ..engine.core.image import Image
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import Words, image, param
+from ..engine.deferred import oiio
+from ..engine.session import Session
+from ..synthesis.exemplar.materials import KINDS_HELP, kinds_of
 
 SCHEMA = "oiiotex.materialcheck/1"
 
@@ -85,7 +85,7 @@ class CheckMaterial(ScanThenMap):
         return ({**first, "report": lambda: self._report(images, kinds, session)}, *others)
 
     def _report(self, images: tuple[Image, ...], kinds: list[str], session: Session) -> dict[str, Any]:
-        from ..capture.material_checks import check_material, document  # not needed to parse the command line
+        from ..surfaces.capture.material_checks import check_material, document  # not needed to parse the command line
 
         found = document(*check_material(images, kinds, self.convention, session.resources, session.progress))
         failing = {"errors": ("error",), "warnings": ("error", "warning"), "none": ()}[self.fail]

@@ -7,22 +7,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..core.image import Image, Part, from_pixels, spec_beside
-from ..core.label_map import LabelMap
-from ..core.op import Kind, Output
-from ..core.parameters import Size, image, param
-from ..core.source_map import COPIED, ST
-from ..core.window import Domain, Window
-from ..deferred import np, oiio
-from ..exemplar.exemplar_masks import label_map
-from ..exemplar.exemplar_op import MASK
-from ..quality.report import REPORT, Quality
-from ..quality.reported_op import Reported
-from ..quilting.label_growth import cell_side, grow_labels
-from ..quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_whole
-from ..session import Session
-from ..session.progress import Progress
-from ..session.resources import Resources
+from ..engine.core.image import Image, Part, from_pixels, spec_beside
+from ..engine.core.label_map import LabelMap
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import Size, image, param
+from ..engine.core.source_map import COPIED, ST
+from ..engine.core.window import Domain, Window
+from ..engine.deferred import np, oiio
+from ..engine.session import Session
+from ..engine.session.progress import Progress
+from ..engine.session.resources import Resources
+from ..synthesis.exemplar.exemplar_masks import label_map
+from ..synthesis.exemplar.exemplar_op import MASK
+from ..synthesis.quality.report import REPORT, Quality
+from ..synthesis.quality.reported_op import Reported
+from ..synthesis.quilting.label_growth import cell_side, grow_labels
+from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_whole
 
 _CELL_BYTES = 400  # approximately, per cell of the grown map and per pixel of the original
 _PIXEL_BYTES = 24

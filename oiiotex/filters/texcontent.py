@@ -10,21 +10,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..charts.drawing import colored, shown_pixels
-from ..core.access import ScanThenMap
-from ..core.demand import cached
-from ..core.image import Image, Part, dtype_of
-from ..core.op import Kind, Output, Space
-from ..core.parameters import Numbers, image, param
-from ..core.window import Window
-from ..deferred import np
-from ..errors import ImageError, ParameterError
-from ..exemplar.exemplar_masks import label_levels, label_map
-from ..exemplar.exemplar_op import COARSEST, LABELS
-from ..labels.content_scan import Contents, scan_bytes
-from ..labels.content_table import histogram, key_of, patch_side
-from ..session import Session
-from ..session.resources import Resources
+from ..analysis.labels.content_scan import Contents, scan_bytes
+from ..analysis.labels.content_table import histogram, key_of, patch_side
+from ..engine.core.access import ScanThenMap
+from ..engine.core.demand import cached
+from ..engine.core.image import Image, Part, dtype_of
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import Numbers, image, param
+from ..engine.core.window import Window
+from ..engine.deferred import np
+from ..engine.errors import ImageError, ParameterError
+from ..engine.session import Session
+from ..engine.session.resources import Resources
+from ..surfaces.charts.drawing import colored, shown_pixels
+from ..synthesis.exemplar.exemplar_masks import label_levels, label_map
+from ..synthesis.exemplar.exemplar_op import COARSEST, LABELS
 
 log = logging.getLogger("oiiotex")
 
@@ -84,7 +84,11 @@ class Content(ScanThenMap):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The picture, and its data."""
-        from ..charts.content_chart import drawing_bytes, key_table, marked  # not needed to parse the command line
+        from ..surfaces.charts.content_chart import (  # not needed to parse the command line
+            drawing_bytes,
+            key_table,
+            marked,
+        )
 
         first = self.source.first
         labels = label_map(self.source, self.labels, self.level)

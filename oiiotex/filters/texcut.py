@@ -6,18 +6,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ..core.access import InBands
-from ..core.op import Kind, Output
-from ..core.parameters import Size, param
-from ..core.source_map import COPIED, ST, require_addressable
-from ..errors import ImageError
-from ..exemplar.exemplar_op import ExemplarOp
-from ..exemplar.photo_lattice import Structured, fitting_size, least_size
-from ..quality.report import REPORT, Quality
-from ..quality.reported_op import Reported
-from ..regularity.lattice import bytes_needed as lattice_bytes
-from ..session import Session
-from ..session.resources import Resources
+from ..analysis.regularity.lattice import bytes_needed as lattice_bytes
+from ..engine.core.access import InBands
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import Size, param
+from ..engine.core.source_map import COPIED, ST, require_addressable
+from ..engine.errors import ImageError
+from ..engine.session import Session
+from ..engine.session.resources import Resources
+from ..synthesis.exemplar.exemplar_op import ExemplarOp
+from ..synthesis.exemplar.photo_lattice import Structured, fitting_size, least_size
+from ..synthesis.quality.report import REPORT, Quality
+from ..synthesis.quality.reported_op import Reported
 
 _MASK_BYTES, _LAB_BYTES, _SEEN_BYTES = 3, 12, 28  # per pixel of the photo; _SEEN_BYTES where it is in memory
 
@@ -61,7 +61,11 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The texture and its source coordinates."""
-        from ..graphcut.placement import Layout, bytes_needed, graph_cut  # scipy is not loaded before it is needed
+        from ..synthesis.graphcut.placement import (  # scipy is not loaded before it is needed
+            Layout,
+            bytes_needed,
+            graph_cut,
+        )
 
         resources, progress = session.resources, session.progress
         spec = self.exemplar.first.spec

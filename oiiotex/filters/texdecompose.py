@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..color.lab import InLab, lens_of
-from ..core.access import ScanThenMap
-from ..core.image import Image
-from ..core.op import Kind, Output
-from ..core.parameters import image, param
-from ..labels.legend import LabelNames
-from ..labels.single_part import SINGLE, OnePart
-from ..session import Session
+from ..analysis.labels.legend import LabelNames
+from ..analysis.labels.single_part import SINGLE, OnePart
+from ..engine.color.lab import InLab, lens_of
+from ..engine.core.access import ScanThenMap
+from ..engine.core.image import Image
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import image, param
+from ..engine.session import Session
 
 if TYPE_CHECKING:
-    from ..segmentation.subtextures import DecompositionSettings
+    from ..analysis.segmentation.subtextures import DecompositionSettings
 
 WORKING_PIXELS = 1 << 20
 CLIQUES_THRESHOLD = 0.76  # of filter bank textons in discs of 48 px
@@ -139,8 +139,8 @@ class Decompose(OnePart, InLab, ScanThenMap):
         resources, progress = session.resources, session.progress
         self.require_single()
         names = None if self.names is None else LabelNames(self.names)
-        from ..color.lab_reduced import lab_pixels, reduction  # scipy is not loaded before it is needed
-        from ..segmentation.subtextures import decomposed, facts_of, label_map_of, memory_needed
+        from ..analysis.segmentation.subtextures import decomposed, facts_of, label_map_of, memory_needed
+        from ..engine.color.lab_reduced import lab_pixels, reduction  # scipy is not loaded before it is needed
 
         first = self.source.first
         width, height = first.window.width, first.window.height
@@ -166,7 +166,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
         }
 
     def _settings(self, pixels: int) -> DecompositionSettings:
-        from ..segmentation.subtextures import DecompositionSettings
+        from ..analysis.segmentation.subtextures import DecompositionSettings
 
         haar = self.features == "haar"
         radius = self.radius or (8.0 if haar else DecompositionSettings.radius)

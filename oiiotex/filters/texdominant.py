@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..color.lab import InLab
-from ..core.access import ScanThenMap
-from ..core.image import Image
-from ..core.op import Kind, Output
-from ..core.parameters import image, param
-from ..deferred import np
-from ..exemplar.exemplar_masks import masked_pixels
-from ..session import Session
+from ..engine.color.lab import InLab
+from ..engine.core.access import ScanThenMap
+from ..engine.core.image import Image
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import image, param
+from ..engine.deferred import np
+from ..engine.session import Session
+from ..synthesis.exemplar.exemplar_masks import masked_pixels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +106,7 @@ class Dominant(InLab, ScanThenMap):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The mask, and what other outputs are requested."""
-        from ..dominant.photo_mask import photo_mask  # scipy is not loaded before it is needed
+        from ..analysis.dominant.photo_mask import photo_mask  # scipy is not loaded before it is needed
 
         def allowed() -> np.ndarray | None:
             return None if self.mask is None else masked_pixels(self.mask, self.source)
@@ -117,7 +117,7 @@ class Dominant(InLab, ScanThenMap):
         )  # fmt: skip
 
         def chart() -> np.ndarray:
-            from ..charts.dominant_chart import diagnostics
+            from ..surfaces.charts.dominant_chart import diagnostics
 
             return diagnostics(found.texture)
 

@@ -6,15 +6,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..core.access import Gather
-from ..core.attributes import ESTIMATE, HEIGHT_PX
-from ..core.demand import PIECE_PIXELS, cached
-from ..core.image import Image, Part, channels_of, measure_spec
-from ..core.op import Kind, Output, Space
-from ..core.parameters import image, param
-from ..core.window import Window
-from ..deferred import np
-from ..session import Session
+from ..engine.core.access import Gather
+from ..engine.core.attributes import ESTIMATE, HEIGHT_PX
+from ..engine.core.demand import PIECE_PIXELS, cached
+from ..engine.core.image import Image, Part, channels_of, measure_spec
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import image, param
+from ..engine.core.window import Window
+from ..engine.deferred import np
+from ..engine.session import Session
 
 _HIGHEST = 1e12  # px, up or down: larger heights occlude no more, and squares of differences stay finite
 _RELIEF = 1 / 32  # of the longer side: height that a value of 1 stands for, unless given
@@ -50,7 +50,7 @@ class EstimateAO(Gather):
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The map, computed window by window on request."""
-        from ..capture.occlusion import heights_around, visible_sky  # not needed to parse the command line
+        from ..surfaces.capture.occlusion import heights_around, visible_sky  # not needed to parse the command line
 
         part = self.source.first
         said = part.spec.get_float_attribute(HEIGHT_PX, 0.0)  # PNG stores it as a string

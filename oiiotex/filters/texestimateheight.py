@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..color.config import color_space
-from ..color.lab import working_values
-from ..core.access import Whole
-from ..core.attributes import ESTIMATE, HEIGHT_PX
-from ..core.image import Image, Part, from_pixels, measure_spec
-from ..core.op import Kind, Output, Space
-from ..core.parameters import image, param
-from ..deferred import np
-from ..errors import ImageError, ParameterError, modifier
-from ..session import Session
+from ..engine.color.config import color_space
+from ..engine.color.lab import working_values
+from ..engine.core.access import Whole
+from ..engine.core.attributes import ESTIMATE, HEIGHT_PX
+from ..engine.core.image import Image, Part, from_pixels, measure_spec
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import image, param
+from ..engine.deferred import np
+from ..engine.errors import ImageError, ParameterError, modifier
+from ..engine.session import Session
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +82,7 @@ class EstimateHeight(Whole):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """Heights, and normals if requested."""
-        from ..capture.shading import (  # not needed to parse the command line
+        from ..surfaces.capture.shading import (  # not needed to parse the command line
             BYTES,
             has_two_albedos,
             luminance,

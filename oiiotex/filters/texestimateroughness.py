@@ -6,16 +6,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..color.lab import Lens, lens_of
-from ..core.access import ScanThenMap
-from ..core.attributes import ESTIMATE
-from ..core.image import Image, Part, channels_of, measure_spec
-from ..core.op import Kind, Output, Space
-from ..core.parameters import image, param
-from ..core.window import Window
-from ..deferred import np
-from ..session import Session
-from ..stationarity.grid_statistics import SplineSurface
+from ..analysis.stationarity.grid_statistics import SplineSurface
+from ..engine.color.lab import Lens, lens_of
+from ..engine.core.access import ScanThenMap
+from ..engine.core.attributes import ESTIMATE
+from ..engine.core.image import Image, Part, channels_of, measure_spec
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import image, param
+from ..engine.core.window import Window
+from ..engine.deferred import np
+from ..engine.session import Session
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,8 +52,8 @@ class EstimateRoughness(ScanThenMap):
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The map."""
-        from ..capture.fine_detail import fine_detail  # not needed to parse the command line
-        from ..drift.drift_field import drift_of
+        from ..analysis.drift.drift_field import drift_of
+        from ..surfaces.capture.fine_detail import fine_detail  # not needed to parse the command line
 
         part = self.source.first
         lens = lens_of(self.source, session.resources, self.working_space)

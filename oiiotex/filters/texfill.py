@@ -7,21 +7,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..core.access import InBands
-from ..core.image import Image
-from ..core.op import Kind, Output, Space
-from ..core.parameters import Numbers, Parameter, image, param
-from ..core.source_map import ST
-from ..core.window import Window
-from ..drift.flattening import DRIFT
-from ..errors import ImageError, ParameterError, modifier, whole_budget
-from ..exemplar.exemplar_op import MaterialOp
-from ..exemplar.heights import RELEVEL
-from ..exemplar.patch_synthesis import PATCH_HELP, PATCHES
-from ..quality.report import REPORT
-from ..quality.reported_op import Reported
-from ..session import Session
-from ..session.resources import Resources
+from ..analysis.drift.flattening import DRIFT
+from ..engine.core.access import InBands
+from ..engine.core.image import Image
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import Numbers, Parameter, image, param
+from ..engine.core.source_map import ST
+from ..engine.core.window import Window
+from ..engine.errors import ImageError, ParameterError, modifier, whole_budget
+from ..engine.session import Session
+from ..engine.session.resources import Resources
+from ..synthesis.exemplar.exemplar_op import MaterialOp
+from ..synthesis.exemplar.heights import RELEVEL
+from ..synthesis.exemplar.patch_synthesis import PATCH_HELP, PATCHES
+from ..synthesis.quality.report import REPORT
+from ..synthesis.quality.reported_op import Reported
 
 PATCH = 11
 _LAB_BYTES = 12  # for each pixel of a map
@@ -145,7 +145,7 @@ class Fill(Reported, MaterialOp, InBands):
 
     def compute(self, session: Session) -> tuple[dict[str, Any], ...]:
         """The filled photo with its source coordinates, as one mapping for each map."""
-        from ..fill.region_fill import RegionFill  # not needed for help
+        from ..synthesis.fill.region_fill import RegionFill  # not needed for help
 
         self._check()
         with whole_budget(session.resources.budget):  # they are told what is left of it

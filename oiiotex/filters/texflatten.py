@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
-from ..core.access import ScanThenMap
-from ..core.image import Image, Part, derived_spec
-from ..core.op import Kind, Output, Space
-from ..core.parameters import image, param
-from ..drift.flattening import DEFAULT_RADIUS, DRIFT, DRIFT_HELP, Flattening
-from ..exemplar.exemplar_masks import masked_pixels
-from ..exemplar.exemplar_op import MASK
-from ..session import Session
+from ..analysis.drift.flattening import DEFAULT_RADIUS, DRIFT, DRIFT_HELP, Flattening
+from ..engine.core.access import ScanThenMap
+from ..engine.core.image import Image, Part, derived_spec
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import image, param
+from ..engine.session import Session
+from ..synthesis.exemplar.exemplar_masks import masked_pixels
+from ..synthesis.exemplar.exemplar_op import MASK
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,22 +10,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..charts.drawing import sampled, shown_pixels
-from ..charts.graph_chart import Node, drawn_graph
-from ..color.config import as_float
-from ..color.lab import in_type
-from ..core.access import Whole
-from ..core.demand import bands
-from ..core.image import Image, Part, cropped, derived_spec, dtype_of, from_pixels, resized
-from ..core.op import Kind, Output, Space
-from ..core.parameters import Numbers, Parameter, image, param
-from ..core.window import Window
-from ..deferred import np
-from ..errors import ImageError, ParameterError, present
-from ..io.reading import read
-from ..multiscale.graph import LOOP_R, Graph, parse_graph
-from ..multiscale.infinite_plane import graph_images
-from ..session import Session
+from ..engine.color.config import as_float
+from ..engine.color.lab import in_type
+from ..engine.core.access import Whole
+from ..engine.core.demand import bands
+from ..engine.core.image import Image, Part, cropped, derived_spec, dtype_of, from_pixels, resized
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import Numbers, Parameter, image, param
+from ..engine.core.window import Window
+from ..engine.deferred import np
+from ..engine.errors import ImageError, ParameterError, present
+from ..engine.io.reading import read
+from ..engine.session import Session
+from ..surfaces.charts.drawing import sampled, shown_pixels
+from ..surfaces.charts.graph_chart import Node, drawn_graph
+from ..synthesis.multiscale.graph import LOOP_R, Graph, parse_graph
+from ..synthesis.multiscale.infinite_plane import graph_images
 
 _OCTAVES = 3  # between photos, by default
 _LEAST = 16  # px; an exemplar's side

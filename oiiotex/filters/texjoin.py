@@ -9,16 +9,16 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, ClassVar
 
-from ..core.access import ScanThenMap
-from ..core.attributes import PLANE
-from ..core.demand import bands
-from ..core.image import Image, Part, derived_spec, dtype_of
-from ..core.op import Kind, Output, Space
-from ..core.parameters import image
-from ..core.window import Window
-from ..deferred import np
-from ..errors import ImageError
-from ..session import Session
+from ..engine.core.access import ScanThenMap
+from ..engine.core.attributes import PLANE
+from ..engine.core.demand import bands
+from ..engine.core.image import Image, Part, derived_spec, dtype_of
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import image
+from ..engine.core.window import Window
+from ..engine.deferred import np
+from ..engine.errors import ImageError
+from ..engine.session import Session
 
 # parameters in which crops of one image may differ
 _APART = ("chunk", "window", "resume", "graph", "stmap", "report", "fail")

@@ -6,17 +6,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from ..color.config import as_float, color_space
-from ..color.lab import Lens, divisor, lens_for
-from ..core.access import Pointwise
-from ..core.attributes import TAG
-from ..core.image import Channels, Image, Part, channels_of, derived_spec
-from ..core.op import Kind, Output, Space
-from ..core.parameters import image, param
-from ..core.window import Window
-from ..deferred import np, oiio
-from ..errors import COLORSPACE, ColorError, ImageError, ParameterError, modifier
-from ..session import Session
+from ..engine.color.config import as_float, color_space
+from ..engine.color.lab import Lens, divisor, lens_for
+from ..engine.core.access import Pointwise
+from ..engine.core.attributes import TAG
+from ..engine.core.image import Channels, Image, Part, channels_of, derived_spec
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import image, param
+from ..engine.core.window import Window
+from ..engine.deferred import np, oiio
+from ..engine.errors import COLORSPACE, ColorError, ImageError, ParameterError, modifier
+from ..engine.session import Session
 
 FROM = "oiiotex:labFrom"  # attribute: the color space before the conversion
 

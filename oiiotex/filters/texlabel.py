@@ -10,20 +10,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..color.lab import InLab, lens_of
-from ..core.access import ScanThenMap
-from ..core.image import Image, Part
-from ..core.label_map import LabelMap
-from ..core.op import Kind, Output
-from ..core.parameters import image, param
-from ..core.window import Window
-from ..deferred import np, oiio
-from ..labels.legend import LabelNames
-from ..labels.single_part import SINGLE, OnePart
-from ..session import Session
+from ..analysis.labels.legend import LabelNames
+from ..analysis.labels.single_part import SINGLE, OnePart
+from ..engine.color.lab import InLab, lens_of
+from ..engine.core.access import ScanThenMap
+from ..engine.core.image import Image, Part
+from ..engine.core.label_map import LabelMap
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import image, param
+from ..engine.core.window import Window
+from ..engine.deferred import np, oiio
+from ..engine.session import Session
 
 if TYPE_CHECKING:
-    from ..labels.scales import LabelLevel, LabelMaps
+    from ..analysis.labels.scales import LabelLevel, LabelMaps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,8 +157,8 @@ class Label(OnePart, InLab, ScanThenMap):
         """Label parts, finest first, and what other outputs are requested."""
         self.require_single()
         names = None if self.names is None else LabelNames(self.names)
-        from ..labels.scales import LabelSettings, label_maps  # scipy is not loaded before it is needed
-        from ..segmentation.superpixel_subtextures import superpixel_subtextures
+        from ..analysis.labels.scales import LabelSettings, label_maps  # scipy is not loaded before it is needed
+        from ..analysis.segmentation.superpixel_subtextures import superpixel_subtextures
 
         lens = lens_of(self.source, session.resources, self.working_space)
         settings = LabelSettings(
@@ -175,7 +175,7 @@ class Label(OnePart, InLab, ScanThenMap):
         if self.coarsest:
             coarsest.append(functools.partial(superpixel_subtextures, count=self.labels))
         if self.materials:
-            from ..segmentation.superpixel_materials import superpixel_materials
+            from ..analysis.segmentation.superpixel_materials import superpixel_materials
 
             coarsest.append(superpixel_materials)
         maps = label_maps(
@@ -198,7 +198,7 @@ class Label(OnePart, InLab, ScanThenMap):
 
 def label_map(like: Part, maps: LabelMaps, n: int) -> LabelMap:
     """Label map of level n in the image's windows."""
-    from ..superpixels import superpixels
+    from ..analysis.superpixels import superpixels
 
     level = maps.levels[n - 1]
     part = superpixels.label_part(like, maps.superpixels.runs.relabeled(level.labels - 1))
@@ -210,7 +210,7 @@ def _soft_part(like: Part, maps: LabelMaps, n: int, quantity: str) -> Part:
 
     They apply to the level's labels before these are intersected with coarser labels.
     """
-    from ..superpixels import superpixels
+    from ..analysis.superpixels import superpixels
 
     level = maps.levels[n - 1]
     groups = superpixels.label_part(like, maps.superpixels.runs.relabeled(level.groups))

@@ -6,16 +6,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..charts.drawing import Sheet, colored, label_tree, sampled, shown_pixels
-from ..core.access import ScanThenMap
-from ..core.attributes import SIGMA, SUPERPIXELS
-from ..core.image import Image
-from ..core.label_map import LabelMap, holds_ids, label_maps, required_ids
-from ..core.op import Kind, Output, Space
-from ..core.parameters import image, param
-from ..deferred import np
-from ..errors import ImageError, either, texture_filter
-from ..session import Session
+from ..engine.core.access import ScanThenMap
+from ..engine.core.attributes import SIGMA, SUPERPIXELS
+from ..engine.core.image import Image
+from ..engine.core.label_map import LabelMap, holds_ids, label_maps, required_ids
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import image, param
+from ..engine.deferred import np
+from ..engine.errors import ImageError, either, texture_filter
+from ..engine.session import Session
+from ..surfaces.charts.drawing import Sheet, colored, label_tree, sampled, shown_pixels
 
 
 @dataclass(frozen=True, kw_only=True)

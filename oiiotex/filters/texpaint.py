@@ -9,24 +9,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..core.demand import MadeRows, SomeRows
-from ..core.image import Image, Part
-from ..core.label_map import opened_level
-from ..core.op import Kind, Output
-from ..core.parameters import Size, image, param
-from ..core.source_map import COPIED, ST
-from ..core.window import Window
-from ..deferred import np, oiio
-from ..errors import ParameterError, present
-from ..exemplar.exemplar_masks import label_levels
-from ..graphcut.seam_overlay import TILE, SeamOverlay
-from ..quality.report import REPORT, Quality
-from ..quality.reported_op import Reported
-from ..quilting.guide_map import SOFT, Meaning, Table, meaning_of, read_table
-from ..quilting.label_painting import painted_labels, painting_arrays, read_begun
-from ..quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts
-from ..quilting.quilter import Quilt
-from ..session import Session
+from ..engine.core.demand import MadeRows, SomeRows
+from ..engine.core.image import Image, Part
+from ..engine.core.label_map import opened_level
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import Size, image, param
+from ..engine.core.source_map import COPIED, ST
+from ..engine.core.window import Window
+from ..engine.deferred import np, oiio
+from ..engine.errors import ParameterError, present
+from ..engine.session import Session
+from ..synthesis.exemplar.exemplar_masks import label_levels
+from ..synthesis.graphcut.seam_overlay import TILE, SeamOverlay
+from ..synthesis.quality.report import REPORT, Quality
+from ..synthesis.quality.reported_op import Reported
+from ..synthesis.quilting.guide_map import SOFT, Meaning, Table, meaning_of, read_table
+from ..synthesis.quilting.label_painting import painted_labels, painting_arrays, read_begun
+from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts
+from ..synthesis.quilting.quilter import Quilt
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +107,7 @@ class Paint(Reported, Quilted):
             guide = Image((_overpainted(base, ids, painted),), self.fine.source)
             sewing = self._sewing(level - 1, guide, size, table, "fine_", resources.budget)
             layers["fine_"] = over = sewing.quilt(seen, resources, next(stages))
-            from ..graphcut.photo import Photo
+            from ..synthesis.graphcut.photo import Photo
 
             lab = Photo.of(seen.values, None, resources.budget).lab
             joined = SeamOverlay(

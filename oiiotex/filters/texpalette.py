@@ -8,24 +8,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..charts.paint_chips import paint_chips
-from ..core.access import InBands
-from ..core.label_map import LabelMap
-from ..core.op import Kind, Output
-from ..core.parameters import param
-from ..core.source_map import ST, SourceMap
-from ..core.window import Window
-from ..deferred import np
-from ..exemplar.exemplar_masks import label_levels, label_map
-from ..exemplar.exemplar_op import ExemplarPixels, LabeledExemplar
-from ..io.paint_palette import Swatch
-from ..labels.content_scan import CELL, areas_of, fullest_windows
-from ..labels.content_table import largest_window
-from ..labels.legend import Legend
-from ..patchmatch.optimization import synthesize
-from ..patchmatch.recipe import Recipe
-from ..session import Session
-from ..session.resources import Resources
+from ..analysis.labels.content_scan import CELL, areas_of, fullest_windows
+from ..analysis.labels.content_table import largest_window
+from ..analysis.labels.legend import Legend
+from ..engine.core.access import InBands
+from ..engine.core.label_map import LabelMap
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import param
+from ..engine.core.source_map import ST, SourceMap
+from ..engine.core.window import Window
+from ..engine.deferred import np
+from ..engine.io.paint_palette import Swatch
+from ..engine.session import Session
+from ..engine.session.resources import Resources
+from ..surfaces.charts.paint_chips import paint_chips
+from ..synthesis.exemplar.exemplar_masks import label_levels, label_map
+from ..synthesis.exemplar.exemplar_op import ExemplarPixels, LabeledExemplar
+from ..synthesis.patchmatch.optimization import synthesize
+from ..synthesis.patchmatch.recipe import Recipe
 
 _PATCHES = (11, 9, 7, 5)  # px
 _REACH = 1024  # px: least side of the window of the photo from which a swatch is synthesized
@@ -145,7 +145,7 @@ class Palette(LabeledExemplar, InBands):
         number: int,
     ) -> SourceMap:  # fmt: skip
         """Texture of one label: by PatchMatch, or by graph cut where the label is too narrow for whole patches."""
-        from ..graphcut.placement import Layout, graph_cut  # scipy is not loaded before it is needed
+        from ..synthesis.graphcut.placement import Layout, graph_cut  # scipy is not loaded before it is needed
 
         down, across = window.inside(Window(0, 0, 0, 0))
         allowed = labels.part.read(window.shifted(labels.part.spec.x, labels.part.spec.y))[..., 0] == label

@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..core.parameters import param
-from ..exemplar.patch_synthesis import PatchSynthesis
-from ..patchmatch.recipe import Recipe
+from ..engine.core.parameters import param
+from ..synthesis.exemplar.patch_synthesis import PatchSynthesis
+from ..synthesis.patchmatch.recipe import Recipe
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,21 +8,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
-from ..color.lab import in_type
-from ..core.access import Whole
-from ..core.image import Image, Part, channels_of, derived_spec, dtype_of, from_pixels, spec_beside
-from ..core.op import Kind, Output, Space
-from ..core.parameters import image, param
-from ..core.window import Window
-from ..deferred import np
-from ..errors import ImageError, ParameterError
-from ..io.reading import read
-from ..session import Session
+from ..engine.color.lab import in_type
+from ..engine.core.access import Whole
+from ..engine.core.image import Image, Part, channels_of, derived_spec, dtype_of, from_pixels, spec_beside
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import image, param
+from ..engine.core.window import Window
+from ..engine.deferred import np
+from ..engine.errors import ImageError, ParameterError
+from ..engine.io.reading import read
+from ..engine.session import Session
 
 if TYPE_CHECKING:
-    from ..motion.clean_plate import PlateLayout
-    from ..motion.frame_motion import Shot
-    from ..motion.tracking import SeenFrame
+    from ..surfaces.motion.clean_plate import PlateLayout
+    from ..surfaces.motion.frame_motion import Shot
+    from ..surfaces.motion.tracking import SeenFrame
 
 _COPIES = 5  # of a plate in memory while it is assembled: sum, result and the samples of a frame
 
@@ -85,8 +85,8 @@ class Plate(Whole):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The plate, the pixels to fill, and the motion."""
-        from ..motion.clean_plate import laid_out, region_points
-        from ..motion.frame_motion import stored
+        from ..surfaces.motion.clean_plate import laid_out, region_points
+        from ..surfaces.motion.frame_motion import stored
 
         shown = self._frames()
         display = Window.display(self.source.first.spec)
@@ -105,7 +105,7 @@ class Plate(Whole):
 
     def _frames(self) -> dict[int, tuple[str, str]]:
         """Files of the frame and of the region by number, the reference frame first; '': as on the stack."""
-        from ..motion.frame_files import files, frame_range, numbered
+        from ..surfaces.motion.frame_files import files, frame_range, numbered
 
         number = numbered(self.source.source)
         if not self.frames:
@@ -123,7 +123,7 @@ class Plate(Whole):
         self, shown: dict[int, tuple[str, str]], display: Window
     ) -> Iterator[tuple[int, tuple[Part, np.ndarray]]]:
         """Each frame with its region, (h, w) bool."""
-        from ..motion.frame_files import region_of
+        from ..surfaces.motion.frame_files import region_of
 
         for number, (picture, mask) in shown.items():
             part = read(picture).first if picture else self.source.first
@@ -135,7 +135,7 @@ class Plate(Whole):
             yield number, (part, region)
 
     def _values(self, part: Part, number: int, display: Window) -> np.ndarray:
-        from ..motion.frame_files import values_of
+        from ..surfaces.motion.frame_files import values_of
 
         if part.spec.channelnames != self.source.first.spec.channelnames:
             names = ", ".join(part.spec.channelnames)
@@ -144,9 +144,9 @@ class Plate(Whole):
 
     def _motion(self, numbers: list[int], regions: dict[int, np.ndarray], display: Window, session: Session) -> Shot:
         """From each frame to a common plane."""
-        from ..motion.frame_files import siblings
-        from ..motion.frame_motion import FrameMotion, read_shot
-        from ..motion.given_motion import after, of_st_map
+        from ..surfaces.motion.frame_files import siblings
+        from ..surfaces.motion.frame_motion import FrameMotion, read_shot
+        from ..surfaces.motion.given_motion import after, of_st_map
 
         given = numbers[0]
         if self.motion is None:
@@ -178,8 +178,8 @@ class Plate(Whole):
 
     def _tracked(self, numbers: list[int], regions: dict[int, np.ndarray], display: Window, session: Session) -> Shot:
         """The motion tracked from the reference frame, forward and backward in time."""
-        from ..motion.frame_motion import FrameMotion
-        from ..motion.tracking import SeenFrame, gray_view, surroundings, tracked
+        from ..surfaces.motion.frame_motion import FrameMotion
+        from ..surfaces.motion.tracking import SeenFrame, gray_view, surroundings, tracked
 
         if len(numbers) == 1:
             return {numbers[0]: FrameMotion(np.eye(3))}
@@ -212,7 +212,7 @@ class Plate(Whole):
         session: Session,
     ) -> tuple[dict[str, Part], np.ndarray | None]:
         """The plate with the pixels to fill, and the grain of the shot."""
-        from ..motion.clean_plate import assembled
+        from ..surfaces.motion.clean_plate import assembled
 
         first, window = self.source.first, layout.window
         need = _COPIES * 4 * (first.spec.nchannels + 2) * window.width * window.height

@@ -7,17 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..charts.tile_preview import PreviewPanel, bytes_needed, laid, look_through, plane, reduced
-from ..color.lab import in_type
-from ..core.access import Gather
-from ..core.demand import materialized
-from ..core.image import Image, Part, derived_spec, dtype_of
-from ..core.op import Kind, Output, Space
-from ..core.parameters import Words, image, param
-from ..core.window import Window
-from ..deferred import np
-from ..errors import ImageError, ParameterError, present
-from ..session import Session
+from ..engine.color.lab import in_type
+from ..engine.core.access import Gather
+from ..engine.core.demand import materialized
+from ..engine.core.image import Image, Part, derived_spec, dtype_of
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import Words, image, param
+from ..engine.core.window import Window
+from ..engine.deferred import np
+from ..engine.errors import ImageError, ParameterError, present
+from ..engine.session import Session
+from ..surfaces.charts.tile_preview import PreviewPanel, bytes_needed, laid, look_through, plane, reduced
 
 PANELS = ("exemplar", "seamless", "2x2", "3x3", "plane")
 _OF_EXEMPLAR = ("exemplar", "seamless")

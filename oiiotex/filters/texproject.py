@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from ..color.config import as_float
-from ..color.lab import in_type
-from ..core.access import Whole
-from ..core.image import Image, Part, channels_of, derived_spec, dtype_of
-from ..core.op import Kind, Output, Space
-from ..core.parameters import image, param
-from ..core.window import Window
-from ..deferred import np
-from ..errors import ImageError, ParameterError
-from ..session import Session
+from ..engine.color.config import as_float
+from ..engine.color.lab import in_type
+from ..engine.core.access import Whole
+from ..engine.core.image import Image, Part, channels_of, derived_spec, dtype_of
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import image, param
+from ..engine.core.window import Window
+from ..engine.deferred import np
+from ..engine.errors import ImageError, ParameterError
+from ..engine.session import Session
 
 if TYPE_CHECKING:
-    from ..motion.frame_motion import FrameMotion
+    from ..surfaces.motion.frame_motion import FrameMotion
 
 _COPIES = 6  # of frame and plate in memory
 
@@ -56,8 +56,8 @@ class Project(Whole):
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The frame with the plate in its region."""
-        from ..motion.frame_files import region_of, values_of
-        from ..motion.rendering import rendered
+        from ..surfaces.motion.frame_files import region_of, values_of
+        from ..surfaces.motion.rendering import rendered
 
         part, plate = self.source.first, self.plate.first
         motion = self._motion(session)
@@ -110,7 +110,7 @@ class Project(Whole):
         return {"frame": replace(part, spec=derived_spec(part.spec), fetch=fetch, levels=(), thumbnail=None)}
 
     def _motion(self, session: Session) -> FrameMotion:
-        from ..motion.frame_motion import FrameMotion, read_shot
+        from ..surfaces.motion.frame_motion import FrameMotion, read_shot
 
         if self.motion is None:
             return FrameMotion(np.eye(3))

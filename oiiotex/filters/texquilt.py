@@ -7,19 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..core.image import Image, Part
-from ..core.op import Kind, Output
-from ..core.parameters import image, param
-from ..core.source_map import COPIED, ST
-from ..errors import ImageError, ParameterError, modifier, present
-from ..exemplar.exemplar_op import LABEL, MASK
-from ..exemplar.photo_lattice import Structured
-from ..quality.report import REPORT, Quality
-from ..quality.reported_op import Reported
-from ..quilting.guide_map import SOFT, meaning_of, read_table
-from ..quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts, sewn_whole
-from ..quilting.quilt_plan import MOST_PATCH, Plan, Renderer
-from ..session import Session
+from ..engine.core.image import Image, Part
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import image, param
+from ..engine.core.source_map import COPIED, ST
+from ..engine.errors import ImageError, ParameterError, modifier, present
+from ..engine.session import Session
+from ..synthesis.exemplar.exemplar_op import LABEL, MASK
+from ..synthesis.exemplar.photo_lattice import Structured
+from ..synthesis.quality.report import REPORT, Quality
+from ..synthesis.quality.reported_op import Reported
+from ..synthesis.quilting.guide_map import SOFT, meaning_of, read_table
+from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts, sewn_whole
+from ..synthesis.quilting.quilt_plan import MOST_PATCH, Plan, Renderer
 
 
 @dataclass(frozen=True, kw_only=True)

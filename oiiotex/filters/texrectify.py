@@ -10,19 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..capture.homography import aspect_of, homography, require_quadrangle, sides_of
-from ..color.config import as_float
-from ..color.lab import in_type, working_values
-from ..core.access import Gather
-from ..core.demand import materialized
-from ..core.image import Image, Part, derived_spec, dtype_of, pixels_of, spec_beside
-from ..core.op import Kind, Output, Space
-from ..core.parameters import Numbers, Size, image, param
-from ..core.source_map import STMAP
-from ..core.window import Window, warp_needs
-from ..deferred import np, oiio
-from ..errors import ImageError, ParameterError
-from ..session import Session
+from ..engine.color.config import as_float
+from ..engine.color.lab import in_type, working_values
+from ..engine.core.access import Gather
+from ..engine.core.demand import materialized
+from ..engine.core.image import Image, Part, derived_spec, dtype_of, pixels_of, spec_beside
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import Numbers, Size, image, param
+from ..engine.core.source_map import STMAP
+from ..engine.core.window import Window, warp_needs
+from ..engine.deferred import np, oiio
+from ..engine.errors import ImageError, ParameterError
+from ..engine.session import Session
+from ..surfaces.capture.homography import aspect_of, homography, require_quadrangle, sides_of
 
 log = logging.getLogger("oiiotex")
 
@@ -130,7 +130,11 @@ class Rectify(Gather):
             corners = np.array(self.corners, float).reshape(4, 2)
             require_quadrangle(corners)
             return corners, None
-        from ..capture.slanted_lattice import is_sheared, largest_rectangle, slanted_lattice  # only without corners
+        from ..surfaces.capture.slanted_lattice import (  # only without corners
+            is_sheared,
+            largest_rectangle,
+            slanted_lattice,
+        )
 
         spec = self.source.first.spec
         session.resources.require(

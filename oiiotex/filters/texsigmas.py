@@ -9,17 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..charts.drawing import Sheet, srgb_of
-from ..color.lab import InLab, working_values
-from ..core.access import Whole
-from ..core.image import Image
-from ..core.op import Kind, Output
-from ..core.parameters import Size, image, param
-from ..deferred import np
-from ..exemplar.exemplar_op import SEED, ExemplarPixels
-from ..exemplar.sigma_scale import Scale, SigmaTiles, perceived_scale, require_tiles, variation
-from ..session import Session
-from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
+from ..analysis.stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
+from ..engine.color.lab import InLab, working_values
+from ..engine.core.access import Whole
+from ..engine.core.image import Image
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import Size, image, param
+from ..engine.deferred import np
+from ..engine.session import Session
+from ..surfaces.charts.drawing import Sheet, srgb_of
+from ..synthesis.exemplar.exemplar_op import SEED, ExemplarPixels
+from ..synthesis.exemplar.sigma_scale import Scale, SigmaTiles, perceived_scale, require_tiles, variation
 from . import op_named
 
 _BYTES = 30  # for each pixel of the photo, while it is reduced

@@ -6,15 +6,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..color.lab import InLab, lens_of
-from ..core.access import ScanThenMap
-from ..core.image import Image, Part, measure_spec
-from ..core.op import Kind, Output
-from ..core.parameters import image, param
-from ..session import Session
-from ..stationarity.grid_statistics import SplineSurface
-from ..stationarity.measures import MEASURE, MEASURES, ORDER, cost_text, order_of
-from ..stationarity.stationarity_map import deviation_of
+from ..analysis.stationarity.grid_statistics import SplineSurface
+from ..analysis.stationarity.measures import MEASURE, MEASURES, ORDER, cost_text, order_of
+from ..analysis.stationarity.stationarity_map import deviation_of
+from ..engine.color.lab import InLab, lens_of
+from ..engine.core.access import ScanThenMap
+from ..engine.core.image import Image, Part, measure_spec
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import image, param
+from ..engine.session import Session
 
 COST = "oiiotex:stationarity"  # the attribute that holds the cost of the whole image
 

@@ -7,19 +7,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..color.lab import lens_of
-from ..core.image import Image, Part
-from ..core.op import Output
-from ..core.parameters import image, param
-from ..deferred import np
-from ..drift.flattening import DRIFT, DRIFT_HELP, Flattening, correction_part
-from ..errors import ParameterError, spelled, texture_filter
-from ..exemplar.constraint_images import SIGMAMAP, sigmas_of
-from ..exemplar.exemplar_masks import mask_of
-from ..exemplar.exemplar_op import ExemplarPixels
-from ..exemplar.patch_synthesis import PATCH, PatchSynthesis
-from ..exemplar.photo_lattice import STRUCTURE
-from ..exemplar.presets import (
+from ..analysis.drift.flattening import DRIFT, DRIFT_HELP, Flattening, correction_part
+from ..analysis.stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
+from ..engine.color.lab import lens_of
+from ..engine.core.image import Image, Part
+from ..engine.core.op import Output
+from ..engine.core.parameters import image, param
+from ..engine.deferred import np
+from ..engine.errors import ParameterError, spelled, texture_filter
+from ..engine.io.disk_cache import hash_of
+from ..engine.session import Session
+from ..engine.session.progress import Progress
+from ..engine.session.resources import Resources
+from ..synthesis.exemplar.constraint_images import SIGMAMAP, sigmas_of
+from ..synthesis.exemplar.exemplar_masks import mask_of
+from ..synthesis.exemplar.exemplar_op import ExemplarPixels
+from ..synthesis.exemplar.patch_synthesis import PATCH, PatchSynthesis
+from ..synthesis.exemplar.photo_lattice import STRUCTURE
+from ..synthesis.exemplar.presets import (
     CLEAN,
     CONTRAST,
     KEEP_SIGMA_SHARE,
@@ -30,13 +35,8 @@ from ..exemplar.presets import (
     SIGMA_SHARE,
     filled,
 )
-from ..exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
-from ..io.disk_cache import hash_of
-from ..patchmatch.recipe import Recipe
-from ..session import Session
-from ..session.progress import Progress
-from ..session.resources import Resources
-from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
+from ..synthesis.exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
+from ..synthesis.patchmatch.recipe import Recipe
 
 PAPER_PATCH = 11
 _DOMINANT_SHARE = 1  # time for the mask of preset=clean, relative to the synthesis

@@ -6,17 +6,24 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from ..color.lab import InLab, lens_of
-from ..core.access import ScanThenMap
-from ..core.attributes import SIGMA, SUPERPIXELS
-from ..core.image import Image, Part
-from ..core.op import Kind, Output
-from ..core.parameters import image, param
-from ..deferred import np, oiio
-from ..errors import ParameterError, present
-from ..session import Session
-from ..superpixels.hierarchy import Hierarchy, hierarchy
-from ..superpixels.superpixels import COMPACTNESS, ITERATIONS, LEAST_SIGMA, Superpixels, label_part, superpixels
+from ..analysis.superpixels.hierarchy import Hierarchy, hierarchy
+from ..analysis.superpixels.superpixels import (
+    COMPACTNESS,
+    ITERATIONS,
+    LEAST_SIGMA,
+    Superpixels,
+    label_part,
+    superpixels,
+)
+from ..engine.color.lab import InLab, lens_of
+from ..engine.core.access import ScanThenMap
+from ..engine.core.attributes import SIGMA, SUPERPIXELS
+from ..engine.core.image import Image, Part
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import image, param
+from ..engine.deferred import np, oiio
+from ..engine.errors import ParameterError, present
+from ..engine.session import Session
 
 
 @dataclass(frozen=True, kw_only=True)

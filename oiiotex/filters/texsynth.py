@@ -8,23 +8,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..color.lab_grid import FINE_STEPS
-from ..core.attributes import PLANE, WINDOW, note
-from ..core.image import Part, spec_beside
-from ..core.op import Kind, Output
-from ..core.parameters import Size, param
-from ..core.source_map import ST, SourceMap
-from ..core.window import Domain, Window
-from ..deferred import np, oiio
-from ..errors import ParameterError, modifier
-from ..exemplar.photo_lattice import Structured, fitting_size
-from ..multiscale.graph import Graph
-from ..multiscale.infinite_plane import Plane, States
-from ..multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
-from ..multiscale.synthesizer import MOST_LEVEL
-from ..quality.report import REPORT, Quality
-from ..regularity.offset_prices import InStep
-from ..session import Session
+from ..analysis.regularity.offset_prices import InStep
+from ..engine.color.lab_grid import FINE_STEPS
+from ..engine.core.attributes import PLANE, WINDOW, note
+from ..engine.core.image import Part, spec_beside
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import Size, param
+from ..engine.core.source_map import ST, SourceMap
+from ..engine.core.window import Domain, Window
+from ..engine.deferred import np, oiio
+from ..engine.errors import ParameterError, modifier
+from ..engine.session import Session
+from ..synthesis.exemplar.photo_lattice import Structured, fitting_size
+from ..synthesis.multiscale.graph import Graph
+from ..synthesis.multiscale.infinite_plane import Plane, States
+from ..synthesis.multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
+from ..synthesis.multiscale.synthesizer import MOST_LEVEL
+from ..synthesis.quality.report import REPORT, Quality
 
 _WINDOW = re.compile(r"([1-9]\d*)x([1-9]\d*)([+-]\d+)([+-]\d+)", re.ASCII)
 _SHARE = re.compile(r"([1-9]\d{0,9})/([1-9]\d{0,9})", re.ASCII)

@@ -6,15 +6,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ..charts.drawing import PAPER, Sheet, sampled, shown_pixels
-from ..color.lab import InLab
-from ..core.access import Whole
-from ..core.image import Image
-from ..core.op import Kind, Op, Output
-from ..core.parameters import Words, image, nearest, param
-from ..deferred import np
-from ..errors import ParameterError, texture_filter
-from ..session import Session
+from ..engine.color.lab import InLab
+from ..engine.core.access import Whole
+from ..engine.core.image import Image
+from ..engine.core.op import Kind, Op, Output
+from ..engine.core.parameters import Words, image, nearest, param
+from ..engine.deferred import np
+from ..engine.errors import ParameterError, texture_filter
+from ..engine.session import Session
+from ..surfaces.charts.drawing import PAPER, Sheet, sampled, shown_pixels
 from . import op_named
 
 _FIXED = (

@@ -6,16 +6,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..core.access import Gather
-from ..core.demand import bands
-from ..core.image import Image, Part, derived_spec, dtype_of
-from ..core.op import Kind, Output, Space
-from ..core.parameters import image
-from ..core.source_map import SourceMap, Sources
-from ..core.window import Window
-from ..deferred import np
-from ..errors import ImageError
-from ..session import Session
+from ..engine.core.access import Gather
+from ..engine.core.demand import bands
+from ..engine.core.image import Image, Part, derived_spec, dtype_of
+from ..engine.core.op import Kind, Output, Space
+from ..engine.core.parameters import image
+from ..engine.core.source_map import SourceMap, Sources
+from ..engine.core.window import Window
+from ..engine.deferred import np
+from ..engine.errors import ImageError
+from ..engine.session import Session
 
 
 @dataclass(frozen=True, kw_only=True)

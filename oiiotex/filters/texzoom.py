@@ -10,20 +10,20 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..charts.drawing import shown_pixels
-from ..core.image import Part
-from ..core.op import Kind, Output
-from ..core.parameters import Numbers, Size, param
-from ..core.window import Window
-from ..deferred import np
-from ..errors import ParameterError
-from ..multiscale.graph import LOOP_R, Graph
-from ..multiscale.infinite_plane import Plane
-from ..multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
-from ..multiscale.synthesizer import MOST_LEVEL
-from ..multiscale.zoom import Zoomed, views
-from ..quality.report import REPORT, Quality
-from ..session import Session
+from ..engine.core.image import Part
+from ..engine.core.op import Kind, Output
+from ..engine.core.parameters import Numbers, Size, param
+from ..engine.core.window import Window
+from ..engine.deferred import np
+from ..engine.errors import ParameterError
+from ..engine.session import Session
+from ..surfaces.charts.drawing import shown_pixels
+from ..synthesis.multiscale.graph import LOOP_R, Graph
+from ..synthesis.multiscale.infinite_plane import Plane
+from ..synthesis.multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
+from ..synthesis.multiscale.synthesizer import MOST_LEVEL
+from ..synthesis.multiscale.zoom import Zoomed, views
+from ..synthesis.quality.report import REPORT, Quality
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, linear_sum_assignment, milp
 from scipy.sparse import csr_array, issparse
 
-from oiiotex.segmentation.clique_partition import Weights
+from oiiotex.analysis.segmentation.clique_partition import Weights
 
 
 def score(weights: Weights, labels: np.ndarray) -> float:

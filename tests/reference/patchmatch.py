@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from oiiotex.patchmatch.field import Geometry, hash_at
-from oiiotex.patchmatch.matcher import JUMPS, SEARCHES, Matcher
-from oiiotex.regularity.offset_prices import InStep
+from oiiotex.analysis.regularity.offset_prices import InStep
+from oiiotex.synthesis.patchmatch.field import Geometry, hash_at
+from oiiotex.synthesis.patchmatch.matcher import JUMPS, SEARCHES, Matcher
 
 VARIANCE = 20000.0  # of random exemplars
 

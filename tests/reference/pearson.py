@@ -4,7 +4,7 @@
 All here are standardized: mean 0, variance 1. Types I to III and V to VII, and the normal distribution, are scipy's;
 type IV, which scipy lacks, has a closed density whose cumulative is summed up.
 
-`python -m tests.reference.pearson` writes the table that `oiiotex.projections.pearson_table` reads.
+`python -m tests.reference.pearson` writes the table that `oiiotex.synthesis.projections.pearson_table` reads.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from scipy import special, stats
 
-from oiiotex.projections import pearson_table
-from oiiotex.projections.pearson_table import (
+from oiiotex.synthesis.projections import pearson_table
+from oiiotex.synthesis.projections.pearson_table import (
     HALF_EXCESS,
     HALF_SKEWNESS,
     KURTOSES,

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from oiiotex.opencl.buffers import Buffers
-from oiiotex.opencl.device import Device
-from oiiotex.opencl.rows import Rows
-from oiiotex.projections.projection import Projecting, projected
+from oiiotex.engine.opencl.buffers import Buffers
+from oiiotex.engine.opencl.device import Device
+from oiiotex.engine.opencl.rows import Rows
+from oiiotex.synthesis.projections.projection import Projecting, projected
 
 
 def projected_by(

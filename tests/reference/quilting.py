@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from oiiotex.core.source_map import NONE
-from oiiotex.patchmatch.field import hash_at
-from oiiotex.quilting.quilt_plan import Grid, Plan
+from oiiotex.engine.core.source_map import NONE
+from oiiotex.synthesis.patchmatch.field import hash_at
+from oiiotex.synthesis.quilting.quilt_plan import Grid, Plan
 
 COARSE, SHORTLIST, DRAWS = 4, 8, 4
 OFTEN = 3

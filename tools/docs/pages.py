@@ -10,12 +10,12 @@ import inspect
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from oiiotex.cli.language.parse import Option
-from oiiotex.cli.printing.report import description, on_a_line
-from oiiotex.cli.vocabulary import LANGUAGE
-from oiiotex.core.op import Op
-from oiiotex.core.parameters import Parameter, declared
+from oiiotex.engine.core.op import Op
+from oiiotex.engine.core.parameters import Parameter, declared
 from oiiotex.filters import OURS
+from oiiotex.oiiotool.cli.language.parse import Option
+from oiiotex.oiiotool.cli.printing.report import description, on_a_line
+from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 from tools.docs import notebook, stubs
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"

@@ -6,9 +6,9 @@ from __future__ import annotations
 import inspect
 from pathlib import Path
 
-from oiiotex.core.op import Op
+from oiiotex.engine.core.op import Op
 from oiiotex.filters import OURS
-from oiiotex.python_types import Form, docstring, forms, signature
+from oiiotex.python.python_types import Form, docstring, forms, signature
 
 STUB = Path(__file__).parents[2] / "oiiotex" / "filters" / "__init__.pyi"
 _HEAD = '''\

@@ -14,7 +14,7 @@ from .link.errors import Error
 from .link.service.messages import Link
 
 _START = 60  # s; timeout for the start of the process
-_PROGRAM = "import sys; from oiiotex.cli.main import main; sys.exit(main())"
+_PROGRAM = "import sys; from oiiotex.oiiotool.cli.main import main; sys.exit(main())"
 _SET = "set Python in the extension's preferences to the one where oiiotex is installed"
 CANCELED = "canceled"
 CHANNELS = {1: ["Y"], 3: ["R", "G", "B"], 4: ["R", "G", "B", "A"]}
@@ -64,7 +64,7 @@ class Process:
         return Line([self._python, "-I", "-c", _PROGRAM, *words])
 
     def _connected(self) -> socket.socket:
-        line = [self._python, "-I", "-m", "oiiotex.service.door", '{"device": null}']
+        line = [self._python, "-I", "-m", "oiiotex.oiiotool.service.door", '{"device": null}']
         try:
             done = subprocess.run(
                 line, cwd="/", capture_output=True, text=True, timeout=_START, stdin=subprocess.DEVNULL

@@ -11,7 +11,7 @@ import OpenImageIO as oiio
 import trimesh
 
 from oiiotex import filters
-from oiiotex.atlas.mesh import Mesh, read_mesh
+from oiiotex.surfaces.atlas.mesh import Mesh, read_mesh
 from tests.test_atlas import bumpy
 from tools.docs.pictures.layout import beside, draw, pixels, shrunk, stacked, test_photo, write_jpeg
 

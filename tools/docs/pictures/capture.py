@@ -7,7 +7,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from oiiotex import filters
-from oiiotex.capture.homography import homography
+from oiiotex.surfaces.capture.homography import homography
 from tools.docs.pictures.layout import beside, draw, opened, pixels, shrunk, test_photo, write_jpeg
 
 SLANTS = {

@@ -13,11 +13,11 @@ import numpy as np
 import OpenImageIO as oiio
 
 from oiiotex import filters
-from oiiotex.charts.tile_preview import made_seamless, repeated
-from oiiotex.errors import Error
+from oiiotex.engine.errors import Error
 from oiiotex.filters.texstationarity import COST
 from oiiotex.filters.texstationarize import Stationarize
-from oiiotex.wang.tiles import edges_of
+from oiiotex.surfaces.charts.tile_preview import made_seamless, repeated
+from oiiotex.synthesis.wang.tiles import edges_of
 from tools.docs.pictures.layout import beside, draw, image_of, shrunk, stacked, test_photo, write_jpeg
 from tools.docs.pictures.wang_plane import random_plane
 

@@ -10,11 +10,11 @@ from benchmarks.labels.levels import Case, cases
 from benchmarks.shared.mosaics import suite
 from benchmarks.subtextures.decompose import PAPER, grouped_by
 from oiiotex import filters
-from oiiotex.core.image import to_buffer
+from oiiotex.analysis.labels.legend import colors_of
+from oiiotex.engine.core.image import to_buffer
+from oiiotex.engine.run import run
+from oiiotex.engine.session import Session
 from oiiotex.filters.texdecompose import Decompose
-from oiiotex.labels.legend import colors_of
-from oiiotex.run import run
-from oiiotex.session import Session
 from tools.docs.pictures.layout import (
     beside,
     draw,

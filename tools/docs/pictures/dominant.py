@@ -13,10 +13,10 @@ from scipy import ndimage
 from benchmarks.dominant.composites import TWELVE, composite, seen_as
 from benchmarks.shared.measures import data_folder
 from oiiotex import filters
-from oiiotex.charts.dominant_chart import COLORS, Plot
-from oiiotex.dominant.diffusion import dominant_texture
-from oiiotex.dominant.refinement import refined_mask
-from oiiotex.session import Session
+from oiiotex.analysis.dominant.diffusion import dominant_texture
+from oiiotex.analysis.dominant.refinement import refined_mask
+from oiiotex.engine.session import Session
+from oiiotex.surfaces.charts.dominant_chart import COLORS, Plot
 from tools.docs.pictures.layout import (
     beside,
     draw,

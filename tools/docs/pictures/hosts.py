@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.cli.printing.plugin_path import plugin_path
+from oiiotex.oiiotool.cli.printing.plugin_path import plugin_path
 from tests.conftest import data_folder
 from tools.docs.pictures.layout import write_jpeg
 

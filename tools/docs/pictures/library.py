@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
+from oiiotex_studio.library.catalog import Catalog
 
 from benchmarks.studio.library import RECIPE, write_photos
-from oiiotex.charts.tile_preview import repeated
-from oiiotex.library.catalog import Catalog
+from oiiotex.surfaces.charts.tile_preview import repeated
 from tests.conftest import data_folder
 from tools.docs.pictures.layout import beside, write_jpeg
 
@@ -74,7 +74,7 @@ def main() -> None:
             write_photos(folder / "photos", PHOTOS, SIZE)
         write_materials(folder / "photos")
         (folder / "recipe.toml").write_text(RECIPE)
-        program = [sys.executable, "-m", "oiiotex.library.main"]
+        program = [sys.executable, "-m", "oiiotex_studio.library.main"]
         line = [*program, "ingest", "photos", "library", "--recipe", "recipe.toml"]
         done = subprocess.run(line, cwd=folder)
         assert done.returncode in (0, 3), done

@@ -7,12 +7,12 @@ import numpy as np
 import OpenImageIO as oiio
 
 from oiiotex import filters
-from oiiotex.color.lab import working_values
-from oiiotex.core.image import from_buffer
-from oiiotex.exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
+from oiiotex.analysis.stationarity.measures import scale_folder
+from oiiotex.engine.color.lab import working_values
+from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.session import Session
 from oiiotex.filters.texstationarize import Stationarize
-from oiiotex.session import Session
-from oiiotex.stationarity.measures import scale_folder
+from oiiotex.synthesis.exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from tools.docs.pictures.layout import beside, draw, image_of, pixels, stacked, test_photo, twice, write_jpeg
 
 RUST = "rust_barrel_side.jpg"

@@ -12,10 +12,10 @@ import OpenImageIO as oiio
 
 from benchmarks.shared.measures import data_folder
 from oiiotex import filters
-from oiiotex.charts.drawing import Sheet
-from oiiotex.multiscale.graph import Edge, Graph
-from oiiotex.multiscale.superexemplar import Levels, unrolled
-from oiiotex.session import Session
+from oiiotex.engine.session import Session
+from oiiotex.surfaces.charts.drawing import Sheet
+from oiiotex.synthesis.multiscale.graph import Edge, Graph
+from oiiotex.synthesis.multiscale.superexemplar import Levels, unrolled
 from tools.docs.pictures.layout import beside, draw, opened, pixels, stacked, write_jpeg
 
 MAP = data_folder() / "multiscale" / "map1800_bobruisk" / "graph.json"

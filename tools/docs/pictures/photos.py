@@ -13,7 +13,7 @@ from scipy.cluster.vq import kmeans2
 
 from benchmarks.shared.peers import CROPS, SYNTHESIZERS
 from oiiotex import filters
-from oiiotex.labels.legend import colors_of
+from oiiotex.analysis.labels.legend import colors_of
 from tools.demo import gravel, save, stained
 from tools.docs.pictures.layout import (
     beside,

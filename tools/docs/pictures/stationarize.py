@@ -10,7 +10,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from oiiotex import filters
-from oiiotex.wang.tiles import edges_of
+from oiiotex.synthesis.wang.tiles import edges_of
 from tools.demo import gravel, save, stained
 from tools.docs.pictures.layout import (
     beside,

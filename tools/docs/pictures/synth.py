@@ -13,7 +13,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from oiiotex import filters
-from oiiotex.session import Session
+from oiiotex.engine.session import Session
 from tests import pictures
 from tools.demo import save
 from tools.docs.pictures.layout import beside, opened, pixels, shrunk, stacked, write_jpeg

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from oiiotex.patchmatch.field import hash_at
-from oiiotex.wang.tiles import Edges
+from oiiotex.synthesis.patchmatch.field import hash_at
+from oiiotex.synthesis.wang.tiles import Edges
 
 
 def random_plane(edges: list[Edges], rows: int, columns: int, seed: int) -> np.ndarray:

@@ -7,9 +7,9 @@ import tempfile
 from pathlib import Path
 
 import OpenImageIO as oiio
+from oiiotex_studio.library.commands import run
 
 from oiiotex import filters
-from oiiotex.library.commands import run
 from tests.browser import DRAWING, chromium
 from tools.docs.pictures.layout import draw, pixels, stacked, test_photo, write_jpeg
 

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The dominant texture of a photo of any size: analyzed at reduced resolution, output in the photo's windows."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...engine.color.lab import lens_of
+from ...engine.color.lab_reduced import LabPixels, lab_pixels, reduction
+from ...engine.core.image import Image, Part
+from ...engine.core.op import Space
+from ...engine.errors import ImageError
+from ...engine.session.progress import Progress
+from ...engine.session.resources import Resources
+from ..superpixels.superpixels import label_spec
+from .diffusion import Dominance, Round, dominant_mask, dominant_texture, spread_over, step_for, times_of
+from .patch_manifold import LEAST_PATCH, memory_needed, patch_size
+
+log = logging.getLogger("oiiotex")
+
+WORKING_PIXELS = 1 << 20
+_READ = 150, 1500  # ns: time of a pixel, with a given size of patches, and without
+TEXELS = 12000  # maximum without `step`: the paper's images have up to 11,000 at a step of 1
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoMask:
+    """Mask of the dominant texture of a photo."""
+
+    photo: Part
+    pixels: LabPixels  # of the photo, reduced
+    texture: Dominance
+    mask: np.ndarray  # (height, width) bool, of the reduced photo
+
+    @property
+    def part(self) -> Part:
+        """Part 'dominant': 1 in the dominant texture, else 0; attributes record the analysis."""
+        texture, kernel = self.texture, self.texture.kernel
+        facts = {"patch": texture.texels.patch, "share": texture.share}
+        if kernel is not None:
+            facts |= {"epsilon": kernel.size, "dimension": kernel.dimension, "tau": texture.steps}
+        return self._part("dominant", ("Y",), self.mask.astype(np.float32)[..., None], facts)
+
+    @property
+    def types(self) -> Part:
+        """Part 'types': 1 to 4 for a patch of type 0 to III around each pixel, else 0."""
+        return self._spread("types", ("Y",), self.texture.types.astype(np.uint32) + 1)
+
+    @property
+    def score(self) -> Part:
+        """Part 'score': density, and the decimal logarithm of heat."""
+        density, heat = (values.astype(np.float32) for values in (self.texture.density, self.texture.heat))
+        return self._spread("score", ("density", "heat"), density, heat)
+
+    def _spread(self, name: str, channels: tuple[str, ...], *values: np.ndarray) -> Part:
+        layers = [spread_over(self.texture.texels, v, self.pixels.seen.shape) for v in values]
+        return self._part(name, channels, np.stack(layers, -1), {})
+
+    def _part(self, name: str, channels: tuple[str, ...], values: np.ndarray, facts: dict[str, float]) -> Part:
+        """Values of the reduced photo as a part in the windows of the photo; 0 where alpha is 0."""
+        spec = label_spec(self.photo.spec)
+        spec.nchannels, spec.channelnames = len(channels), channels
+        for key, value in facts.items():
+            spec.attribute(f"oiiotex:{key}", value)
+        return self.pixels.part(name, spec, values)
+
+    def facts(self) -> dict[str, Any]:
+        """Facts for JSON: LDR09 figures 3 and 4 as numbers."""
+        texture, kernel = self.texture, self.texture.kernel
+        return {
+            "patch": texture.texels.patch,
+            "step": texture.texels.step,
+            "texels": texture.texels.count,
+            "reduction": self.pixels.factor,
+            "rejected": texture.rejected,
+            "share": texture.share,
+            "types": np.bincount(texture.types, minlength=4).tolist(),
+            "epsilon": kernel.size if kernel else None,
+            "epsilon of landmarks": kernel.landmark_size if kernel else None,
+            "dimension": kernel.dimension if kernel else None,
+            "tau": texture.steps,
+            "curve": kernel.curve.tolist() if kernel else [],
+            "rounds": [self._round(r) for r in texture.rounds],
+        }
+
+    def _round(self, r: Round) -> dict[str, Any]:
+        texels = self.texture.texels
+        place = {"row": int(texels.rows[r.seed]), "column": int(texels.columns[r.seed])}
+        return {**vars(r), "density": r.density if np.isfinite(r.density) else None, "seed": place}
+
+
+def photo_mask(
+    flag: str,
+    photo: Image,
+    space: Space,
+    resources: Resources,
+    progress: Progress,
+    *,
+    allowed: Callable[[], np.ndarray | None] = lambda: None,
+    patch: int | None = None,
+    step: int | None = None,
+    mode: str = "diffusion",
+    rule: str = "repaired",
+    strict: bool = False,
+) -> PhotoMask:
+    """Mask of the dominant texture, for op `flag`; parameters as for --texdominant.
+
+    `allowed` gives the pixels to analyze, (height, width) bool or None.
+    """
+    width, height = photo.first.window.width, photo.first.window.height
+    factor = reduction(width, height, WORKING_PIXELS)
+    shape = -(-height // factor), -(-width // factor)
+    side = None if patch is None else patch - 1 + patch % 2
+    if side is not None and side > min(shape):
+        problem = f"exceeds {photo.source}, {width}x{height}"
+        raise ImageError(problem, parameter="patch", value=side)
+    automatic = step_for(shape, side or LEAST_PATCH, TEXELS)
+    apart = step or automatic
+    texels = -(-shape[0] // apart) * -(-shape[1] // apart)
+
+    def require(patch: int) -> None:
+        need = memory_needed(shape[0] * shape[1], texels, patch, resources.thread_count) + width * height // 8
+        resources.require(need, f"{flag} of {width}x{height} px", "increase step")
+
+    require(side or LEAST_PATCH)
+    if texels > TEXELS:  # each is compared with all others
+        times = (texels / TEXELS) ** 2
+        log.warning("%s: step=%d takes about %.0f times as long as step=%d", flag, apart, times, automatic)
+    pixels = lab_pixels(photo, lens_of(photo, resources, space), resources, factor, allowed())
+    side = side or patch_size(pixels.lab[..., 0], resources.spread)
+    require(side)
+    work = times_of(shape, side, step or step_for(shape, side, TEXELS))
+    reading, looking = progress.stages(shape[0] * shape[1] * _READ[patch is None], sum(work))
+    reading.advance(1, 1)
+
+    def colored() -> np.ndarray | None:
+        """Colors that refine the mask, computed in parallel with texels: importing k-means takes 1/15 s."""
+        from .refinement import pixel_colors
+
+        return None if rule == "paper" else pixel_colors(pixels)
+
+    with resources.in_background(colored) as colors:
+        texture = dominant_texture(pixels, resources, looking, patch=side, step=step, most=TEXELS, mode=mode, rule=rule)
+        mask = _mask(texture, pixels, colors())
+    if texture.rejected:
+        if strict:
+            raise ImageError(f"{photo.source} has no dominant texture: {texture.rejected}")
+        log.warning("%s: %s has no dominant texture: %s", flag, photo.source, texture.rejected)
+    else:
+        log.info("%s: %.0f %% of patches of %d px are dominant", flag, 100 * texture.share, texture.texels.patch)
+    looking.advance(1, 1)
+    return PhotoMask(photo.first, pixels, texture, mask)
+
+
+def _mask(texture: Dominance, pixels: LabPixels, colors: np.ndarray | None) -> np.ndarray:
+    """Mask of the texture, (h, w) bool; as in LDR09 without colors."""
+    from .refinement import refined_mask
+
+    return dominant_mask(texture, pixels.seen) if colors is None else refined_mask(texture, pixels, colors)

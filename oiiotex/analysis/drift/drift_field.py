@@ -1,0 +1,325 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Low-frequency variation of an image: its local level and local contrast, as medians over a disc.
+
+A lighting gradient or a stain changes the level of a texture over distances larger than its elements. A Gaussian
+blurs the rim of a stain and leaves it. A median follows the rim and ignores elements smaller than half the disc. The
+level is the value of a locally fitted plane plus the median of the residuals in the cells of a disc: the plane keeps
+gradients exact up to the border, where a median alone would be biased inwards.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+from ...engine.color.lab import Lens
+from ...engine.color.lab_grid import SUM_STEPS
+from ...engine.core.image import Image
+from ...engine.core.window import Window
+from ...engine.deferred import np
+from ...engine.scan import scan
+from ...engine.session.progress import Progress
+from ...engine.session.resources import Resources
+from ..stationarity.grid_statistics import MARGIN, Cells, SplineSurface, close_margins, correlated, smoothing_taps
+
+_LIMIT = 2048 * SUM_STEPS  # values beyond are clamped: so the squares in a cell are summed exactly in doubles
+_CELLS_PER_RADIUS = 8  # the rim of a stain is followed to within one cell
+_PLANE = 2.0  # sigma of the plane fit, in radii
+_SPOT = 0.4  # radius of the disc for smaller stains, relative to the radius
+_NEAR, _FAR = 3.0, 8.0  # in deviations of the texture's own variation: end of a stain, and minimum peak of one
+_MOST_SPOTS, _LARGEST_SPOTS = 2, 0.15  # maximum number of stains, and share of the photo they may cover
+_MOST_CELLS = 1 << 14  # of the search for stains: sufficient for a photo 16 radii wide
+_AT_ONCE = 1 << 13  # values of discs sorted at a time, or as many as there are cells
+_PLANES = 28  # maximum number of arrays of cells between the sums and the results
+_NOISE = 1.0  # Lab; contrast below it is treated as noise and hardly amplified
+_LEAST_IN_SPOTS = 1 / 16  # minimum gain of contrast there: a stain adds its color to every element
+MOST_GAIN = 2.0  # contrast is at most doubled and at least halved
+_RIDGE = 0.02  # regularization of the slope fit, relative to sigma^2
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Local and global statistics of an image.
+
+    `level` (down + 4, across + 4, channels) float: local level at the cells' centers, with the margin
+    `grid_statistics.MARGIN`; `spots` (down + 4, across + 4) float: mask of stains smaller than the disc, 0 to
+    1, where contrast may change more than in the texture.
+    """
+
+    cells: Cells
+    level: np.ndarray
+    contrast: np.ndarray  # median over the disc of the standard deviation in a cell, after subtracting the local level
+    overall_level: np.ndarray  # (channels,) float: median of the level over the image
+    overall_contrast: np.ndarray
+    spots: np.ndarray
+
+    def stained(self) -> np.ndarray | None:
+        """Pixels of the stains in `spots`, (height, width) bool; None: there are none.
+
+        A correction slower than sigma cannot restore them: a stain tints light elements more than dark ones.
+        """
+        spots = self.spots[MARGIN:-MARGIN, MARGIN:-MARGIN] > 0
+        if not spots.any():
+            return None
+        return spots[self.cells.lines][:, self.cells.columns]
+
+
+def drift_of(
+    image: Image,
+    lens: Lens,
+    radius: float,
+    resources: Resources,
+    progress: Progress,
+    wraps: tuple[bool, bool] = (False, False),
+    usable: np.ndarray | None = None,
+    robust: bool = True,
+) -> Drift | None:
+    """The statistics of an image's first part at the scale of a radius, from one pass over its pixels.
+
+    Parameters
+    ----------
+    radius : float
+        Radius of the disc, px.
+    wraps : (bool, bool)
+        The image is a torus along y, along x.
+    usable : (height, width) bool, optional
+        Pixels that count. Default: all with nonzero alpha.
+    robust : bool
+        Use medians. Otherwise the level is a Gaussian mean with half the radius as sigma, and contrast is 0.
+
+    Returns
+    -------
+    Drift or None
+        None where no pixel counts.
+
+    Raises
+    ------
+    ImageError
+        NaN or Inf, or the cells do not fit the budget.
+    """
+    whole, count = image.first.window, lens.count
+    cells = Cells.for_sigma(whole, radius, _CELLS_PER_RADIUS, wraps)
+    places = cells.down + 2 * MARGIN, cells.across + 2 * MARGIN
+    layout = dict.fromkeys(("level", "contrast"), ((*places, count), np.float64)) | {"spots": (places, np.float64)}
+    layout["sums"] = ((*places, 1 + 2 * count), np.float64)
+    beside = 8 * _PLANES * max(math.prod(places), _AT_ONCE // 4)
+    scratch = resources.scratch(layout, f"radius={radius:g}", "increase the radius", beside)
+    sums = scratch["sums"][MARGIN:-MARGIN, MARGIN:-MARGIN]
+
+    def look(values: np.ndarray, opaque: np.ndarray | None, piece: Window) -> list[np.ndarray]:
+        if usable is not None:
+            mask = usable[piece.top - whole.top : piece.bottom - whole.top]
+            opaque = mask if opaque is None else mask & opaque
+        rows = [row.inside(piece) for row in cells.rows(piece)]
+        return [cell_sums(values[at][..., :count], None if opaque is None else opaque[at], cells) for at in rows]
+
+    keep = functools.partial(cells.add, sums)
+    cell = 0 if wraps[0] else cells.side  # around a torus the heights of rows of cells differ by up to a pixel
+    scan(image.first, lens, resources, look, keep, cell=cell, larger=2, advance=progress.advance)
+    if not sums[..., 0].any():
+        return None
+    return _drift(cells, scratch, radius, robust)
+
+
+def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np.ndarray:
+    """Number, sums and sums of squares of values on the integer grid, per cell of a row of cells.
+
+    Integers in doubles, whose sums are exact in any order.
+
+    `values` (height, width, channels) float32; `opaque` (height, width) bool or None; returns (across, 1 + 2 channels)
+    float64.
+    """
+    height, width, count = values.shape
+    starts = cells.starts
+    out = np.empty((len(starts), 1 + 2 * count))
+    if opaque is None:
+        out[:, 0] = np.diff(starts, append=width) * height
+    else:
+        out[:, 0] = np.add.reduceat(np.count_nonzero(opaque, axis=0), starts)
+    for c in range(count):
+        grid = np.clip(np.rint(values[..., c] * np.float32(SUM_STEPS)), -_LIMIT, _LIMIT)
+        if opaque is not None:
+            grid *= opaque
+        grid = grid.astype(np.float64)
+        out[:, 1 + c] = np.add.reduceat(grid.sum(0), starts)
+        out[:, 1 + count + c] = np.add.reduceat(np.einsum("ij,ij->j", grid, grid), starts)
+    return out
+
+
+def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: bool) -> Drift:
+    """Compute the statistics from sums into preallocated arrays, channel by channel to limit temporaries."""
+    wraps = cells.wraps
+    torus = tuple(slice(MARGIN, -MARGIN) if around else slice(None) for around in wraps)  # wrapped axes without margin
+    sums, level, contrast = (scratch[name][torus] for name in ("sums", "level", "contrast"))
+    number, count = sums[..., 0], level.shape[-1]
+    sigma = _PLANE * radius if robust else radius / 2
+    taps_y, taps_x = (smoothing_taps(sigma, step) for step in cells.steps)
+    fit = _LocalFit(number, taps_y, taps_x, wraps)
+    inside, safe = number > 0, np.maximum(number, 1.0)
+    disc, near = (_Disc(inside, [share * radius / step for step in cells.steps], wraps) for share in (1.0, _SPOT))
+    for c in range(count):
+        total = sums[..., 1 + c] / SUM_STEPS
+        plane = fit.means(total)
+        level[..., c] = plane + disc.medians(total / safe - plane) if robust else plane
+    if robust:
+        _add_contrast(level, contrast, scratch["spots"][torus], sums, disc, near)
+    overall_level, overall_contrast = (np.median(plane[inside], axis=0) for plane in (level, contrast))
+    level[fit.weight <= 0] = overall_level
+    for name in ("level", "contrast", "spots"):
+        close_margins(scratch[name], wraps)
+    return Drift(cells, scratch["level"], scratch["contrast"], overall_level, overall_contrast, scratch["spots"])
+
+
+def _add_contrast(
+    level: np.ndarray, contrast: np.ndarray, spots: np.ndarray, sums: np.ndarray, disc: _Disc, near: _Disc
+) -> None:
+    """Fill `spots` and `contrast`, and let `level` follow the stains in `spots`. Arrays as in `Drift`."""
+    number, count = sums[..., 0], level.shape[-1]
+    inside, safe = number > 0, np.maximum(number, 1.0)
+    means = sums[..., 1 : 1 + count] / SUM_STEPS / safe[..., None]
+    rest = np.stack([near.medians(means[..., c] - level[..., c]) for c in range(count)], -1)
+    spots[:] = _spots(rest, inside)
+    level += spots[..., None] * rest
+    for c in range(count):
+        total, squares, own = sums[..., 1 + c] / SUM_STEPS, sums[..., 1 + count + c] / SUM_STEPS**2, level[..., c]
+        # sum of squares after subtracting the local level, constant in a cell, from every value
+        spread = np.sqrt(np.maximum(squares - 2.0 * own * total + own**2 * number, 0.0) / safe)
+        contrast[..., c] = disc.medians(spread)
+        if spots.any():
+            contrast[..., c] += spots * (near.medians(spread) - contrast[..., c])
+
+
+def _spots(rest: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Mask of stains smaller than the disc, 0 to 1: one or two compact areas far from the texture's own variation.
+
+    More of them are objects, such as windows in a wall, or the texture itself.
+    """
+    typical = np.maximum(_NOISE, 1.4826 * np.median(np.abs(rest[inside]), axis=0))  # deviation
+    away = np.where(inside, (np.abs(rest) / typical).max(-1), 0.0)
+    if inside.size > _MOST_CELLS or not (away > _FAR).any():
+        return np.zeros(inside.shape)
+    places = _connected(away > _NEAR)
+    found = np.unique(places[away > _FAR])
+    spots = np.isin(places, found)
+    if len(found) > _MOST_SPOTS or np.count_nonzero(spots) > _LARGEST_SPOTS * np.count_nonzero(inside):
+        return np.zeros(inside.shape)
+    return spots * np.clip((away - _NEAR) / _NEAR, 0.0, 1.0)
+
+
+def _connected(marked: np.ndarray) -> np.ndarray:
+    """Labels of connected components, 0 elsewhere, on a few thousand cells. scipy.ndimage is slow to import."""
+    places = np.where(marked, np.arange(1, marked.size + 1).reshape(marked.shape), 0)
+    while True:
+        wide = np.pad(places, 1)
+        around = np.maximum.reduce([wide[1:-1, :-2], wide[1:-1, 2:], wide[:-2, 1:-1], wide[2:, 1:-1], places])
+        around[~marked] = 0
+        if (around == places).all():
+            return places
+        places = around
+
+
+class _Disc:
+    """Medians over a disc of cells. Empty cells, and those beyond the border, do not count."""
+
+    def __init__(self, counts: np.ndarray, radius: list[float], wraps: tuple[bool, bool]):
+        self._counts = counts
+        most = [(n - 1) // 2 if around else n - 1 for n, around in zip(counts.shape, wraps, strict=True)]
+        reach = [min(int(r), n) for r, n in zip(radius, most, strict=True)]
+        y, x = np.mgrid[-reach[0] : reach[0] + 1, -reach[1] : reach[1] + 1]
+        inside = (y / max(radius[0], 1e-9)) ** 2 + (x / max(radius[1], 1e-9)) ** 2 <= 1.0
+        self._steps = y[inside], x[inside]
+        self._reach, self._wraps = reach, wraps
+
+    def medians(self, values: np.ndarray) -> np.ndarray:
+        """Median around every cell, (down, across) float64. 0 if nothing counts."""
+        down, across = values.shape
+        padded = np.where(self._counts, values, np.inf)
+        for axis, (reach, wraps) in enumerate(zip(self._reach, self._wraps, strict=True)):
+            width = [(reach, reach) if a == axis else (0, 0) for a in (0, 1)]
+            padded = np.pad(padded, width, "wrap") if wraps else np.pad(padded, width, constant_values=np.inf)
+        (dy, dx), wide = self._steps, padded.shape[1]
+        steps = (dy + self._reach[0]) * wide + dx + self._reach[1]
+        out, flat = np.empty(down * across), padded.ravel()
+        corners = (np.arange(down)[:, None] * wide + np.arange(across)).ravel()
+        step = max(1, max(_AT_ONCE, len(corners)) // len(steps))
+        for first in range(0, len(corners), step):
+            at = corners[first : first + step]
+            around = np.sort(flat[at[:, None] + steps], axis=1)
+            number = np.maximum(np.count_nonzero(np.isfinite(around), axis=1), 1)
+            rows = np.arange(len(at))
+            out[first : first + len(at)] = 0.5 * (around[rows, (number - 1) // 2] + around[rows, number // 2])
+        return np.where(np.isfinite(out), out, 0.0).reshape(down, across)
+
+
+class _LocalFit:
+    """Local means: the value at a cell's center of a plane fitted to its surroundings.
+
+    A weighted mean is biased inwards at the border and away from holes, and would leave a part of a lighting gradient
+    there. A fitted plane is not. Inside, both are the same.
+    """
+
+    def __init__(self, number: np.ndarray, taps_y: np.ndarray, taps_x: np.ndarray, wraps: tuple[bool, bool]):
+        (y0, y1, y2), (x0, x1, x2) = (_moments(taps) for taps in (taps_y, taps_x))
+        self._along, self._wraps = ((y0, x0), (y0, x1), (y1, x0)), wraps
+        self.weight = self._around(number, y0, x0)
+        self._safe = safe = np.where(self.weight > 0, self.weight, 1.0)
+        self._x, self._y = x, y = [self._around(number, *pair) / safe for pair in self._along[1:]]
+        xx, yy, xy = (self._around(number, *pair) / safe for pair in ((y0, x2), (y2, x0), (y1, x1)))
+        self._xx = xx - x * x + _RIDGE * float(x2.sum())
+        self._yy = yy - y * y + _RIDGE * float(y2.sum())
+        self._xy = xy - x * y
+        self._inverse = 1.0 / (self._xx * self._yy - self._xy * self._xy)
+
+    def means(self, total: np.ndarray) -> np.ndarray:
+        """Means of values whose sums in the cells are `total`, (down, across)."""
+        x, y, xx, yy, xy = self._x, self._y, self._xx, self._yy, self._xy
+        mean, along_x, along_y = (self._around(total, *pair) / self._safe for pair in self._along)
+        along_x, along_y = along_x - x * mean, along_y - y * mean
+        slope_x = (along_x * yy - along_y * xy) * self._inverse
+        slope_y = (along_y * xx - along_x * xy) * self._inverse
+        return mean - slope_x * x - slope_y * y
+
+    def _around(self, grid: np.ndarray, taps_y: np.ndarray, taps_x: np.ndarray) -> np.ndarray:
+        return correlated(grid, taps_y, taps_x, wraps=self._wraps)
+
+
+def _moments(taps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Taps, and their products with the distance in cells and with its square."""
+    away = np.arange(len(taps)) - len(taps) // 2
+    return taps, taps * away, taps * away**2
+
+
+@dataclass(frozen=True)
+class Correction:
+    """The correction that removes low-frequency variation: value * gain + offset, per channel."""
+
+    field: SplineSurface  # four gains, then four offsets, for the four values of `Lens.values`
+
+    def apply(self, values: np.ndarray, window: Window) -> None:
+        """Correct (height, width, 4) float32 in place. `window`: the position of these pixels."""
+        for line, y in zip(values, range(window.top, window.bottom), strict=True):
+            field = self.field.row(y, window.left, window.right)
+            line *= field[:, :4]
+            line += field[:, 4:]
+
+
+def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray) -> Correction:
+    """Correct local levels to `target` and local contrast to that of the whole image.
+
+    The gain is ((G + 1) / (g + 1)) ^ contrast for an overall contrast G and a local contrast g in Lab units, between
+    1/2 and 2: noise in areas without detail must not be amplified. A stain may add its color to every element, so
+    contrast is reduced to as little as 1/16 there. Pixels outside a mask are corrected by their surroundings.
+
+    `target` (channels,) float.
+    """
+    count = drift.level.shape[-1]
+    gain = ((drift.overall_contrast + _NOISE) / (drift.contrast + _NOISE)) ** contrast
+    least = 1.0 / MOST_GAIN + drift.spots[..., None] * (_LEAST_IN_SPOTS - 1.0 / MOST_GAIN)
+    gain = 1.0 + amount * (np.clip(gain, least, MOST_GAIN) - 1.0)
+    field = np.zeros((*drift.level.shape[:2], 8), np.float32)
+    field[..., :4] = 1.0
+    field[..., :count] = gain
+    # amount 1: (value - level) * gain + target
+    field[..., 4 : 4 + count] = amount * target + (1.0 - amount) * drift.level - drift.level * gain
+    return Correction(SplineSurface(field, drift.cells))

@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A filter bank, and textons: clusters of its responses.
+
+Gaussians and textons are kernels (cl/filter_bank.cl). Responses are rounded to 1/64 of a standard deviation before
+textons are learned, so textons are the same on every device.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...engine.core.elementary import exponential, gaussian_taps
+from ...engine.opencl.buffers import Buffers
+from ...engine.session.resources import Resources
+
+TEXTONS = 60
+WAVES = (4.0, 8.0, 16.0)  # px
+_PAD = 24  # px of mirrored border
+PLANES = 24  # values per pixel: 21 responses, three colors
+STEPS = 64  # per standard deviation
+_TURNS = 6
+_FAR = 2047  # steps
+_SAMPLES = 8000  # pixels from which textons are learned
+_ROUNDS = 20  # of k-means
+
+
+def gabor_responses(plane: np.ndarray, waves: tuple[float, ...], turns: int) -> list[np.ndarray]:
+    """|response| of Gabor filters of given wavelengths in px, in `turns` directions; plane (h, w) float32.
+
+    Each is a Gaussian in frequency (in space of standard deviation 0.45 wavelengths) on one half plane, so its inverse
+    transform is complex, and the modulus is the local energy for any phase.
+    """
+    padded = np.pad(plane - plane.mean(), _PAD, mode="symmetric")
+    shape = [_smooth(s) for s in padded.shape]
+    spectrum = np.fft.fft2(padded.astype(np.float32), shape)
+    v, u = (np.fft.fftfreq(s) for s in shape)
+    responses = []
+    for wave in waves:
+        spread = 2.0 * (math.pi * 0.45 * wave) ** 2
+        for turn in range(turns):
+            angle = math.pi * turn / turns
+            over_x = exponential(-spread * (u - math.cos(angle) / wave) ** 2)
+            over_y = exponential(-spread * (v - math.sin(angle) / wave) ** 2)
+            gains = over_y.astype(np.float32)[:, None] * over_x.astype(np.float32)
+            both = np.fft.ifft2(spectrum * gains)[_PAD : _PAD + plane.shape[0], _PAD : _PAD + plane.shape[1]]
+            responses.append(np.sqrt(both.real**2 + both.imag**2))
+    return responses
+
+
+def _smooth(size: int) -> int:
+    """The least number from `size` on without a prime factor above 11, which FFTs compute fast."""
+    while True:
+        rest = size
+        for prime in (2, 3, 5, 7, 11):
+            while rest % prime == 0:
+                rest //= prime
+        if rest == 1:
+            return size
+        size += 1
+
+
+@dataclass(frozen=True)
+class Texture:
+    """Texture around each pixel of an image, which textons cluster.
+
+    Attributes
+    ----------
+    seen : (h, w) bool
+        Where textons are learned.
+    responses : (21, h w) int16
+        Energies of 18 Gabor filters and three Laplacians of L, in standard deviations times `STEPS`.
+    colors : (3, h w) float32
+        L, a and b, slightly blurred, in standard deviations.
+    """
+
+    seen: np.ndarray
+    responses: np.ndarray
+    colors: np.ndarray
+
+    def invariant(self) -> Texture:
+        """Mean energy of all directions and wavelengths instead of each one, so that turned and scaled versions agree.
+
+        The Laplacians, which depend on scale, are omitted.
+        """
+        responses = np.zeros_like(self.responses)
+        gabor = _TURNS * len(WAVES)
+        responses[:gabor] = np.rint(self.responses[:gabor].mean(0, dtype=np.float64))
+        return Texture(self.seen, responses, self.colors)
+
+
+def texture_of(lab: np.ndarray, seen: np.ndarray, resources: Resources) -> Texture:
+    """The texture of (h, w, 3) float32 Lab; `seen` (h, w) bool are the valid pixels."""
+    layers, known = np.ascontiguousarray(np.moveaxis(lab, -1, 0)), np.flatnonzero(seen.ravel())
+    light = layers[:1]
+    responses = np.empty((PLANES - 3, seen.size), np.int16)
+
+    def keep(first: int, looks: np.ndarray) -> None:
+        for n, look in enumerate(looks, first):
+            responses[n] = _whole(_standard(look.ravel(), known))
+
+    octaves = resources.spread(lambda wave: np.stack(gabor_responses(layers[0], (wave,), _TURNS)), WAVES)
+    for n, (wave, energies) in enumerate(zip(WAVES, octaves, strict=True)):
+        keep(_TURNS * n, blurred_layers(energies, 0.35 * wave, 2.5, resources))
+    for n, sigma in enumerate((1.4, 2.8, 5.6)):  # a difference of Gaussians approximates a Laplacian
+        wide, narrow = (blurred_layers(light, times * sigma, 3.0, resources) for times in (1.6, 1.0))
+        keep(_TURNS * len(WAVES) + n, narrow - wide)
+    colors = blurred_layers(layers, 1.0, 4.0, resources).reshape(3, -1)
+    return Texture(seen, responses, np.stack([_standard(color, known) for color in colors]))
+
+
+def blurred_layers(layers: np.ndarray, sigma: float, reach: float, resources: Resources) -> np.ndarray:
+    """Layers (k, h, w) float32 blurred by a Gaussian, on the device, with mirrored borders.
+
+    Parameters
+    ----------
+    layers : (k, h, w) float32
+    sigma : float
+        px.
+    reach : float
+        Radius of the Gaussian, in sigmas.
+    """
+    device, (count, height, width) = resources.device, layers.shape
+    taps = gaussian_taps(sigma, reach)
+    radius = len(taps) // 2
+    looks = np.pad(layers, ((0, 0), (0, 0), (radius, radius)), "symmetric")
+    mirrored = np.pad(np.arange(height, dtype=np.int32), radius, "symmetric")
+    weights = device.upload(taps[radius:].astype(np.float32))
+    run = device.program("filter_bank", PLANES=PLANES)
+    layout = {"across": layers.nbytes, "down": layers.nbytes}
+    with Buffers(device, layout, resources.budget, "the filter bank", tables={"looks": looks}) as buffers:
+        numbers = radius, width, count * height
+        run("across", (width, count * height), buffers["looks"], buffers["across"], weights, *numbers)
+        rows, sizes = device.upload(mirrored), (radius, width, height, count)
+        run("down", (width, height, count), buffers["across"], buffers["down"], weights, rows, *sizes)
+        return device.read(buffers["down"], layers.shape, np.float32)
+
+
+def texton_map(
+    texture: Texture, resources: Resources, most: int = TEXTONS, color: float = math.sqrt(3.0), samples: int = _SAMPLES
+) -> np.ndarray:
+    """Texton of each pixel, (h, w) uint8, from 0.
+
+    Parameters
+    ----------
+    most : int
+        Maximum number of textons, up to 256.
+    color : float
+        Weight of each of the three colors relative to each of the 21 responses.
+    samples : int
+        Maximum number of pixels from which textons are learned.
+    """
+    known = np.flatnonzero(texture.seen.ravel())
+    planes = np.concatenate([texture.responses, _whole(np.float32(color) * texture.colors)])
+    if len(known) > samples:
+        known = known[np.random.default_rng(0).choice(len(known), samples, replace=False)]
+    centers = codebook(planes[:, known].T, most)
+    return nearest_centers(planes, centers, resources).reshape(texture.seen.shape)
+
+
+def nearest_centers(planes: np.ndarray, centers: np.ndarray, resources: Resources) -> np.ndarray:
+    """Index of the center nearest to each pixel, ties to the first, (n,) uint8.
+
+    `planes` (24, n) int16; `centers` (k, 24) int32.
+    """
+    device, pixels = resources.device, planes.shape[1]
+    tables = device.upload(2 * centers), device.upload((centers**2).sum(1, dtype=np.int32))
+    run = device.program("filter_bank", PLANES=PLANES)
+    with Buffers(device, {"nearest": pixels}, resources.budget, "textons", tables={"planes": planes}) as buffers:
+        run("nearest", (pixels,), buffers["planes"], *tables, buffers["nearest"], pixels, len(centers))
+        return device.read(buffers["nearest"], (pixels,), np.uint8)
+
+
+def _standard(plane: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Values in standard deviations, in place; less than half a Lab unit is noise and is not amplified."""
+    values = plane if len(seen) == plane.size else plane[seen]
+    mean, deviation = values.mean(dtype=np.float64), values.std(dtype=np.float64)
+    plane -= np.float32(mean)
+    plane *= np.float32(1.0 / max(deviation, 0.5))
+    return plane
+
+
+def _whole(values: np.ndarray) -> np.ndarray:
+    """Values in steps of 1 / `STEPS`, int16, clipped at 32 standard deviations."""
+    return np.rint(np.clip(values * np.float32(STEPS), -_FAR, _FAR)).astype(np.int16)
+
+
+def codebook(sample: np.ndarray, most: int, trials: int = 1) -> np.ndarray:
+    """k-means of a sample (n, d) int16, at most (most, d) int32; centers are rounded in each iteration.
+
+    Of `trials` candidates for each initial center, the one with the least error is used. All sums are of integers below
+    2^53, so the order of summation and the BLAS have no effect: k-means amplifies the least difference in near ties.
+    """
+    distinct = np.unique(sample, axis=0)
+    if len(distinct) <= most:
+        return distinct.astype(np.int32)
+    points = sample.astype(np.float64)
+    centers = _spread_out(points, most, trials)
+    for _ in range(_ROUNDS):
+        nearest = ((centers**2).sum(1) - 2.0 * (points @ centers.T)).argmin(1)
+        counts = np.bincount(nearest, minlength=most)
+        sums = np.stack([np.bincount(nearest, column, most) for column in points.T], axis=1)
+        near = counts > 0
+        centers[near] = np.rint(sums[near] / counts[near, None])
+    return centers.astype(np.int32)
+
+
+def _spread_out(points: np.ndarray, count: int, trials: int) -> np.ndarray:
+    """`count` of (n, d) points, (count, d): k-means++, greedy if `trials` exceeds 1 (Arthur, Vassilvitskii 2007)."""
+    random, squares = np.random.default_rng(0), (points**2).sum(1)
+
+    def apart(drawn: list[int]) -> np.ndarray:
+        return squares + (squares[drawn, None] - 2.0 * (points[drawn] @ points.T))
+
+    chosen = [int(random.integers(len(points)))]
+    nearest = apart(chosen)[0]
+    while len(chosen) < count:
+        upto = nearest.cumsum()
+        drawn = np.searchsorted(upto, random.uniform(size=trials) * upto[-1]).tolist()
+        left = np.minimum(nearest, apart(drawn))
+        best = int(left.sum(1).argmin())
+        chosen.append(drawn[best])
+        nearest = left[best]
+    return points[chosen]

@@ -1,0 +1,385 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Labels at several scales: scales are chosen bottom-up, and a tree of labels is built top-down (LSA16 section 4.3).
+
+Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest. Departures from the paper:
+
+1. The paper proceeds to the first scale at which *every* superpixel overlaps two labels, so a single superpixel can end
+   the search. Here a `share` of them is enough (1: the paper).
+2. Coarser levels from other methods may be given (`label_maps`).
+3. The walk gets longer from level to level, so that larger patterns have fewer labels: the largest eigenvalue below 1
+   decays to `persistence` to the power of the level. In the paper it decays to 0.95 at all levels.
+4. A node has at most n / 13 neighbors: the paper's 256 would be all of n nodes at coarse scales.
+5. Above `MOST` superpixels a fixed sample of them is factored, and the others take the mean membership of the sampled
+   superpixels nearest to them.
+6. The paper splits a label wherever a coarser border crosses it, which leaves rings of small fragments where borders of
+   two levels differ slightly. Here a label is a child of the coarser label that contains most of it, and of others that
+   contain at least `_PART` of it; a superpixel in none of these takes the most likely child (`literal`: the paper). In
+   addition, G is smoothed over neighbors by a Potts step.
+7. A level that equals the next finer one, and a coarsest level of a single label, are dropped.
+8. The factorization has no restarts (`stochastic_nmf`).
+
+`literal` reverts 3, 4, 6, 7 and 8, the floor of the walk's eigenvalue, and the settling of superpixels of large images
+on squares. With share 1 and without a given level, the levels are the paper's. The authors' program (`authors`) differs
+from their text: scales are 2 % to 30 % of the longer side instead of 2 % to 20 % of the shorter, and the coarsest of
+them is a level even if some of its superpixels lie in one label, so there are at least two levels.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ...engine.color.lab import Lens
+from ...engine.core.image import Image
+from ...engine.core.window import Window
+from ...engine.errors import ImageError
+from ...engine.session.progress import Progress
+from ...engine.session.resources import Resources
+from ..superpixels.hierarchy import COARSEST, Hierarchy, hierarchy, scales
+from ..superpixels.slic import SeedGrid
+from ..superpixels.superpixels import COMPACTNESS, Superpixels, finest_scale, superpixels
+from .affinity_graph import NEIGHBORS, AffinityGraph, similarity_graph
+from .features import WORKING_PIXELS, Features, SmallLab, features_of, small_lab
+from .potts import UNLIKELY, settled
+from .random_walk import PERSISTENCE, SLOWEST, Walk
+from .stochastic_nmf import Factors, factored
+
+MOST = 20000  # superpixels up to which all are nodes of the graph
+_PIXEL_BYTES, _EDGE_BYTES = 300, 80  # peak, per pixel of the reduced image and per edge of the graph
+_DESCRIBED, _LABELED = 550, 800  # time for each superpixel, in that of cutting a pixel
+_NEAREST = 6  # sampled superpixels from which another one takes its membership
+_NODES_PER_NEIGHBOR, _FEWEST_NEIGHBORS = 13, 8
+AUTHORS_COARSEST = 0.3  # of the longer side: the coarsest scale of the authors' program
+_PART = 0.25  # least proportion of a label in a coarser one for it to be a child of that
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelSettings:
+    """Settings of label maps; see `filters.label`."""
+
+    cluster: str = "nmf"
+    neighbors: int = NEIGHBORS
+    persistence: float = PERSISTENCE
+    share: float = 0.5
+    literal: bool = False
+    authors: bool = False
+    tries: int = 0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class LabelLevel:
+    """Labels at one scale.
+
+    Attributes
+    ----------
+    scale : float
+        rho, px.
+    groups : (n,) int32
+        Superpixel at this level for each finest superpixel, 0 to m - 1.
+    labels : (n,) int64
+        Label of each finest superpixel, 1 to count; none is empty.
+    parents : (count,) int64
+        Label of the next coarser level that contains label i + 1; 0 at the coarsest.
+    features : (m, d)
+    F : (m, r)
+        Distribution of the walk from each label; divided by its column's maximum, the fit of each superpixel.
+    G : (r, m)
+        Membership of superpixels in labels.
+    """
+
+    scale: float
+    groups: np.ndarray
+    labels: np.ndarray
+    count: int
+    parents: np.ndarray
+    features: np.ndarray
+    F: np.ndarray
+    G: np.ndarray
+
+
+@dataclass(frozen=True)
+class LabelMaps:
+    """Label maps of an image.
+
+    Attributes
+    ----------
+    superpixels : Superpixels
+        The n finest superpixels.
+    levels : tuple of LabelLevel
+        Finest first.
+    """
+
+    superpixels: Superpixels
+    levels: tuple[LabelLevel, ...]
+
+
+def label_maps(
+    image: Image,
+    lens: Lens,
+    resources: Resources,
+    progress: Progress,
+    features: str = "textons",
+    settings: LabelSettings | None = None,
+    *,
+    runs: int = 1,
+    minsize: int | None = None,
+    coarsest: Sequence[Callable[[Superpixels, SmallLab, Resources], np.ndarray]] = (),
+) -> LabelMaps:
+    """Label maps of the image's first part.
+
+    Parameters
+    ----------
+    image, lens
+    features : str
+        One of `features.KINDS`.
+    runs, minsize
+        As for `superpixels`.
+    coarsest : sequence of callable
+        Each gives a separate coarser level: the label of each superpixel, (n,) int64, 0 to r - 1, none empty.
+
+    Raises
+    ------
+    ImageError
+        Alpha is 0 everywhere, values are NaN or Inf, or memory is insufficient.
+    """
+    settings = settings or LabelSettings()
+    window = image.first.window
+    side = max(window.size) if settings.authors else min(window.size)
+    sigma = finest_scale(side)
+    sigmas = scales(sigma, (AUTHORS_COARSEST if settings.authors else COARSEST) * side)
+    seeds = SeedGrid.of(window.width, window.height, sigma, COMPACTNESS).count
+    _require(resources, window, seeds, settings)  # there will hardly be fewer superpixels: fail before the work
+    cutting, describing, labeling = progress.stages(
+        runs * window.width * window.height, _DESCRIBED * seeds, _LABELED * seeds
+    )
+    with resources.stats.time("superpixels"):
+        finest = superpixels(
+            image, lens, resources, sigma=sigma, runs=runs, minsize=minsize, seed=settings.seed,
+            advance=cutting.advance, literal=settings.literal, powers=features == "moments",
+        )  # fmt: skip
+        if not finest.count:
+            raise ImageError(f"{image.source}: alpha is 0 everywhere: expected opaque pixels")
+    _require(resources, finest.window, finest.count, settings)
+    small = small_lab(finest)
+    # One BLAS thread: products are thin, waiting threads would spin, and sums must not depend on the number of threads.
+    with threadpool_limits(1, "blas"):
+        with (
+            resources.in_background(functools.partial(hierarchy, finest, resources, sigmas)) as tree,
+            resources.stats.time("describe superpixels"),
+        ):
+            described = features_of(features, finest, small, resources)
+        describing.advance(1, 1)
+
+        def top() -> list[np.ndarray]:
+            return [level(finest, small, resources) for level in coarsest]
+
+        with resources.in_background(top) as coarse, resources.stats.time("label superpixels"):
+            levels = label_levels(tree(), described, settings, finest.edges, resources, coarse)
+    labeling.advance(1, 1)
+    return LabelMaps(finest, levels)
+
+
+def _require(resources: Resources, window: Window, count: int, settings: LabelSettings) -> None:
+    """Raise an error if `count` superpixels of a window exceed the memory budget."""
+    pixels = min(window.width * window.height, WORKING_PIXELS)
+    need = pixels * _PIXEL_BYTES + min(count, MOST) * settings.neighbors * _EDGE_BYTES
+    resources.require(need, "labeling", "reduce neighbors")
+
+
+def label_levels(
+    hierarchy: Hierarchy,
+    features: Features,
+    settings: LabelSettings,
+    edges: np.ndarray,
+    resources: Resources,
+    coarsest: Callable[[], Sequence[np.ndarray]] = lambda: (),
+) -> tuple[LabelLevel, ...]:
+    """Levels of labels, finest first, as a tree.
+
+    `edges` (m, 2) int.
+    """
+    levels = _bottom_up(hierarchy, features, settings, edges, resources)
+    levels += [_given(hierarchy, features, top) for top in coarsest()]
+    tree = top_down(levels, settings.literal)
+    return tree if settings.literal else distinct(tree)
+
+
+# --- one scale ---
+
+
+def labeled(points: np.ndarray, settings: LabelSettings, level: int, resources: Resources) -> Factors:
+    """Labels of m points, (m, d), at a level (0: the finest). No label is empty."""
+    m = len(points)
+    if m > MOST:
+        return _labeled_by_sample(points, settings, level, resources)
+    neighbors, persistence, slowest = settings.neighbors, settings.persistence, SLOWEST
+    if settings.literal:
+        slowest = 0.0
+    else:
+        neighbors = min(neighbors, max(_FEWEST_NEIGHBORS, m // _NODES_PER_NEIGHBOR))
+        persistence = persistence ** (level + 1)
+    graph = similarity_graph(points, neighbors, resources)
+    walk = Walk(graph, resources, persistence=persistence, slowest=slowest)
+    factors = factored(walk, resources, settings.seed, settings.tries, settings.literal)
+    F, G = factors.F[graph.node] / graph.counts[graph.node, None], factors.G[:, graph.node]
+    if settings.cluster != "nmf" and F.shape[1] > 1:
+        labels = _by_scikit_learn(settings, points, graph, F.shape[1])
+        G = (labels == np.arange(labels.max() + 1)[:, None]).astype(np.float64)
+        F = (G / G.sum(1, keepdims=True)).T
+    return _without_empty(F, G, factors.error)
+
+
+def _without_empty(F: np.ndarray, G: np.ndarray, error: float) -> Factors:
+    """Remove labels that are the most likely one of no node, and renormalize."""
+    used = np.unique(G.argmax(0))
+    kept = G[used]
+    kept = kept / np.maximum(kept.sum(0), 1e-300)
+    return Factors(F[:, used], kept, error)
+
+
+def _by_scikit_learn(settings: LabelSettings, points: np.ndarray, graph: AffinityGraph, count: int) -> np.ndarray:
+    """The paper's comparison (figure 3d): the same number of clusters as `nmf` finds."""
+    try:
+        from sklearn.cluster import KMeans, SpectralClustering
+    except ImportError:
+        raise ImageError(
+            f"cluster={settings.cluster} requires scikit-learn: pip install 'oiiotex[cluster]', or use cluster=nmf"
+        ) from None
+    if settings.cluster == "kmeans":
+        return KMeans(count, n_init=10, random_state=settings.seed).fit(points).labels_
+    if len(graph.counts) <= count:  # no more distinct points than clusters
+        return graph.node
+    model = SpectralClustering(count, affinity="precomputed", random_state=settings.seed, assign_labels="kmeans")
+    return np.unique(model.fit(graph.weights()).labels_, return_inverse=True)[1][graph.node]
+
+
+def _labeled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, resources: Resources) -> Factors:
+    from scipy.spatial import cKDTree  # only for very large images
+
+    random = np.random.default_rng(settings.seed)
+    chosen = np.sort(random.choice(len(points), MOST, replace=False))
+    small = labeled(points[chosen], settings, level, resources)
+    _, near = cKDTree(points[chosen]).query(points, _NEAREST)
+    G = small.G[:, near].mean(2)
+    F = small.F[near].mean(1)
+    G[:, chosen], F[chosen] = small.G, small.F
+    return _without_empty(F / F.sum(0), G, small.error)
+
+
+# --- bottom-up ---
+
+
+def _bottom_up(
+    hierarchy: Hierarchy, features: Features, settings: LabelSettings, edges: np.ndarray, resources: Resources
+) -> list[LabelLevel]:
+    """Independent levels, finest first, without parents or intersections."""
+    levels: list[LabelLevel] = []
+    at = 0
+    while True:
+        levels.append(_level(hierarchy, features, settings, edges, at, len(levels), resources))
+        following = _next_scale(hierarchy, levels[-1].labels, at, settings.share, settings.authors)
+        if following is None:
+            return levels
+        at = following
+
+
+def _level(
+    hierarchy: Hierarchy,
+    features: Features,
+    settings: LabelSettings,
+    edges: np.ndarray,
+    at: int,
+    level: int,
+    resources: Resources,
+) -> LabelLevel:
+    groups = hierarchy.partition(at)
+    values = features(groups)
+    factors = labeled(values, settings, level, resources)
+    count, likely = len(factors.G), factors.G[:, groups]
+    labels = likely.argmax(0) if settings.literal else settled(likely, edges, resources)
+    scale, parents = float(hierarchy.sigmas[at]), np.zeros(count, np.int64)
+    return LabelLevel(scale, groups, labels + 1, count, parents, values, factors.F, factors.G)
+
+
+def _given(hierarchy: Hierarchy, features: Features, labels: np.ndarray) -> LabelLevel:
+    """A level from another method: each superpixel is a group with full membership in its label."""
+    groups, count = np.arange(len(labels), dtype=np.int32), int(labels.max()) + 1
+    G = (labels == np.arange(count)[:, None]).astype(np.float64)
+    F = (G / G.sum(1, keepdims=True)).T
+    scale, parents = float(hierarchy.sigmas[-1]), np.zeros(count, np.int64)
+    return LabelLevel(scale, groups, labels + 1, count, parents, features(groups), F, G)
+
+
+def _next_scale(hierarchy: Hierarchy, labels: np.ndarray, at: int, share: float, given: bool) -> int | None:
+    """The finest level above `at` at which a proportion `share` of superpixels overlaps two labels.
+
+    Superpixels only merge, and a merged one overlaps all labels of its parts, so bisection applies. `given`: the
+    coarsest level needs no such share.
+    """
+    low, high = at, len(hierarchy.sigmas) - (given and at < len(hierarchy.sigmas) - 1)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if _mixed_share(hierarchy.partition(middle), labels) >= share:
+            high = middle
+        else:
+            low = middle
+    return high if high < len(hierarchy.sigmas) else None
+
+
+def _mixed_share(groups: np.ndarray, labels: np.ndarray) -> float:
+    """Proportion of groups with two or more labels."""
+    count = int(labels.max()) + 1
+    pairs = np.unique(groups.astype(np.int64) * count + labels)
+    return float((np.bincount(pairs // count) >= 2).mean())
+
+
+# --- top-down ---
+
+
+def top_down(levels: list[LabelLevel], literal: bool = False) -> tuple[LabelLevel, ...]:
+    """LSA16 algorithm 2: intersect each label with those of the next coarser level; see departure 6."""
+    intersected: list[LabelLevel] = []
+    above = np.zeros(len(levels[-1].labels), np.int64)
+    for level in reversed(levels):
+        own = level.labels - 1 if literal or not intersected else _within(above, level)
+        pairs, labels = np.unique(np.stack([above, own], axis=1), axis=0, return_inverse=True)
+        above = labels.reshape(-1) + 1
+        intersected.append(replace(level, labels=above, count=len(pairs), parents=pairs[:, 0]))
+    return tuple(reversed(intersected))
+
+
+def distinct(tree: tuple[LabelLevel, ...]) -> tuple[LabelLevel, ...]:
+    """Levels that differ from each other, the coarsest with at least two labels unless there is no such level.
+
+    Of equal levels, which are those of equal counts in a tree, the finest is kept, with the parents of the coarsest.
+    """
+    kept: list[LabelLevel] = []
+    for level in tree:
+        if kept and kept[-1].count == level.count:
+            kept[-1] = replace(kept[-1], parents=level.parents)
+        else:
+            kept.append(level)
+    if len(kept) > 1 and kept[-1].count == 1:
+        kept[-2:] = [replace(kept[-2], parents=np.zeros_like(kept[-2].parents))]
+    return tuple(kept)
+
+
+def _within(above: np.ndarray, level: LabelLevel) -> np.ndarray:
+    """For each superpixel a label that is a child of its coarser label, (n,) 0 to r - 1."""
+    own = level.labels - 1
+    table = np.zeros((above.max() + 1, len(level.G)))
+    np.add.at(table, (above, own), 1.0)
+    whole = np.maximum(table.sum(0), 1.0)
+    child = (table >= _PART * whole) & (table > 0)
+    child[table.argmax(0), np.arange(len(whole))] = table.max(0) > 0
+    childless = np.flatnonzero(~child.any(1))
+    child[childless, table[childless].argmax(1)] = True
+    outside = np.flatnonzero(~child[above, own])
+    likely = level.G[:, level.groups[outside]].T + 1e-9 * table[above[outside]] + UNLIKELY
+    own[outside] = np.where(child[above[outside]], likely, 0.0).argmax(1)
+    return own

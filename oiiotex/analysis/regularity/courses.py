@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Courses of unequal height: straight joints through the whole photo, and the penalty for deviating from them.
+
+Not in MJH17. Rows of ashlar, slates or boards do not form a lattice, as their heights differ, but every joint between
+two of them is a row of pixels that is consistently darker or lighter. Joints are peaks of the mean of the high-passed
+photo along its rows (or columns), which must be similar in both halves. The phase of a row is its signed distance to
+the nearest joint, in median courses. A match has a penalty that grows with the difference between its phase and that
+of the target's row: as on a lattice (offset_prices), but phases are from a table instead of a frequency.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from ...engine.core.demand import SomeRows
+from ...engine.core.elementary import gaussian_taps
+from ...engine.core.window import Domain
+from ...engine.deferred import np
+from .lattice import HighPass, high_pass_of
+from .offset_prices import BITS, MOST, STRENGTH, Prices
+
+ALIKE = 0.85  # minimum correlation between the profiles of both halves
+LEAST = 5  # minimum number of joints in a photo
+UNEVEN = 3.5  # maximum ratio of two courses: beyond it, joints are single ledges
+THIN = 1.0  # px; sigma of the Gaussian that smooths a profile
+STRONG = 0.5  # minimum height of a joint in the profile, relative to the mean of the strongest
+NEAR = 0.15  # of a course; phase difference at which the penalty is at its maximum
+
+
+@dataclass(frozen=True)
+class Courses:
+    """The joints of a photo.
+
+    Attributes
+    ----------
+    rows : bool
+        Joints are horizontal. Otherwise vertical.
+    joints : (n,) float64
+        Their positions, px from the top (the left), increasing.
+    extent : int
+        The photo's size across the joints, px.
+    """
+
+    rows: bool
+    joints: np.ndarray
+    extent: int
+
+    @property
+    def heights(self) -> np.ndarray:
+        """Distances from each joint to the next."""
+        return np.diff(self.joints)
+
+    def on_torus(self, domain: Domain) -> np.ndarray:
+        """Joints of a tile: the photo's courses in order, stretched to close where the tile wraps.
+
+        None lies near the wrap, where it would look like a seam. If possible, they are at their places in the photo.
+        """
+        size, heights = domain.size[self.rows], self.heights
+        if not domain.wraps[self.rows]:
+            if size <= self.extent:
+                return self.joints
+            later = np.cumsum(np.tile(heights, int(size / heights.sum()) + 1))
+            return np.concatenate([self.joints, self.joints[-1] + later])
+        nearest = math.inf, 0, heights[:1]
+        for first in range(len(heights)):
+            ends = np.cumsum(np.tile(np.roll(heights, -first), int(size / heights.sum()) + 2))
+            count = int(np.abs(ends - size).argmin()) + 1
+            nearest = min(
+                nearest, (abs(float(ends[count - 1]) - size), first, ends[:count]), key=lambda found: found[0]
+            )
+        _, first, ends = nearest
+        ends = ends * (size / ends[-1])
+        own, low = self.joints[1 + (first + np.arange(len(ends))) % len(heights)], float(heights.min())
+        places = self.joints[first] + ends
+        if (np.abs((places + size / 2) % size - size / 2) < low / 4).any():
+            places = places + low / 2
+        return np.sort((own + np.rint(places - own)) % size)  # moved by whole pixels, without resampling
+
+    def __str__(self) -> str:
+        low, high = self.heights.min(), self.heights.max()
+        return (
+            f"{len(self.joints)} {'horizontal' if self.rows else 'vertical'} joints, {low:.0f} to {high:.0f} px apart"
+        )
+
+
+def find_courses(values: SomeRows, usable: np.ndarray | None = None, seen: HighPass | None = None) -> Courses | None:
+    """The courses of a photo. None: it has none.
+
+    Parameters
+    ----------
+    values : (height, width, channels) float32
+        CIE Lab.
+    usable : (height, width) bool or None
+        Pixels that count. None: all.
+    seen : HighPass, optional
+        `high_pass_of` these arguments, if it is known.
+    """
+    seen = seen or high_pass_of(values, usable)
+    if seen is None:
+        return None
+    texture, counted = seen
+    light = texture[..., 0]
+    found = [_joints(light if rows else light.T, counted if rows else counted.T) for rows in (True, False)]
+    rows = found[0][0] >= found[1][0]
+    likeness, joints = found[0] if rows else found[1]
+    if likeness < ALIKE or len(joints) < LEAST or np.diff(joints).max() > UNEVEN * np.diff(joints).min():
+        return None
+    axis = 0 if rows else 1
+    extent = values.shape[axis]
+    return Courses(rows, np.rint(64 * joints * (extent / light.shape[axis])) / 64, extent)
+
+
+def _profile(light: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """The mean along rows, minus its own mean over a wider range."""
+    mean = (light * usable).sum(1) / np.maximum(usable.sum(1), 1)
+    return _blurred(mean, THIN) - _blurred(mean, 4 * THIN)
+
+
+def _blurred(line: np.ndarray, sigma: float) -> np.ndarray:
+    """A line through a Gaussian, reflected at its ends. np.convolve would use BLAS, which differs between CPUs."""
+    taps = gaussian_taps(sigma, 3.0)
+    padded = np.pad(line, len(taps) // 2, "reflect")
+    return sum(tap * padded[k : k + len(line)] for k, tap in enumerate(taps))
+
+
+def _joints(light: np.ndarray, usable: np.ndarray) -> tuple[float, np.ndarray]:
+    """The correlation of the profiles of both halves, and peaks of the whole profile."""
+    half = light.shape[1] // 2
+    one, other = _profile(light[:, :half], usable[:, :half]), _profile(light[:, half:], usable[:, half:])
+    likeness = float((one * other).sum() / max(1e-12, np.sqrt((one * one).sum() * (other * other).sum())))
+    profile = _profile(light, usable)
+    if (profile**3).sum() < 0:  # joints are dark
+        profile = -profile
+    peak = np.flatnonzero((profile[1:-1] > profile[:-2]) & (profile[1:-1] >= profile[2:])) + 1
+    if not len(peak):
+        return 0.0, peak.astype(np.float64)
+    strong = np.sort(profile[peak])[::-1][: max(3, len(profile) // 40)].mean()
+    peak = peak[profile[peak] >= STRONG * strong]
+    bend = profile[peak - 1] - 2 * profile[peak] + profile[peak + 1]
+    between = 0.5 * (profile[peak - 1] - profile[peak + 1]) / np.minimum(bend, -1e-12)
+    return likeness, peak + 0.5 + between
+
+
+@dataclass(frozen=True)
+class InCourses:
+    """The exemplar's courses, as kept by a result.
+
+    Attributes
+    ----------
+    courses : Courses
+        Courses of the exemplar.
+    wanted : (n,) float64
+        Joints of the result, as from `Courses.on_torus`.
+    size : int
+        Size of the result across the joints, px.
+    wraps : bool
+        The result wraps in that direction.
+    structure : float
+        Strength, 0 to 1.
+    origin : int
+        Position of the result's first pixel in `wanted`, px.
+    """
+
+    courses: Courses
+    wanted: np.ndarray
+    size: int
+    wraps: bool
+    structure: float
+    origin: int = 0
+
+    @staticmethod
+    def of(courses: Courses, domain: Domain, structure: float) -> InCourses:
+        """Courses for a result on a domain."""
+        axis = int(courses.rows)
+        return InCourses(courses, courses.on_torus(domain), domain.size[axis], domain.wraps[axis], structure)
+
+    def facts(self) -> list[object]:
+        """Everything that a result depends on."""
+        return [self.wanted, *vars(self.courses).values()]
+
+    def moved(self, x: int, y: int) -> InCourses:
+        """The same for a part of the result that begins at (x, y)."""
+        return replace(self, origin=self.origin + (y if self.courses.rows else x))
+
+    def prices(self, own_scale: tuple[float, float], scale: tuple[float, float], patch: int, variance: float) -> Prices:
+        """Penalties on a level. Arguments as in `InStep.prices`."""
+        axis, bins = int(self.courses.rows), 1 << BITS
+        far = np.minimum(np.arange(bins), bins - np.arange(bins)) / bins  # in cycles
+        losses = np.minimum(far / NEAR, 1.0) * min(STRENGTH * self.structure * patch**2 * variance, MOST)
+        places = [
+            (np.arange(round(size * along[axis])) + patch / 2) / along[axis]
+            for size, along in ((self.courses.extent, own_scale), (self.size, scale))
+        ]
+        own = self._phases(places[0], self.courses.joints, False) + np.uint32(1 << (31 - BITS))
+        wanted = self._phases(places[1] + self.origin, self.wanted, self.wraps)
+        table = np.concatenate([np.rint(losses).astype(np.int32), own.view(np.int32), wanted.view(np.int32)])
+        median = np.zeros((1, 2))
+        median[0, axis] = np.median(self.courses.heights) * own_scale[axis]
+        return Prices(np.array([axis, bins, bins + len(own)], np.uint32), table, median, warped=True)
+
+    def _phases(self, places: np.ndarray, joints: np.ndarray, wraps: bool) -> np.ndarray:
+        """The signed distance to the nearest joint in median courses, -1/2 to 1/2, in cycles / 2^32."""
+        if wraps:
+            places = places % self.size
+            joints = np.concatenate([joints[-1:] - self.size, joints, joints[:1] + self.size])
+        at = np.searchsorted((joints[1:] + joints[:-1]) / 2, places)
+        cycles = np.clip((places - joints[at]) / float(np.median(self.courses.heights)), -0.5, 0.5)
+        return (np.rint(cycles % 1.0 * 2.0**32).astype(np.uint64) & np.uint64(0xFFFFFFFF)).astype(np.uint32)

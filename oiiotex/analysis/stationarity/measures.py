@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters that select the measure of stationarity (MJH17 section 3)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...engine.errors import ParameterError
+
+MEASURES = ("histogram", "moments", "steerable")
+MEASURE = (
+    "Statistics that define stationarity. histogram: local histograms. moments: local moments."
+    " steerable: responses of steerable filters."
+)
+ORDER = "Highest order of moments, for measure=moments. 2: mean and variance. 3: also skewness. 4: also kurtosis."
+
+
+def order_of(measure: str, order: int | None) -> int:
+    """The highest order of moments.
+
+    Raises
+    ------
+    ParameterError
+        An order is given for another measure.
+    """
+    if order is not None and measure != "moments":
+        raise ParameterError(f"requires measure=moments, not measure={measure}", parameter="order", value=order)
+    return order or 2
+
+
+def cost_text(cost: float, measure: str, order: int, before: float | None = None) -> str:
+    """A cost of MJH17 eq. 1 as text, with the previous cost if given.
+
+    Parameters
+    ----------
+    cost : float
+        >= 0, in Lab units. Moments: in squared Lab units.
+    measure : str
+        One of `MEASURES`.
+    order : int
+        Highest order of moments, 2 to 4.
+    before : float, optional
+        Cost of the photo, in the same units.
+    """
+    kind = {"histogram": "", "moments": f" of moments up to {order}", "steerable": " of steerable responses"}[measure]
+    change = "" if before is None else f"{before:.2f} -> "
+    unit = "Lab^2" if measure == "moments" else "Lab"
+    return f"stationarity cost{kind} {change}{cost:.2f} {unit} (MJH17 eq. 1)"
+
+
+def scale_folder() -> Path:
+    """Folder of cached scales for maps of sigmas."""
+    from ...engine.opencl.cache_folders import cache_folder  # not needed for help
+
+    return cache_folder() / "sigmas"

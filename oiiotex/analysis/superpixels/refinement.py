@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Superpixels of a large image: seeds converge on means of squares, then pixels choose among the nearby seeds.
+
+LSA16 section 3.1 reads all pixels in every iteration. Its superpixels grow with the image (sigma_1 is 2 % of the
+shorter side), so 16 to 32 squares across one are enough to place its seed. The image itself is read twice, for the
+squares and for the borders. A pixel chooses among the seeds that its own square and the eight around it have chosen, so
+pixels inside a superpixel belong to it: noise makes no tiny pieces there. Squares are 1 px wide up to sigma = 32 px,
+where this step does not exist.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from ...engine.color.lab_on_device import Band, LabGrid
+from ...engine.deferred import np
+from ...engine.opencl.buffers import Buffers
+from ...engine.session.resources import Resources
+from .slic import SeedGrid, Slic, candidates
+
+WIDEST = 128  # px, of a square: its pixels are counted in 16 bits
+_PADDING = 128  # bytes past the end that wide registers may read: 16 pixels
+_AT_ONCE = 4 << 20  # bytes of sums downloaded at a time
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """The image in squares, the initial level of the Gaussian stack."""
+
+    side: int  # of a square, px
+    sums: np.ndarray  # (down, across, 4) int32: L, a, b in steps of 1/8, and number, of a square's opaque pixels
+
+
+class LabelSquares:
+    """Sums and means of squares, gathered while the image is read. A `LabGrid` of squares, released by `with`.
+
+    `width`, `height`: of the image, px; `side`: of a square, px. Bands begin at multiples of it.
+    """
+
+    def __init__(self, width: int, height: int, side: int, resources: Resources, means: bool):
+        self._device, self._image = resources.device, (width, height)
+        self.width, self.height = -(-width // side), -(-height // side)
+        self.band_rows = self.height
+        self._rows = max(1, min(self.height, _AT_ONCE // (16 * self.width)))
+        asker, self._means = "the image in squares", means
+        size = 8 * self.width * self.height + _PADDING if means else 0
+        self._buffers = Buffers(self._device, {"lab": size}, resources.budget, asker)
+        self._sums = Buffers(self._device, {"sums": 16 * self.width * self._rows}, resources.budget, asker)
+        self.reduced = Reduced(side, np.zeros((self.height, self.width, 4), np.int32))
+
+    def __enter__(self) -> LabelSquares:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._sums.__exit__()
+        self._buffers.__exit__()
+
+    def look(self, band: Band) -> None:
+        """Add a band of the image."""
+        side, run, sums = self.reduced.side, self._device.program("superpixels"), self._sums["sums"]
+        (width, height), end = self._image, -(-band.bottom // side)
+        for first in range(band.top // side, end, self._rows):
+            count = min(self._rows, end - first)
+            numbers = width, band.top, band.bottom - band.top, side, self.width, first, count
+            run("reduce", (self.width, count), band.lab, sums, *numbers)
+            if self._means:
+                run("means", (self.width, count), sums, self._buffers["lab"], side, self.width, first, count)
+            self.reduced.sums[first : first + count] = self._device.read(sums, (count, self.width, 4), np.int32)
+        if band.bottom == height:  # all are on the host
+            self._sums.__exit__()
+
+    def bands(self, wanted: Callable[[int, int], bool] = lambda top, bottom: True) -> Iterator[Band]:
+        """One band: all squares as pixels, if `wanted(top, bottom)`."""
+        if wanted(0, self.height):
+            yield Band(0, self.height, self._buffers["lab"])
+
+
+def refined_slots(
+    lab: LabGrid, grid: SeedGrid, squares: LabelSquares, settled: Slic, centers: np.ndarray, resources: Resources
+) -> Iterator[tuple[Band, Any]]:
+    """As `Slic.slots` for the image: the choice of each pixel among nine seeds, band by band.
+
+    `centers` (down, across, 5) float64: its seeds: L, a, b in steps, x, y in squares.
+    """
+    device, side, strips = resources.device, squares.reduced.side, grid.strips(lab.band_rows)
+    run = device.program("superpixels")
+    layout = {"seeds": 2 * squares.width * squares.height, "candidates": 16 * 9 * grid.count}
+    layout["slots"] = lab.band_rows * lab.width
+    with Buffers(device, layout, resources.budget, f"{grid.count} superpixels") as buffers:
+        cells = [device.upload(grid.of_squares.cells(axis)) for axis in (0, 1)]
+        for band, slots in settled.slots(centers):
+            shape = squares.width, squares.height
+            run("seeds", shape, band.lab, slots, *cells, buffers["seeds"], *shape)
+        centers = centers * [1, 1, 1, side, side] + [0, 0, 0, (side - 1) / 2, (side - 1) / 2]
+        device.write(buffers["candidates"], candidates(grid, centers, np.arange(grid.count)))
+        tables = [device.upload(t) for t in (strips, grid.edges(1), grid.cells(1))]
+        for band in lab.bands():
+            first, end = np.searchsorted(strips[:, 0], (band.top, band.bottom)).tolist()
+            items = lab.width if device.lanes == 1 else grid.across
+            images = buffers["seeds"], buffers["slots"]
+            place = end - first, grid.shift, band.top, first
+            numbers = lab.width, grid.across, *place, side.bit_length() - 1, squares.width
+            run("refine", (items, end - first), band.lab, buffers["candidates"], *tables, *images, *numbers)
+            yield band, buffers["slots"]

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All ops and options of a command line."""
+
+from __future__ import annotations
+
+from ... import filters
+from ...engine.deferred import Shelf
+from .. import host
+from .language.parse import FURTHER, Language, Refused
+
+REFUSED = (
+    Refused("--capture", 0, "OpenImageIO's wheel is built without OpenCV; save the camera's image to a file"),
+    Refused("--gpu", 0, "OpenImageIO's wheel is built without GPU support; --device selects where --tex... ops run"),
+)
+
+_OPTIONS: dict[str, dict[str, str]] = {  # by heading and module, in the order of help; --help takes the first word
+    "Reading": {
+        "files.reading": "-i --iconfig --missingfile --testread -a --native --no-autopremult --autopremult"
+        " --autoorient --auto-orient --autocc --noautocc",
+    },
+    "Writing": {
+        "files.output": "-o -d --scanline --tile --compression --quality --dither --planarconfig --adjust-time"
+        " --noautocrop --autotrim --history --no-history --nosoftwareattrib -n -u --no-clobber --noclobber"
+        " --create-dir --iccwrite",
+        "files.textures": "-otex -oenv -obump",
+    },
+    "Stack, subimages and MIP levels": {
+        "stack.moves": "--label --dup --swap --pop --popbottom --stackreverse --stackextract --stackclear --subimage"
+        " --sisplit --siappend --siappendall --layersplit --unmip --selectmip --thumbnail-get --thumbnail-set",
+    },
+    "Printing and comparing": {
+        "printing.texts": "--info --printinfo --stats --printstats --hash --dumpdata --metamatch --no-metamatch"
+        " --colorcount --rangecheck --echo",
+        "printing.comparing": "--diff --pdiff --flipdiff --fail --failpercent --hardfail --warn --warnpercent"
+        " --hardwarn",
+        "printing.inventory": "--list-formats --buildinfo --colorconfiginfo",
+    },
+    "Viewing": {"files.viewing": "--tev", "running.living": "--texlive"},
+    "Control flow": {
+        "language.control": "--set --if --else --endif --while --endwhile --for --endfor --evaloff --evalon"
+        " --oiioattrib",
+    },
+    "Run settings": {
+        "language.control:STATES": "-v --verbose --maxloop --no-error-exit --metamerge --sansattrib --autotile"
+        " --experimental",
+        "running.run_settings": "--device --devices --threads --cache --colorconfig --interchange -q --noprogress"
+        " --runstats --debug --version --completion --manpage --plugin-path --cache-info --cache-clear --help -h",
+        "language.each": "--each",
+        "language.sequences": "--frames --framepadding --views --wildcardoff --wildcardon --skip-bad-frames"
+        " --parallel-frames",
+        "running.shares": "--share --join --farm --openjd",
+    },
+}
+_SHELVES = tuple(
+    Shelf(heading, f"{__package__}.{module}", tuple(names.split()), attribute or "OPTIONS")
+    for heading, modules in _OPTIONS.items()
+    for (module, _, attribute), names in ((place.partition(":"), names) for place, names in modules.items())
+)
+_WORDS = {shelf.heading: "texture" for shelf in filters.SHELVES} | {FURTHER: "texture"}
+_WORDS |= {shelf.heading: shelf.attribute.lower() for shelf in host.SHELVES}
+_WORDS |= {heading: heading.replace(",", "").split()[0].lower() for heading in _OPTIONS}
+
+LANGUAGE = Language((*filters.SHELVES, *host.SHELVES, *_SHELVES), REFUSED, filters.further, _WORDS)

@@ -1,0 +1,343 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ops that move pixels without resampling: crop, cut, paste, mosaic, flips, quarter turns, shifts."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import operator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from ....engine.core.access import Gather, ScanThenMap
+from ....engine.core.demand import bands, cached, on_a_torus
+from ....engine.core.image import Image, Part, derived_spec
+from ....engine.core.parameters import Size, argument, image, param
+from ....engine.core.window import Window
+from ....engine.deferred import oiio
+from ....engine.errors import ParameterError
+from ....engine.session import Session
+from ..geometry_text import box_of, parse_box, parse_offset
+from ..kinds import Hosted, HostOp, op, window_of, worked
+from ..remapping import Remap, remapped
+from .scaling import Fit
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cropped(Remap):
+    """Another data window, padded with black."""
+
+    mixes: ClassVar[bool] = False
+    deep: ClassVar[bool] = True
+
+    def window(self, spec: oiio.ImageSpec) -> Window:
+        """The new data window."""
+        raise NotImplementedError
+
+    def idle(self, parts: Sequence[Part]) -> bool:
+        """Whether no data window changes."""
+        return all(self.window(part.spec) == part.window for part in parts)
+
+    def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
+        """The new data window."""
+        return self.window(specs[0]).apply_to(specs[0])
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """The same window."""
+        return [window]
+
+    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """Cropped or padded."""
+        return oiio.ImageBufAlgo.crop(buffers[0], roi=Window.data(target).roi(target.nchannels))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Crop(Cropped):
+    """Set the data window, cropping or padding with black."""
+
+    name: ClassVar[str] = "crop"
+
+    size: str = argument(help="Data window: WxH+X+Y, X0,Y0,X1,Y1, WxH or +X+Y.", example="640x480+10+20")
+
+    def window(self, spec: oiio.ImageSpec) -> Window:
+        """The given window; missing numbers are those of the data window."""
+        return parse_box(self.size, box_of(Window.data(spec))).window()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cut(Crop):
+    """Cut out a region and move it to the origin."""
+
+    name: ClassVar[str] = "cut"
+
+    def idle(self, parts: Sequence[Part]) -> bool:
+        """Never: the display window changes."""
+        return False
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The cut, not yet computed."""
+        x, y, *_ = origin = self.window(parts[0].spec)
+        target = origin.shifted(-x, -y).apply_to(parts[0].spec)
+        Window.data(target).show_in(target)
+
+        def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+            result = oiio.ImageBufAlgo.crop(buffer, roi=Window.data(spec).shifted(x, y).roi(spec.nchannels))
+            changed = result.specmod()
+            changed.x, changed.y = spec.x, spec.y
+            result.set_full(target.full_x, target.full_width, target.full_y, target.full_height, 0, 1)
+            return result
+
+        return remapped(self, parts, target, lambda window: [window.shifted(x, y)], apply, session)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trim(Hosted, ScanThenMap):
+    """Crop all parts to the smallest window that contains every nonzero pixel."""
+
+    name: ClassVar[str] = "trim"
+    deep: ClassVar[bool] = True
+
+    source: Image = image(help="Input image.")
+
+    def compute(self, session: Session) -> Image:
+        """One data window for all parts, as many programs expect in a file."""
+        nonzero = [window for part in self.source.parts for window in _nonzero(part)]
+        first_pixel = Window.sized(*self.source.first.window[:2], 1, 1)  # of an image that is zero everywhere
+        window = functools.reduce(operator.or_, nonzero or [first_pixel])
+        return Crop(source=self.source, size=str(window), allsubimages=True).compute(session)
+
+
+def _nonzero(part: Part) -> Iterator[Window]:
+    """Windows around the nonzero pixels."""
+    for band in (part.window,) if part.spec.deep else bands(part):
+        roi = oiio.ImageBufAlgo.nonzero_region(part.buffer(band))
+        if roi.npixels:
+            yield window_of(roi)
+
+
+def _pasted(spec: oiio.ImageSpec, window: Window, placed: Iterable[tuple[Part, int, int]]) -> oiio.ImageBuf:
+    """A window of an image pasted from others, later ones over earlier ones, each moved by (x, y)."""
+    buffer = oiio.ImageBuf(window.apply_to(spec))
+    for part, x, y in placed:
+        seen = window.shifted(-x, -y) & part.window
+        if not seen.empty:
+            oiio.ImageBufAlgo.paste(buffer, x, y, 0, 0, part.buffer(seen))
+    return buffer
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paste(Hosted, Gather):
+    """Paste the second image from the top of the stack over the top image."""
+
+    name: ClassVar[str] = "paste"
+
+    sources: tuple[Image, ...] = image(help="Images from front to back; the last one is the background.")
+    position: str = argument(
+        help="Offset +X+Y of the pasted image. - or auto: its data window as it is.", example="+100+50"
+    )
+    mergeroi: bool = param(False, help="Grow the windows to contain all images; otherwise keep the background's.")
+    all: bool = param(False, help="Paste all images of the stack over the top image.")
+
+    @classmethod
+    def arity(cls, values: dict[str, Any], depth: int) -> int:
+        """Two, or all."""
+        return max(2, depth) if values.get("all") else 2
+
+    def compute(self, session: Session) -> Image:
+        """The others pasted over the background, back to front."""
+        x, y = (0, 0) if self.position in ("-", "auto") else parse_offset(self.position)
+        back, *others = [given.first for given in reversed(self.sources)]
+        around = [back, *(others if self.mergeroi else ())]
+        whole = functools.reduce(operator.or_, (part.window for part in around))
+        display = functools.reduce(operator.or_, (Window.display(part.spec) for part in around))
+        spec = whole.apply_to(derived_spec(back.spec))
+        spec.set_format(back.working_type)
+        display.show_in(spec)
+        placed = [(back, 0, 0), *((part, x, y) for part in others)]
+        return Image((Part(back.name, spec, lambda window: _pasted(spec, window, placed)),), self.sources[-1].source)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mosaic(Hosted, Gather):
+    """Assemble images into a mosaic of rows and columns; empty cells are black."""
+
+    name: ClassVar[str] = "mosaic"
+
+    sources: tuple[Image, ...] = image(help="Images, row by row.")
+    size: Size = argument(ge=1, help="Number of columns and rows.", example="3x2")
+    pad: int = param(0, ge=0, unit="px", help="Black space between the images.")
+    fit: Size | None = param(
+        None, ge=1, help="Size of a cell. Each image is resized to fit, and padded.", example="256x256"
+    )
+
+    @classmethod
+    def arity(cls, values: dict[str, Any], depth: int) -> int:
+        """One image per cell, at most all on the stack; at least one."""
+        size = values.get("size")
+        return max(1, depth if size is None else min(size[0] * size[1], depth))
+
+    def compute(self, session: Session) -> Image:
+        """The mosaic."""
+        columns, rows = self.size
+        if len(self.sources) > columns * rows:
+            expected = f"at least {len(self.sources)} cells, one per image"
+            raise ParameterError(parameter="size", value=self.size, expected=expected)
+        parts = [given.first for given in self.sources]
+        blanks = [oiio.TypeDesc(oiio.UINT8)] * (len(parts) < columns * rows)
+        types = [*blanks, *(part.working_type for part in reversed(parts))]
+        samples = [oiio.ImageBuf(oiio.ImageSpec(1, 1, 1, each)) for each in types]
+        format = functools.reduce(oiio.ImageBufAlgo.channel_append, samples).spec().format  # holds all types
+        channels = max(part.spec.nchannels for part in parts)
+        wide, high = max(p.spec.full_width for p in parts), max(p.spec.full_height for p in parts)
+        if self.fit:
+            wide, high = self.fit
+            fits = [Fit(source=given, size=str(self.fit), pad=True, allsubimages=False) for given in self.sources]
+            parts = [fit.compute(session).first for fit in fits]
+        across, down = wide + self.pad, high + self.pad
+        whole = Window(0, 0, columns * across - self.pad, rows * down - self.pad)
+        spec = whole.apply_to(oiio.ImageSpec(1, 1, channels, format))
+        whole.show_in(spec)
+        placed = [(part, n % columns * across, n // columns * down) for n, part in enumerate(parts)]
+        return Image((Part("mosaic", spec, lambda window: _pasted(spec, window, placed)),), "mosaic")
+
+
+CROPPING = (
+    Crop,
+    op("croptofull", "Crop or pad to the display window.", Cropped, window=lambda use, spec: Window.display(spec)),
+    Cut,
+    Trim,
+    Paste,
+    Mosaic,
+)
+
+
+# --- flips, quarter turns and shifts ---
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turned(Remap):
+    """Rows and columns swapped, or not, then mirrored within the display window."""
+
+    mixes: ClassVar[bool] = False
+    swaps: ClassVar[bool] = False
+    mirrors: ClassVar[tuple[bool, bool]] = (False, False)  # columns, rows
+
+    def display(self, spec: oiio.ImageSpec) -> Window:
+        """The display window of the result: a rotation keeps its corner, a transposition swaps x and y."""
+        x, y, shown = spec.full_x, spec.full_y, Window.display(spec)
+        if not self.swaps:
+            return shown
+        return Window.sized(*((x, y) if any(self.mirrors) else (y, x)), shown.height, shown.width)
+
+    def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
+        """The spec with both windows turned."""
+        shown, display = Window.display(specs[0]), self.display(specs[0])
+        data = Window.data(specs[0]).shifted(-shown.left, -shown.top)
+        data = _mirrored(_swapped(data, self.swaps), self.mirrors, display.size)
+        spec = data.shifted(display.left, display.top).apply_to(specs[0])
+        display.show_in(spec)
+        return spec
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """The window that the pixels come from."""
+        shown, display = Window.display(specs[0]), self.display(specs[0])
+        back = _mirrored(window.shifted(-display.left, -display.top), self.mirrors, display.size)
+        return [_swapped(back, self.swaps).shifted(shown.left, shown.top)]
+
+    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The turned window; ImageBufAlgo is correct only for a display window that begins at the origin."""
+        if not any(self.mirrors):
+            return self.called(*buffers)
+        x, y = buffers[0].spec().full_x, buffers[0].spec().full_y
+        return moved(self.called(moved(buffers[0], -x, -y)), x, y)
+
+
+def _swapped(window: Window, swaps: bool) -> Window:
+    return Window(window.top, window.left, window.bottom, window.right) if swaps else window
+
+
+def _mirrored(window: Window, mirrors: tuple[bool, bool], size: tuple[int, int]) -> Window:
+    """The window in a mirrored image of this size."""
+    left, top, right, bottom = window
+    left, right = (size[0] - right, size[0] - left) if mirrors[0] else (left, right)
+    top, bottom = (size[1] - bottom, size[1] - top) if mirrors[1] else (top, bottom)
+    return Window(left, top, right, bottom)
+
+
+def moved(buffer: oiio.ImageBuf, x: int, y: int) -> oiio.ImageBuf:
+    """The same pixels with both windows moved; a copy unless x and y are 0."""
+    if x == y == 0:
+        return buffer
+    copy = buffer.copy()
+    spec = copy.specmod()
+    spec.x, spec.y, spec.full_x, spec.full_y = spec.x + x, spec.y + y, spec.full_x + x, spec.full_y + y
+    return copy
+
+
+_SWAPS = {"swaps": True, "scattered": True}
+_TURNS = (
+    op("flip", "Flip the image vertically (mirror top to bottom).", Turned, mirrors=(False, True)),
+    op("flop", "Flop the image horizontally (mirror left to right).", Turned, mirrors=(True, False)),
+    op("rotate180", "Rotate by 180 degrees.", Turned, aliases=("--flipflop",), mirrors=(True, True)),
+    op("rotate90", "Rotate by 90 degrees clockwise.", Turned, mirrors=(True, False), **_SWAPS),
+    op("rotate270", "Rotate by 270 degrees clockwise.", Turned, mirrors=(False, True), **_SWAPS),
+    op("transpose", "Transpose the image: swap rows and columns.", Turned, **_SWAPS),
+)
+_UPRIGHT = {
+    2: ("flop",), 3: ("rotate180",), 4: ("flip",), 5: ("rotate90", "flop"), 6: ("rotate90",), 7: ("flop", "rotate90"),
+    8: ("rotate270",),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reorient(Hosted, Gather):
+    """Rotate and flip the pixels to match the Orientation metadata."""
+
+    name: ClassVar[str] = "reorient"
+
+    source: Image = image(help="Input image.")
+
+    def compute(self, session: Session) -> Image:
+        """The upright image; the image itself if it is already upright."""
+        parts = self.source.parts
+        if all(_orientation(part) == 1 for part in parts):
+            return self.source
+        if not session.settings.all_parts:
+            parts = parts[:1]
+        return Image(tuple(self._upright(part, session) for part in parts), self.source.source)
+
+    def _upright(self, part: Part, session: Session) -> Part:
+        turned = worked(part)
+        for step in _UPRIGHT.get(_orientation(part), ()):
+            turn: Any = next(turn for turn in _TURNS if turn.name == step)
+            turned = turn(source=self.source).result([turned], session)
+        upright = turned.respecced(lambda spec: spec.attribute("Orientation", 1))
+        return dataclasses.replace(upright, stored=part.stored, exact=True) if part.exact else upright
+
+
+def _orientation(part: Part) -> int:
+    return part.spec.get_int_attribute("Orientation", 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CircularShift(HostOp, Gather):
+    """Shift the image circularly within its data window."""
+
+    name: ClassVar[str] = "cshift"
+    mixes: ClassVar[bool] = False
+
+    source: Image = image(help="Input image.")
+    shift: str = argument(help="Offset +X+Y, to the right and down.", example="+20-10")
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The shifted part; its windows are read from the source with wraparound."""
+        x, y = parse_offset(self.shift)
+        source = worked(cached(parts[0], session.resources.cache))
+        corner = Window.sized(source.window.left, source.window.top, 1, 1)
+        spec = oiio.ImageBufAlgo.circular_shift(oiio.ImageBuf(corner.apply_to(source.spec)), 0, 0).spec()
+        target = source.window.apply_to(spec)
+        return Part(source.name, target, lambda window: on_a_torus(source, window.shifted(-x, -y)))
+
+
+TURNING = (*_TURNS, Reorient, CircularShift)

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Textures for hosts: tiles of MIP levels, each half the size of the previous one.
+
+Levels are those of --texsynth, and tiles are windows of them, bit for bit. A plan has one level, the result of
+--texquilt. A set of tiles has one level, the tiles arranged side by side. Pixels are computed and cached in blocks of
+several tiles, because the coarser levels of a window cost more than a small window itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ...engine.core.attributes import EDGES, TAG, WINDOW
+from ...engine.core.demand import assembled
+from ...engine.core.image import Image, Part, dtype_of, tagged
+from ...engine.core.window import Window
+from ...engine.deferred import np, oiio
+from ...engine.errors import ImageError
+from ...engine.io.reading import read
+from ...engine.session import Session
+from ...engine.session.progress import Progress
+from ...filters import op_named
+from ...synthesis.wang.plane import TilePlane
+from .texture_file import TextureFile, tile_side
+
+_BLOCK = 256  # px; smallest block size
+_MOST = 1 << 24  # px; largest window of a request
+_PLANE = Window(-(1 << 40), -(1 << 40), 1 << 40, 1 << 40)
+
+
+class OpenTexture:
+    """An open texture file.
+
+    `spec`: spec of the finest level; `levels`: number of levels.
+    """
+
+    def __init__(self, text: str, session: Session):
+        self._text, file = text, TextureFile.of_text(text)
+        file.require_unchanged()
+        kind = _QuiltTexture if file.plan else _TilesTexture if file.tiles else _EndlessTexture
+        self._made = kind(file, session)
+        self.spec, self.levels = self._made.spec, self._made.levels
+        tile = tile_side(self.spec.width, self.spec.height)
+        self.spec.tile_width = self.spec.tile_height = tile
+        self.spec.tile_depth = 1
+        self._side = max(_BLOCK, tile)
+
+    def tile(self, level: int, window: Window, session: Session) -> np.ndarray:
+        """Pixels of a level (0: the finest), (height, width, channels) of the spec's pixel type.
+
+        Outside the image, an unbounded texture continues; a quilt is black.
+        """
+        size = f"{window.width}x{window.height}"
+        if window.empty or window.width * window.height > _MOST or (window & _PLANE) != window:
+            raise ImageError(f"window {size}{window.left:+d}{window.top:+d}: expected 1 to {_MOST} px, near the origin")
+        if not 0 <= level < self.levels:
+            raise ImageError(f"level {level}: expected 0 to {self.levels - 1}")
+
+        def block(place: Window) -> np.ndarray:
+            made = self._made
+            return session.resources.cache.get((self._text, level, place), lambda: made.pixels(level, place, session))
+
+        return assembled(window, (self._side, self._side), _PLANE, block)
+
+
+class _EndlessTexture:
+    """A plane of --texsynth. Levels coarser than its level 0, whose pixels cover an exemplar, have a single color."""
+
+    def __init__(self, file: TextureFile, session: Session):
+        photo = None if file.photo is None else _opened(file.photo, file, session)
+        graph = Path(file.graph) if file.graph else None
+        self._op = _use("synth", exemplar=photo, graph=graph, seed=file.seed, level=file.level)
+        first = self._part(Window(0, 0, 1, 1), session, file.level)
+        self._finest = first.spec.get_int_attribute("oiiotex:level")
+        self.spec = _spec_of(first, file)
+        self.levels = max(file.width, file.height).bit_length()  # down to one pixel
+
+    def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
+        """The pixels of a window of a level."""
+        if level > self._finest:
+            pixel = self.pixels(self._finest, Window(0, 0, 1, 1), session)
+            return np.broadcast_to(pixel, (place.height, place.width, pixel.shape[2]))
+        part = self._part(place, session, self._finest - level)
+        return part.read(part.window)
+
+    def _part(self, place: Window, session: Session, level: int | None) -> Part:
+        window = f"{place.width}x{place.height}{place.left:+d}{place.top:+d}"
+        part: Part = replace(self._op, window=window, level=level).compute(session)["texture"]
+        return part
+
+
+class _QuiltTexture:
+    """A plan, rendered as by --texquilt:render=1. It has one level; hosts can make further ones."""
+
+    levels = 1
+
+    def __init__(self, file: TextureFile, session: Session):
+        quiet = session.telling(Progress())  # the part outlives the job that opens it
+        exemplar = _opened(file.photo or "", file, session)
+        op = _use("quilt", exemplar=exemplar, plan=Path(file.plan or ""), render=True)
+        self._part: Part = op.compute(quiet)["quilt"]
+        self.spec = oiio.ImageSpec(self._part.spec)
+        if not tile_side(self.spec.width, self.spec.height):
+            raise ImageError(f"{file.plan}: too large: expected at most 2^48 px in total")
+
+    def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
+        """The pixels of a window, black outside the image."""
+        inside = place & self._part.window
+        out = np.zeros((place.height, place.width, self.spec.nchannels), dtype_of(self.spec))
+        if not inside.empty:
+            out[inside.inside(place)] = self._part.read(inside)
+        return out
+
+
+class _TilesTexture:
+    """Tiles arranged side by side. They have one level."""
+
+    levels = 1
+
+    def __init__(self, file: TextureFile, session: Session):
+        tiles = _opened(file.tiles or "", file, session)
+        self._plane = TilePlane(tiles, file.seed or 0)
+        self.spec = _spec_of(tiles.first, file)
+
+    def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
+        """The pixels of a window."""
+        return self._plane.pixels(place)
+
+
+def _use(name: str, **values: Any) -> Any:
+    return op_named(name)(**values)
+
+
+def _spec_of(part: Part, file: TextureFile) -> oiio.ImageSpec:
+    """The spec of an image of the file's size, with pixels like the part's."""
+    spec = oiio.ImageSpec(part.spec)
+    for name in (WINDOW, EDGES, "oiio:subimagename"):
+        spec.erase_attribute(name)
+    spec.x = spec.y = spec.full_x = spec.full_y = 0
+    spec.width = spec.full_width = file.width
+    spec.height = spec.full_height = file.height
+    spec.attribute("textureformat", "Plain Texture")
+    return spec
+
+
+def opened(text: str, session: Session) -> OpenTexture:
+    """The texture with that key, cached."""
+    return session.resources.remembered(("texture", text), lambda: OpenTexture(text, session))
+
+
+def _opened(path: str, file: TextureFile, session: Session) -> Image:
+    """An image of the file, shared by all its textures, so that it is analyzed only once."""
+
+    def read_and_tagged() -> Image:
+        image = read(path, session.resources.cache)
+        if not file.colorspace:
+            return image
+        session.resources.color.resolve(file.colorspace)
+        return tagged(image, TAG, session.resources.color.known_name(file.colorspace))
+
+    return session.resources.remembered(("photo", path, file.stamp, file.colorspace), read_and_tagged)

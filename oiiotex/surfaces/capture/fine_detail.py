@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The finest detail of a photo in linear light, which is large where a surface glitters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ...engine.color.lab import Lens
+from ...engine.core.demand import rows_for
+from ...engine.core.image import Part, spec_beside
+from ...engine.core.window import Window
+from ...engine.deferred import np
+from .shading import luminance
+
+STEPS = 2000.0  # of detail per white: sums are of integer 64ths of a step
+_TAPS = (1, 4, 6, 4, 1)  # a Gaussian of sigma 1
+_REACH = 2
+
+
+def fine_detail(part: Part, lens: Lens) -> Part:
+    """Absolute difference between the luminance of each pixel and its surroundings, in `STEPS` per white; alpha 0 or 1.
+
+    Parameters
+    ----------
+    part : Part
+        The photo, read in bands of full rows.
+    lens : Lens
+        Its color conversion.
+    """
+    whole = part.window
+
+    def fetch(window: Window) -> np.ndarray:
+        around = window.grown(_REACH) & whole
+        seen = [lens.values(part.read(band)) for band in around.cells(around.width, rows_for(part))]
+        values = np.concatenate([v[..., 0] for v, _ in seen])
+        opaque = np.concatenate([np.ones(v.shape[:2], bool) if there is None else there for v, there in seen])
+        light = values / np.float32(100) if lens.space is None else luminance(values)
+        weight = opaque.astype(np.float32)
+        mean = _blurred(light * weight) / np.maximum(_blurred(weight), np.float32(1e-6))
+        detail = np.abs(light - mean) * weight * np.float32(STEPS)
+        return np.stack([detail, weight], -1)[window.inside(around)]
+
+    spec = spec_beside(part.spec, ("Y", "A"))
+    spec.alpha_channel = 1
+    return replace(part, spec=spec, fetch=fetch, stored=None, ready=False, levels=())
+
+
+def _blurred(values: np.ndarray) -> np.ndarray:
+    """(height, width) filtered by the taps along both axes; 0 beyond the border."""
+    for axis in (0, 1):
+        wide = np.pad(values, [(_REACH, _REACH) if a == axis else (0, 0) for a in (0, 1)])
+        size = values.shape[axis]
+        taken = (np.take(wide, range(n, n + size), axis) * np.float32(tap / 16) for n, tap in enumerate(_TAPS))
+        values = sum(taken, np.zeros_like(values))
+    return values

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Synthesis: new texture from a photo. Tiles, quilts, fills, planes without end."""

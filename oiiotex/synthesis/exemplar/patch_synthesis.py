@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Common base of --texstationarize and --texpatchmatch: inputs, checks, and the synthesis run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ...engine.core.access import InBands
+from ...engine.core.image import Image, Part
+from ...engine.core.op import Kind, Output
+from ...engine.core.parameters import Size, SizeRule, image, param
+from ...engine.core.source_map import COPIED, ST
+from ...engine.deferred import np
+from ...engine.errors import ParameterError, modifier, whole_budget
+from ...engine.session import Session
+from ...engine.session.progress import Progress
+from ...engine.session.resources import Resources
+from ..patchmatch.memory import ExemplarHeld
+from ..patchmatch.optimization import require_memory
+from ..patchmatch.recipe import Recipe
+from ..quality.report import REPORT, Quality
+from ..quality.reported_op import Reported
+from ..wang.tiles import COUNTS, TWO_COLORS_FROM
+from .constraint_images import WEIGHT
+from .exemplar_op import ExemplarPixels, MaterialOp
+from .heights import RELEVEL
+from .photo_lattice import least_size
+
+_COUNTS = f"{', '.join(map(str, COUNTS[:-1]))} or {COUNTS[-1]}"
+PATCHES, PATCH = tuple(range(5, 23, 2)), 13
+_LAB_BYTES = 12  # for each pixel of a map
+_SIZE_HELP = "Size of the result. pow2: each side of the photo, rounded to the nearest power of two."
+PATCH_HELP = (
+    "Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks or stones are cut."
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatchSynthesis(Reported, MaterialOp, InBands):
+    """Inputs, checks and results of both ops; a subclass provides the recipe."""
+
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("tile", Kind.PIXELS, f"{COPIED} One image for each of the maps, in order, and for each variant."),
+        ST,
+        REPORT,
+    )
+
+    weight: Image | None = image(None, help=WEIGHT, advanced=True)
+    relevel: bool = param(False, help=RELEVEL, advanced=True)
+    size: SizeRule | Size | None = param(None, ge=5, le=65536, unit="px", unset="size of the photo", help=_SIZE_HELP)
+    tile: str = param("xy", choices=("xy", "x", "y", "none"), help="Axes along which the result tiles.")
+    variants: int = param(
+        1,
+        ge=1,
+        le=64,
+        help="Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,"
+        " which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part names and the"
+        " attribute oiiotex:edges contain the edge colors.",
+    )
+    pack: str | None = param(
+        None,
+        choices=("atlas", None),
+        unset="one image for each tile",
+        help="Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its borders, so"
+        f" that renderers can filter it without padding. Requires variants={_COUNTS}.",
+    )
+    patch: int | None = param(
+        None, example="21", choices=(*PATCHES, None), unit="px", unset=str(PATCH), help=PATCH_HELP
+    )
+    iterations: int = param(
+        30,
+        ge=1,
+        le=1000,
+        advanced=True,
+        help="Number of iterations on the coarsest level. Each finer level has one."
+        " Increase it if a warning says that texture is lost.",
+    )
+    uniformity: float = param(
+        0.01,
+        ge=0,
+        le=1,
+        advanced=True,
+        help="Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to use"
+        " more of the photo. Above 0.1, structures break up.",
+    )
+    reusepenalty: float = param(
+        1.0,
+        ge=0,
+        le=1,
+        advanced=True,
+        help="Weight of the penalty for regions of the photo that are used more than twice. At 0, the result is closer"
+        " to the photo and repeats more.",
+    )
+    resume: bool = param(
+        False,
+        advanced=True,
+        help="Save a checkpoint after each pyramid level next to the output, in the folder OUTPUT.parts. Run the"
+        " same command again to resume.",
+    )
+
+    def recipe(self, width: int, height: int) -> Recipe:
+        """What to synthesize at this size."""
+        raise NotImplementedError
+
+    def _recipe(self, width: int, height: int, sigma: float | None, contrast: float, flat: bool) -> Recipe:
+        return Recipe.tiling(
+            width,
+            height,
+            self.tile,
+            # beyond twice the tile the window is flat
+            sigma=None if sigma is None else min(sigma, 2.0 * max(width, height)),
+            patch=self.side,
+            iterations=self.iterations,
+            seed=self.seed,
+            uniformity=self.uniformity,
+            reuse=self.reusepenalty,
+            # a constant cannot level a piece that wraps around the torus
+            shifted="height" not in self.map_kinds,
+            contrast=contrast,
+            flat=flat,
+        )
+
+    def result_count(self) -> int:
+        """One image for each map of the material, times variants unless they are packed."""
+        return (1 if self.pack else self.variants) * super().result_count()
+
+    def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
+        """The tile and its source coordinates, as one mapping for each map and variant."""
+        from .synthesis_run import SynthesisRun  # not needed for help
+
+        with whole_budget(session.resources.budget):  # they are told what is left of it
+            return SynthesisRun(self, session.resources, session.progress).results()
+
+    def second_choice(self, recipe: Recipe) -> Recipe | None:
+        """The recipe to try if the first result is not faithful; None: no other."""
+        return None
+
+    @property
+    def judges_itself(self) -> bool:
+        """Whether the op chooses the scales itself."""
+        return False
+
+    def flattened(self, resources: Resources, progress: Progress) -> tuple[PatchSynthesis, dict[str, Part]]:
+        """The op with the exemplar that provides the patches, and further outputs of flattening."""
+        return self, {}
+
+    def leaves_out_stains(self, resources: Resources) -> bool:
+        """Whether stains of the photo are excluded from the source pixels."""
+        return False
+
+    def holds_photo(self, resources: Resources) -> bool:
+        """Whether the photo is held in memory; otherwise it is read by rows."""
+        return self.holds(resources, _LAB_BYTES * len(self.all_maps()))
+
+    def budget_left(self, resources: Resources) -> int:
+        """Bytes of the budget that remain next to the maps' pixels."""
+        parts = [one.first for one in (self.exemplar, *self.maps)] if self.holds_photo(resources) else []
+        return resources.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
+
+    def planned(self, resources: Resources, progress: Progress) -> tuple[Size, Quality]:
+        """The requested size and the measures; raises for all errors that do not depend on pixels."""
+        self._check()
+        size = self.asked_size
+        tiling = self.tile if self.pack or self.variants < TWO_COLORS_FROM else "none"  # continue in other tiles
+        whole = Size(*(n * (math.isqrt(self.variants) if self.pack else 1) for n in size))
+        quality = Quality.of_copies(self, resources, progress, whole, tiling, patch=self.side, losses=self.finds_losses)
+        self._require_memory(size, resources)
+        return size, quality
+
+    @property
+    def asked_size(self) -> Size:
+        """The requested size, before a lattice of the photo may change its default."""
+        own = Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
+        return own.powers_of_two() if self.size == SizeRule.POW2 else self.size or own
+
+    @property
+    def kept_structure(self) -> float:
+        """How much of the photo's lattice the result keeps, 0 to 1."""
+        return 0.0
+
+    @property
+    def finds_losses(self) -> bool:
+        """Whether lost texture of the photo is measured."""
+        return False
+
+    @property
+    def side(self) -> int:
+        """Side of a patch, px."""
+        return self.patch or PATCH
+
+    @property
+    def sized(self) -> bool:
+        """Whether an input image determines the size of the result."""
+        return False
+
+    def sigmas(self, width: int, height: int) -> np.ndarray | None:
+        """Sigma at each pixel of a result of this size; None if it is constant."""
+        return None
+
+    def controlled(self, recipe: Recipe, seen: ExemplarPixels, resources: Resources, progress: Progress) -> Recipe:
+        """The recipe, completed by values that depend on the photo."""
+        return recipe
+
+    def _check(self) -> None:
+        """Refuse conflicting modifiers."""
+        if self.relevel and "height" not in self.map_kinds:
+            raise ParameterError(f"{modifier(relevel=True)} requires kinds with a height")
+        if self.pack and self.variants not in COUNTS:
+            raise ParameterError(f"requires variants={_COUNTS}", parameter="pack", value=self.pack)
+        if self.variants > 1:
+            one_file = isinstance(self.stmap, Path) and not self.pack
+            wrong = "stmap" if one_file else "relevel without pack" if self.relevel and not self.pack else ""
+            wrong = wrong or ("" if self.tile == "xy" else f"tile={self.tile}")
+            if wrong:
+                raise ParameterError(f"conflicts with {wrong}", parameter="variants", value=self.variants)
+
+    def _require_memory(self, size: Size, resources: Resources) -> None:
+        """Refuse what exceeds the memory budget by sizes alone."""
+        if self.size is None and self.kept_structure > 0 and not self.sized:
+            least = least_size(size, ("x" in self.tile, "y" in self.tile))
+            size = Size(*(max(n, self.side) for n in least))
+        recipe, spec = self.recipe(*size), self.exemplar.first.spec
+        if self.values().get("amount") is not None or getattr(self, "sigmamap", None) is not None:
+            recipe = replace(recipe, sigma=None)  # sigma depends on pixels
+        masked = self.mask is not None or self.label is not None or self.leaves_out_stains(resources)
+        held = ExemplarHeld(self.holds_photo(resources), masked)
+        require_memory(resources.device, recipe, (spec.height, spec.width, 3), self.budget_left(resources), held)

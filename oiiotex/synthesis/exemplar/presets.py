@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""preset= of --texstationarize: three treatments of structures, each a set of modifiers."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from ...engine.core.image import Image, Part
+from ...engine.core.op import Op
+from ...engine.session.progress import Progress
+from ...engine.session.resources import Resources
+from .patch_synthesis import PATCH
+
+if TYPE_CHECKING:
+    from .patch_synthesis import PatchSynthesis
+
+_DOMINANT = "--texdominant"
+EVEN, CLEAN, KEEP = "even", "clean", "keep"
+CONTRAST = 0.7  # strength of histogram matching
+LARGE_PATCH, SMALL_PATCH = 21, 11  # px
+SIGMA_SHARE, PAPER_SIGMA_SHARE, KEEP_SIGMA_SHARE, EVEN_SIGMA_SHARE = 8, 32, 4, 32  # sigma is the longer side / share
+AUTOMATIC: dict[str, float] = {"contrast": CONTRAST, "patch": PATCH, "share": SIGMA_SHARE}  # without a preset
+PRESETS: dict[str, dict[str, float]] = {  # values of modifiers
+    EVEN: {"contrast": CONTRAST, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},
+    CLEAN: {"contrast": 0.0, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},
+    KEEP: {"contrast": CONTRAST, "patch": LARGE_PATCH, "share": KEEP_SIGMA_SHARE},
+}
+PRESET_HELP = (
+    f"Values for modifiers that you do not set. keep: large structures are preserved (sigma = longer side /"
+    f" {KEEP_SIGMA_SHARE}, patch={LARGE_PATCH}). even: large structures are also evened out (sigma = longer side /"
+    f" {EVEN_SIGMA_SHARE}, patch={SMALL_PATCH}). clean: objects are also removed (as even, with contrast=0 and a mask"
+    " from `dominant`)."
+)
+
+
+def filled(op: PatchSynthesis, preset: str, resources: Resources, progress: Progress, *, sigma: bool) -> PatchSynthesis:
+    """The op with its preset replaced by values for modifiers that were not given (for sigma only if `sigma` is set).
+
+    -v logs the equivalent command line.
+    """
+    chosen: dict[str, Any] = dict(PRESETS[preset])
+    share = chosen.pop("share")
+    if sigma:
+        chosen["sigma"] = max(max(op.asked_size) / share, (op.patch or chosen["patch"]) / 4)
+    missing: dict[str, Any] = {name: value for name, value in chosen.items() if getattr(op, name) is None}
+    plain = replace(op, **missing | {"preset": None})
+    before = ""
+    if preset == CLEAN and op.mask is None:
+        plain.planned(resources, progress)  # reports errors before any pixel is read
+        part = op.exemplar.first
+        mask = resources.remembered(("dominant", id(part), op.data), lambda: _dominant(op, resources, progress), part)
+        if mask.pixels().any():  # otherwise it has warned
+            plain = replace(plain, mask=Image((mask,), mask.name))
+            before = f"{_DOMINANT}{':data=1' * op.data}:keep=1 "
+    others = "".join(f"{shlex.quote(image.source)} " for image in op.operands()[1:])
+    line = _words(plain, "mask" if before else "")
+    op.inform("preset=%s is equivalent to %s%s%s", preset, before, others, line)
+    return plain
+
+
+def _dominant(op: PatchSynthesis, resources: Resources, progress: Progress) -> Part:
+    from ...analysis.dominant.photo_mask import photo_mask  # scipy loads slowly
+
+    return photo_mask(_DOMINANT, op.exemplar, op.working_space, resources, progress).part
+
+
+def _words(op: Op, masked: str = "") -> str:
+    """An op and its modifiers that differ from their defaults.
+
+    Images come from the stack, except `masked`, which is part 'dominant' of the first image.
+    """
+    words = [op.flag()]
+    optional = (slot.name for slot, _ in op.given() if slot in op.optional_images())
+    words += [f"{name}={'dominant' if name == masked else 1}" for name in optional]
+    for parameter in op.parameters():
+        value = getattr(op, parameter.attribute)
+        if value != parameter.default:
+            words.append(f"{parameter.name}={int(value) if isinstance(value, bool) else shlex.quote(str(value))}")
+    return ":".join(words)

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The search for the best fitting patch of an exemplar: KSE03 section 5, in integers."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft
+
+from ...analysis.regularity.offset_prices import InStep
+from .photo import Photo
+from .seams import SeamPhoto
+
+CHOICES = 4  # number of best placements among which the hash chooses
+TOLERANCE = 1.3  # maximum cost of a placement, relative to the best one
+ENOUGH = 0.6  # minimum number of new pixels, relative to the most that any placement brings
+SEARCHED = 256  # px; larger exemplars are first searched at 1/2, 1/4 ... of their size, then locally
+_SAMPLES = 2048  # pixels compared in the local search
+_UNIT = 4  # grid steps per integer step of a search: 1/2 Lab
+
+
+def search_factor(shape: tuple[int, ...]) -> int:
+    """Factor by which an exemplar is reduced for the search, a power of two."""
+    factor = 1
+    while max(shape[:2]) // factor > SEARCHED:
+        factor *= 2
+    return factor
+
+
+class OffsetSearch:
+    """The search for the best offsets of a patch: sums of squared differences by Fourier transforms (KSE03 §5).
+
+    Departure: if the exemplar has a lattice, offsets out of phase with it have a penalty, in the exemplar's variance.
+    """
+
+    def __init__(self, photo: Photo, patch: int, in_step: InStep | None = None):
+        self._patch, self._factor, self._photo = patch, search_factor(photo.shape), photo
+        lab, self._allowed = photo.reduced(self._factor)
+        lab = lab.astype(np.int64) // _UNIT
+        self._side = -(-patch // self._factor)
+        self._shape = tuple(fft.next_fast_len(n + self._side - 1, True) for n in self._allowed.shape)
+        usable = self._allowed.astype(np.float64)
+        planes = [usable, *(usable * lab[..., c] for c in range(3)), usable * (lab**2).sum(-1)]
+        self._spectra = np.stack([fft.rfft2(plane, self._shape) for plane in planes])
+        self._offset_prices = None
+        if in_step is not None:
+            variance = float(lab[self._allowed].var(0).sum())
+            self._offset_prices = in_step.prices((1, 1), (1, 1), patch, variance / patch**2)
+
+    def placements(
+        self, source: SeamPhoto, places: np.ndarray, compared: np.ndarray, wanted: np.ndarray, at: tuple[int, int]
+    ) -> list[tuple[int, int]]:
+        """The best offsets (y, x) of the patch's corner in the exemplar, at most `CHOICES`.
+
+        `places` (2, h, w) int; `compared`, `wanted` (h, w) bool.
+        """
+        f = self._factor
+        grid = (slice(1 + f // 2, -1, f),) * 2
+        if not (compared[grid].any() or wanted[grid].any()):  # finer than the reduced exemplar: use any pixel
+            grid = (slice(1, -1, f),) * 2
+        seen, new = compared[grid], wanted[grid]
+        lab = source.at(*places[(slice(None), *grid)]).astype(np.int64) // _UNIT
+        cost, gain = self._sums(lab, seen, new)
+        if self._offset_prices is not None:
+            y, x = (f * (np.arange(n) - max(seen.shape) + 1) for n in cost.shape)
+            cost = cost + self._offset_prices.at(at[1], at[0], x, y)
+        if gain.max() > 0:
+            cost = np.where(gain >= max(1, ENOUGH * gain.max()), cost, np.inf)
+        offsets = self._apart(cost, self._present(places, compared), max(seen.shape))
+        return offsets if f == 1 else [self._nearby(source, places, compared, at, *offset) for offset in offsets]
+
+    def _nearby(
+        self, source: SeamPhoto, places: np.ndarray, compared: np.ndarray, at: tuple[int, int], y: int, x: int
+    ) -> tuple[int, int]:
+        """The best offset near one found in the reduced exemplar."""
+        rows, columns = np.nonzero(compared)
+        few = slice(None, None, len(rows) // _SAMPLES + 1)
+        rows, columns = rows[few], columns[few]
+        if not len(rows):
+            return y, x
+        wanted, f = source.at(*places[:, rows, columns]).astype(np.float64), self._factor
+        best, chosen, reach = np.inf, (y, x), np.arange(-f, f + 1)
+        prices = np.zeros((len(reach),) * 2)
+        if self._offset_prices is not None:
+            prices = _UNIT**2 * self._offset_prices.at(at[1], at[0], x + reach, y + reach)
+        colors, usable = self._around(source, y - 1 - f, x - 1 - f, *(n + 2 * f for n in compared.shape))
+        width, colors = compared.shape[1] + 2 * f, colors.reshape(-1, 3)
+        first = rows * width + columns  # at the smallest offset
+        for dy in reach.tolist():
+            for dx in reach.tolist():
+                pixels = first + ((dy + f) * width + dx + f)
+                inside = usable[pixels]
+                count = np.count_nonzero(inside)
+                if 2 * count < len(rows) and (dy or dx):
+                    continue
+                apart = colors[pixels]
+                apart -= wanted
+                if count < len(rows):
+                    apart *= inside[:, None]
+                # integers, exact in doubles: the order of summation does not matter
+                mean = np.vdot(apart, apart) / max(1, count) + prices[dy + f, dx + f]
+                if mean < best:
+                    best, chosen = mean, (y + dy, x + dx)
+        return chosen
+
+    def _around(self, source: SeamPhoto, y: int, x: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+        """Colors of the exemplar's pixels from (y, x), in doubles, and a mask of usable ones, (height * width,)."""
+        rows, columns = y + np.arange(height), x + np.arange(width)
+        inside = [(at >= 0) & (at < n) for at, n in zip((rows, columns), self._photo.shape, strict=True)]
+        at = np.ix_(*(at.clip(0, n - 1) for at, n in zip((rows, columns), self._photo.shape, strict=True)))
+        usable = self._photo.usable[at] & inside[0][:, None] & inside[1]
+        return source.lab[at].astype(np.float64), usable.ravel()
+
+    def _sums(self, lab: np.ndarray, seen: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean squared difference over `seen`, and number of `new` pixels covered, for every corner from -side + 1."""
+        weight = seen.astype(np.float64)
+        planes = [weight, *(weight * lab[..., c] for c in range(3)), weight * (lab**2).sum(-1), new.astype(np.float64)]
+        ours = [np.conj(fft.rfft2(plane, self._shape)) for plane in planes]
+        usable, *color, square = self._spectra
+        products = usable * ours[4] + square * ours[0] - 2 * sum(c * o for c, o in zip(color, ours[1:4], strict=True))
+        sums = [fft.irfft2(s, self._shape) for s in (products, usable * ours[0], usable * ours[5])]
+        # negative corners wrap to the far end
+        reach = max(seen.shape) - 1
+        apart, count, gain = (np.rint(np.roll(r, (reach, reach), (0, 1))) for r in sums)
+        rows, columns = (n + reach for n in self._allowed.shape)
+        apart, count, gain = (r[:rows, :columns] for r in (apart, count, gain))
+        # few compared pixels prove little: the rest is charged with the typical cost
+        total = max(1.0, float(weight.sum()))
+        many = count > 0.5 * total
+        usual = float(np.median(apart[many] / count[many])) if many.any() else 0.0
+        return (np.maximum(apart, 0) + np.rint(usual) * (total - count)) / total, gain
+
+    def _present(self, places: np.ndarray, compared: np.ndarray) -> np.ndarray:
+        """Offsets that much of the window already has, (n, 2)."""
+        y, x = np.nonzero(compared)
+        if not len(y):
+            return np.zeros((0, 2), np.int64)
+        offsets = np.stack([places[0, y, x] - y + 1, places[1, y, x] - x + 1], -1)
+        present, counts = np.unique(offsets, axis=0, return_counts=True)
+        return present[counts > 0.02 * len(y)]
+
+    def _apart(self, cost: np.ndarray, shunned: np.ndarray, side: int) -> list[tuple[int, int]]:
+        """The best few offsets that are apart from one another and from the excluded ones."""
+        f, away, free = self._factor, max(1, side // 8), cost.copy()
+
+        def without(y: int, x: int) -> None:
+            free[max(0, y - away) : max(0, y + away + 1), max(0, x - away) : max(0, x + away + 1)] = np.inf
+
+        for y, x in (shunned // f + side - 1).tolist():
+            without(y, x)
+        if not np.isfinite(free).any():  # the only possible patch: use it again
+            free[:] = cost
+        offsets: list[tuple[int, int]] = []
+        limit = np.inf
+        while len(offsets) < CHOICES:
+            y, x = (int(n) for n in np.unravel_index(int(free.argmin()), free.shape))
+            if not free[y, x] <= limit:
+                break
+            limit = min(limit, TOLERANCE * free[y, x] + 1.0)
+            offsets.append(((y - side + 1) * f, (x - side + 1) * f))
+            without(y, x)
+        return offsets

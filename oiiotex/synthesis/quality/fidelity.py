@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a result still looks like its photo, by the photo's scales, shapes and colors that it preserves.
+
+Destroyed structure has less energy in its coarse bands, broken shapes change the autocorrelation, and lost objects
+take their colors with them. Each component is 1 for a result that cannot be distinguished from another piece of the
+same texture, and the fidelity is the root of their product.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from ...analysis.regularity.autocorrelation import (
+    Autocorrelation,
+    autocorrelation,
+    blurred,
+    high_passed,
+    wrapped_autocorrelation,
+)
+from ...engine.core.demand import MadeRows, SomeRows
+from ...engine.core.image import resized
+from ...engine.deferred import np
+
+SIDE = 256  # px; longer side at which a photo is measured, and its result at the same scale
+LEAST = 48  # px; smaller shorter sides cannot be measured
+SCALES = 96, 48, 24  # sigmas of the bands are the longer side divided by these
+ENOUGH = 0.8  # of a band's energy, or its inverse: typical for another piece of the same texture
+ALIKE = 0.7  # the same for two autocorrelations, of pieces as large as the photo
+_LEAST_ALIKE = 0.2  # pieces that are less alike are too small to compare shapes
+_LARGE = 0.8  # of the photo: larger results are compared with it, smaller ones also with pieces of their size
+GOOD = 0.8  # a result below is tried again, warned about, or sent to review
+_NEAR, _FAR = 1 / 6, 0.4  # of the longer side: limit of shapes, and of long lines
+_ORDER = 1.5  # ratio to the correlation that chance explains: above it, the photo has long lines or a lattice
+_MOST = 2 * SIDE  # px of a result that are measured, in its middle
+_AREA = 48  # the longer side over the sigma of a salient area
+_LEAST_DEVIATION = 0.3  # Lab, at that sigma: smaller ones are invisible
+_COLORS = 8  # quantiles of a channel
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """What a result preserves of its photo.
+
+    Attributes
+    ----------
+    bands : tuple of float
+        Energy of a Gaussian of the longer side / 96, 48 and 24, relative to the photo's. Below 1: structure is
+        destroyed. Above 1: there are blotches.
+    shapes : float
+        1 minus the difference of the autocorrelations, as a share of the photo's.
+    lines : float
+        Share of the photo's correlation over long distances (lines, courses, lattices) that the result has. 1 if
+        the photo has no more of it than chance explains.
+    missing : float
+        Share of the photo's colors missing from the result, 0 to 1.
+
+    Of a result smaller than the photo, `shapes`, `lines` and `missing` are relative to pieces of the photo of that
+    size, which also lack some of its shapes and colors.
+    """
+
+    bands: tuple[float, ...]
+    shapes: float
+    lines: float
+    missing: float
+
+    @property
+    def texture(self) -> float:
+        """The bands as one number, 0 to 1."""
+        return sum(min(1.0, min(band, 1.0 / max(band, 1e-9)) / ENOUGH) for band in self.bands) / len(self.bands)
+
+    @property
+    def value(self) -> float:
+        """The fidelity, 0 to 1, rounded to three digits so that last bits decide nothing."""
+        shapes, lines = (min(1.0, max(0.0, part) / ALIKE) for part in (self.shapes, self.lines))
+        return round(float(np.sqrt(self.texture * shapes * lines * (1.0 - self.missing))), 3)
+
+    def measures(self) -> dict[str, float]:
+        """The measures by name, as in a report."""
+        bands = {f"band_{scale}": band for scale, band in zip(SCALES, self.bands, strict=True)}
+        return {"fidelity": self.value, **bands, "shapes": self.shapes, "lines": self.lines, "missing": self.missing}
+
+    @classmethod
+    def of_measures(cls, measures: Mapping[str, float]) -> Fidelity:
+        """The inverse of `measures`."""
+        bands = tuple(measures[f"band_{scale}"] for scale in SCALES)
+        return cls(bands, measures["shapes"], measures["lines"], measures["missing"])
+
+    def __str__(self) -> str:
+        """A one-line summary."""
+        coarse = sum(self.bands) / len(self.bands)
+        said = "texture kept"
+        if self.texture < 0.9:
+            said = (
+                f"{100 * (1 - coarse):.0f} % of the coarse structure is lost" if coarse < 1 else "blotches were added"
+            )
+        if self.shapes < GOOD * ALIKE:
+            said += ", shapes are broken"
+        if self.lines < ALIKE:
+            said += ", long lines are broken"
+        return f"fidelity {self.value:.2f}: {said}; {100 * self.missing:.0f} % of the colors are missing"
+
+
+def fidelity(photo: SomeRows, usable: np.ndarray | None, result: SomeRows, wraps: tuple[bool, bool]) -> Fidelity | None:
+    """How much a result preserves of its photo. None: either is too small to measure.
+
+    Parameters
+    ----------
+    photo : (height, width, 3) float32
+        CIE Lab, without low-frequency variation if that was to be removed.
+    usable : (height, width) bool or None
+        Pixels that count. None: all.
+    result : (height, width, 3) float32
+        CIE Lab.
+    wraps : (bool, bool)
+        The result is a torus along y, along x.
+    """
+    factor = min(1.0, SIDE / max(photo.shape[:2]))
+    own, seen = _reduced(photo, usable, factor)
+    size = _size_at(factor, result)
+    lab = _middle_of(result, *size)
+    everywhere, wraps = np.ones(lab.shape[:2], bool), wraps if max(size) <= _MOST else (False, False)
+    if min(*own.shape[:2], *lab.shape[:2]) < LEAST or np.count_nonzero(seen) < LEAST**2:
+        return None
+    longer = max(own.shape[:2])
+    before, after = high_passed(own, seen), high_passed(lab, everywhere, wraps, longer)
+    bands = tuple(
+        _energy(after, everywhere, longer / k, wraps) / max(_energy(before, seen, longer / k), 1e-6) for k in SCALES
+    )
+    of_photo = autocorrelation(before, seen)
+    of_result = wrapped_autocorrelation(lab, longer) if all(wraps) else autocorrelation(after, everywhere)
+    shapes, lines = _compared(of_photo, of_result, longer)
+    colors = own[seen]
+    missing = _missing(colors, lab[everywhere])
+    if pieces := list(_pieces(seen, *lab.shape[:2])):
+        typical = [
+            (*_compared(of_photo, autocorrelation(before[at], seen[at]), longer), _missing(colors, own[at][seen[at]]))
+            for at in pieces
+        ]
+        usual_shapes, usual_lines, usual_missing = np.mean(typical, 0).tolist()
+        shapes, lines = _relative(shapes, usual_shapes), _relative(lines, usual_lines)
+        missing = max(0.0, missing - usual_missing) / (1.0 - usual_missing)
+    return Fidelity(bands, shapes, lines, missing)
+
+
+def salience(longer: int, result: SomeRows, wraps: tuple[bool, bool]) -> float | None:
+    """How far the most salient area of a texture is from its typical color, in typical deviations.
+
+    The fidelity compares statistics, and one small area that differs hardly changes them; but where a tile repeats, it
+    is the first thing that is seen.
+
+    Parameters
+    ----------
+    longer : int
+        Longer side of the photo, px. Areas are a Gaussian of 1/48 of it.
+    result : (height, width, 3) float32
+        CIE Lab.
+    wraps : (bool, bool)
+        The result is a torus along y, along x.
+
+    Returns
+    -------
+    float or None
+        None for a result too small to measure.
+    """
+    size = _size_at(min(1.0, SIDE / longer), result)
+    if min(size) < LEAST:
+        return None
+    lab = _middle_of(result, *size)
+    lab -= np.median(lab, (0, 1))
+    around = blurred(lab, min(longer, SIDE) / _AREA, wraps if max(size) <= _MOST else (False, False))
+    away = np.abs(around - np.median(around, (0, 1)))
+    return float((away.max((0, 1)) / np.maximum(_LEAST_DEVIATION, 1.4826 * np.median(away, (0, 1)))).max())
+
+
+def _pieces(seen: np.ndarray, height: int, width: int) -> Iterator[tuple[slice, slice]]:
+    """Pieces of the size of a smaller result: in the corners and the middle of the photo, where most pixels count."""
+    high, wide = min(height, seen.shape[0]), min(width, seen.shape[1])
+    if high * wide > _LARGE * seen.size:
+        return
+    for down, right in ((0, 0), (0, 2), (2, 0), (2, 2), (1, 1)):
+        top, left = (seen.shape[0] - high) * down // 2, (seen.shape[1] - wide) * right // 2
+        at = slice(top, top + high), slice(left, left + wide)
+        if seen[at].mean() > _LARGE:
+            yield at
+
+
+def _relative(alike: float, usual: float) -> float:
+    """A similarity to the photo, as a piece of the photo's size would have it that is as typical of the texture."""
+    if usual < _LEAST_ALIKE:
+        return 1.0
+    return alike * max(1.0, ALIKE / usual)
+
+
+def _size_at(factor: float, values: SomeRows) -> tuple[int, int]:
+    """Width and height of an image at a scale."""
+    height, width = values.shape[:2]
+    return max(1, round(width * factor)), max(1, round(height * factor))
+
+
+def _reduced(values: SomeRows, usable: np.ndarray | None, factor: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels at a scale, (h, w, 3) float64, and a mask of those that count."""
+    size = _size_at(factor, values)
+    counted = np.ones(size[::-1], bool)
+    if usable is not None:
+        mask = MadeRows((*usable.shape, 1), np.float32, lambda first, last: usable[first:last, :, None])
+        counted = resized(mask, *size)[..., 0] > 0.99
+    return resized(values, *size).astype(np.float64), counted
+
+
+def _middle_of(values: SomeRows, width: int, height: int) -> np.ndarray:
+    """At most `_MOST` pixels a side from the middle of an image of that size, (h, w, 3) float64."""
+    starts = (max(0, (most - _MOST) // 2) for most in (height, width))
+    rows, columns = (slice(n, min(n + _MOST, most)) for n, most in zip(starts, (height, width), strict=True))
+    return resized(values, width, height, rows)[:, columns].astype(np.float64)
+
+
+def _energy(texture: np.ndarray, seen: np.ndarray, sigma: float, wraps: tuple[bool, bool] = (False, False)) -> float:
+    """Standard deviation of a high-passed texture after a Gaussian, summed over channels."""
+    return float(np.sqrt((blurred(texture, sigma, wraps)[seen] ** 2).sum(-1).mean()))
+
+
+def _compared(photo: Autocorrelation, result: Autocorrelation, longer: int) -> tuple[float, float]:
+    """Similarity of shapes, and share of the correlation over long distances that is preserved."""
+    x, y = (min(pair) for pair in zip(photo.reach, result.reach, strict=True))
+    a, b, weight = (
+        plane[one.reach[1] - y : one.reach[1] + y + 1, one.reach[0] - x : one.reach[0] + x + 1]
+        for plane, one in ((photo.ncc, photo), (result.ncc, result), (photo.weight, photo))
+    )
+    distance = np.hypot(*np.meshgrid(np.arange(-x, x + 1), np.arange(-y, y + 1)))
+    near = (distance > 0) & (distance <= _NEAR * longer)
+    far = (distance > _NEAR * longer) & (distance <= _FAR * longer) & (weight > 0)
+    energy = float((a[near] ** 2).sum())
+    shapes = 1.0 - float(np.sqrt(((a - b)[near] ** 2).sum() / max(energy, 1e-12)))
+    if not far.any():
+        return shapes, 1.0
+    own = float((a[far] ** 2).mean())
+    # independent pieces of a texture correlate by chance, depending on their correlation length
+    if own <= _ORDER * (1.0 + energy) / float(weight[far].mean()):
+        return shapes, 1.0
+    return shapes, float((a * b)[far].mean()) / own
+
+
+def _missing(photo: np.ndarray, result: np.ndarray) -> float:
+    """Share of the photo's pixels (n, 3) whose color, by joint quantiles of channels, the result does not have."""
+    cuts = [np.quantile(photo[:, c], np.arange(1, _COLORS) / _COLORS) for c in range(3)]
+    shares = []
+    for pixels in (photo, result):
+        place = sum(np.searchsorted(cuts[c], pixels[:, c]) * _COLORS**c for c in range(3))
+        shares.append(np.bincount(place, minlength=_COLORS**3) / len(pixels))
+    return float(np.maximum(0.0, shares[0] - shares[1]).sum())

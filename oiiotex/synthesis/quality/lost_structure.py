@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Structure of a photo that its tile has lost: of its lattice, of its texture."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, cast
+
+from ...analysis.regularity.regularity import peaks_over_floor
+from ...engine.core.demand import MadeRows, SomeRows
+from ...engine.core.source_map import SourceMap
+from ...engine.deferred import np
+from ...engine.errors import ImageError, modifier, spelled, texture_filter
+from ..patchmatch.recipe import Recipe
+from ..patchmatch.use_prices import Lost
+
+if TYPE_CHECKING:
+    from ...analysis.regularity.lattice import Lattice
+    from ...analysis.regularity.offset_prices import InStep
+
+log = logging.getLogger("oiiotex")
+
+_MUCH = 0.08  # share of a tile above which lost texture is reported
+_TOO_MUCH = 0.1  # the same for an error, if most of the photo is flat
+_SIDE = 1024  # px, maximum side for measuring regularity
+_BYTES = 288  # per pixel
+
+
+def regularity_of(photo: SomeRows, source: SourceMap, recipe: Recipe) -> dict[str, float]:
+    """Regularity of a photo, (height, width, 3) Lab, and of its tile, on the lattice that the recipe keeps."""
+    kept = cast("InStep", recipe.in_step)
+    height, width = photo.shape[:2]
+    own = MadeRows(
+        (height, width), np.uint64,
+        lambda first, last: SourceMap.of(np.arange(first, last)[:, None], np.arange(width)[None, :], 32).packed,
+    )  # fmt: skip
+    lattice, torus = replace(kept.lattice, frequencies=kept.wanted), recipe.wrap_x and recipe.wrap_y
+    return {
+        "regular_photo": _regularity(SourceMap(cast("np.ndarray", own), 32), photo, kept.lattice, False),
+        "regular": _regularity(source, photo, lattice, torus),
+    }
+
+
+def _regularity(places: SourceMap, photo: SomeRows, lattice: Lattice, torus: bool) -> float:
+    """Regularity of those pixels of a photo: above `_SIDE` a side in the middle, subsampled for long periods."""
+    size = places.packed.shape
+    most, step = max(size), 1
+    if most > _SIDE:
+        most = max(_SIDE, math.ceil(4 * np.abs(lattice.first_vectors()).max()))
+        step, torus = math.ceil(most / _SIDE), False
+    (top, left), (high, wide) = ([max(0, n - most) // 2 for n in size], [min(n, most) for n in size])
+    seen = places[top : top + high][::step, left : left + wide : step].gather(photo)
+    return float(min(peaks_over_floor(seen, lattice.scaled(1 / step, 1 / step), torus)))
+
+
+def regularity_bytes(*sizes: tuple[int, int]) -> int:
+    """Memory of `regularity_of`, for images of these (width, height)."""
+    return _BYTES * max(min(width * height, _SIDE**2) for width, height in sizes)
+
+
+def say_what_was_lost(flag: str, lost: Lost) -> None:
+    """Log how much of a photo's texture its tile has lost, and warn if it is much.
+
+    Parameters
+    ----------
+    flag : str
+        Name of the op.
+    lost : Lost
+
+    Raises
+    ------
+    ImageError
+        More than half of it is lost, or much of it if most of the photo is flat.
+    """
+    shares = f"{100 * lost.own:.0f} % of the photo is texture, {100 * lost.shown:.0f} % of the tile"
+    log.info("%s: %s; the rest is flat (at most an eighth of the texture's activity)", flag, shares)
+    if lost.share <= _MUCH:
+        return
+    if lost.own >= 1 - _MUCH:  # flat areas are not the cause
+        log.warning("%s: texture is lost: %s; increase iterations", flag, shares)
+        return
+    offer = f"exclude flat areas with {modifier(mask=True)} and the mask of {texture_filter('dominant')}"
+    if lost.shown < 0.5 * lost.own or (lost.own < 0.5 and lost.share > _TOO_MUCH):
+        raise ImageError(f"too much of the texture is lost: {shares}", hint=offer)
+    log.warning("%s: texture is lost: %s; %s", flag, shares, spelled(offer))

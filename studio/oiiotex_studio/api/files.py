@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Atomic writing of files below a folder, and reading of untrusted documents."""
+
+from oiiotex.engine.io.atomic import (
+    OUTSIDE,
+    OutsideError,
+    held_beside,
+    release,
+    temporary_beside,
+    writing_only_below,
+    written,
+)
+from oiiotex.engine.io.disk_cache import hash_of
+from oiiotex.engine.io.documents import read_document, require_plain
+from oiiotex.engine.io.schema import Allowed, Fraction, Seed, read_as, types_of
+from oiiotex.synthesis.quality.limit import Limit

@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Images: parts, windows, color spaces; reading and writing them; a session to compute in."""
+
+from oiiotex.engine.color.config import as_float
+from oiiotex.engine.color.display import Shown, shown_by, usual_view, views
+from oiiotex.engine.core.attributes import PARAMETERS, TAG
+from oiiotex.engine.core.demand import PieceCache
+from oiiotex.engine.core.image import Image, Part, channels_of, from_array, resized, tagged
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.io.paint_palette import write_indexed
+from oiiotex.engine.io.reading import read
+from oiiotex.engine.io.writing import write
+from oiiotex.engine.session import Session

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Export: copies assets to a folder, with an index and Blender's list of catalogs."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from oiiotex.engine.errors import Error, ParameterError
+
+from ..api import materials
+from ..api.files import temporary_beside
+from .asset import SCHEMA, read_sidecar
+from .catalog import SIDECAR, Asset, Catalog
+
+INDEX, EXPORT_SCHEMA = "index.json", "oiiotex.export/1"
+
+
+def export(catalog: Catalog, target: Path, chosen: Sequence[Asset], done: Callable[[str], object]) -> int:
+    """Copy assets to a folder, each in a subfolder with its name, with an index and Blender's list of catalogs.
+
+    Returns the number of copied assets; the others were up to date.
+    """
+    count, index = 0, []
+    if target.resolve().is_relative_to(catalog.library.resolve()):
+        raise ParameterError(f"{target} is inside the library: expected a folder outside of it")
+    for asset in chosen:
+        _require_replaceable(target / asset.name)
+    if os.path.lexists(target / INDEX) and not _is_of(EXPORT_SCHEMA, target / INDEX):
+        raise _foreign(target / INDEX, "an export index")
+    blender = _blender_text(catalog, target)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        for asset in chosen:
+            source, final = catalog.library / asset.folder, target / asset.name
+            index.append(asset.name)
+            if _same(final, asset):
+                continue
+            aside = target / f".{asset.name}-{os.urandom(6).hex()}"
+            shutil.copytree(source, aside)
+            if final.is_dir():
+                old = target / f".{asset.name}-{os.urandom(6).hex()}"
+                final.rename(old)
+                aside.rename(final)
+                shutil.rmtree(old, ignore_errors=True)
+            else:
+                aside.rename(final)
+            count += 1
+            done(asset.name)
+    except OSError as error:
+        raise Error(f"{target}: {error.strerror or error}") from error
+    _write(target / materials.BLENDER, blender)
+    _write(target / INDEX, json.dumps({"schema": EXPORT_SCHEMA, "assets": index}, indent=1) + "\n")
+    return count
+
+
+def write_blender(catalog: Catalog, folder: Path) -> None:
+    """Write Blender's list of catalogs, with one per first tag and one for untagged assets; other entries are kept."""
+    _write(folder / materials.BLENDER, _blender_text(catalog, folder))
+
+
+def blender_list(folder: Path) -> str:
+    """The content of Blender's list of catalogs in a folder; '' if there is none."""
+    path = folder / materials.BLENDER
+    if not os.path.lexists(path):
+        return ""
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        text = path.read_text() if path.is_file() else ""  # reading a pipe would block
+        if "VERSION 1" in text.splitlines():
+            return text
+    raise _foreign(path, "a list of Blender's catalogs")
+
+
+def _blender_text(catalog: Catalog, folder: Path) -> str:
+    paths = {f"Materials/{next(iter(tags))}" for tags in catalog.tags().values()} | {"Materials"}
+    return materials.blender_catalog(paths, blender_list(folder))
+
+
+def _write(path: Path, text: str) -> None:
+    with temporary_beside(path) as temporary:
+        temporary.write_text(text)
+
+
+def _require_replaceable(folder: Path) -> None:
+    """Raise Error if a path exists that is not a folder of an asset (of any version)."""
+    if os.path.lexists(folder) and (folder.is_symlink() or not _is_of(SCHEMA, folder / SIDECAR)):
+        raise _foreign(folder, "an asset")
+
+
+def _is_of(schema: str, path: Path) -> bool:
+    """Whether a file is JSON of a schema, in any version."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        if path.is_file():
+            found = json.loads(path.read_bytes()).get("schema")
+            return str(found).partition("/")[0] == schema.partition("/")[0]
+    return False
+
+
+def _foreign(path: Path, kind: str) -> Error:
+    return Error(f"{path} is not {kind} and would be overwritten; remove or rename it")
+
+
+def _same(folder: Path, asset: Asset) -> bool:
+    with contextlib.suppress(Error, KeyError):
+        return bool(read_sidecar(folder)["key"] == asset.key)
+    return False

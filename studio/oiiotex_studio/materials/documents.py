@@ -1,0 +1,385 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Documents of a material for other programs: MaterialX, USD, and Blender's list of asset catalogs."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from oiiotex.engine.errors import Error
+
+from .naming import COLORS
+
+if TYPE_CHECKING:
+    import MaterialX
+
+
+HEX = "_hextiled"  # suffix of the hex-tiled material's name
+BLENDER = "blender_assets.cats.txt"
+SPACES = {  # MaterialX names of common color spaces
+    "srgb_rec709_scene": "srgb_texture", "lin_rec709_scene": "lin_rec709", "ACEScg": "acescg",
+    "lin_ap1_scene": "acescg",
+}  # fmt: skip
+STANDARD_INPUTS = {  # inputs of standard_surface, with their types
+    "color": ("base_color", "color3"), "roughness": ("specular_roughness", "float"), "metal": ("metalness", "float"),
+    "normal": ("normal", "vector3"), "opacity": ("opacity", "color3"), "emission": ("emission_color", "color3"),
+    "specular": ("specular_color", "color3"),
+}  # fmt: skip
+ROUGHNESS = 0.7  # of a photo without such a map: MaterialX's defaults, 0.2 and 0.3, are those of plastic
+_PREVIEW = {  # inputs of UsdPreviewSurface, with type and channels
+    "color": ("diffuseColor", "Color3f", "rgb"), "roughness": ("roughness", "Float", "r"),
+    "metal": ("metallic", "Float", "r"), "normal": ("normal", "Normal3f", "rgb"), "opacity": ("opacity", "Float", "r"),
+    "ao": ("occlusion", "Float", "r"), "emission": ("emissiveColor", "Color3f", "rgb"),
+    "height": ("displacement", "Float", "r"),
+}  # fmt: skip
+_NAMESPACE = uuid.UUID("6f1d8a52-0f0b-4c55-9d0a-0a7d3f0e5b11")  # of Blender's catalogs
+
+
+@dataclass(frozen=True)
+class Described:
+    """The description of an asset for its documents.
+
+    Attributes
+    ----------
+    name : str
+    maps : mapping of role to str
+        Files, relative to the asset's folder.
+    space : str
+        Color space of its color maps.
+    hand : str
+        Convention of its normals: 'opengl', 'directx' or ''.
+    lattice : bool
+        Whether the texture has a lattice, which hex-tiling would break.
+    tile_m : (float, float)
+        Width and height of the maps in units of texture coordinates.
+    relief : float
+        Distance between heights 0 and 1; 0: heights are not connected.
+    """
+
+    name: str
+    maps: Mapping[str, str]
+    space: str
+    hand: str
+    lattice: bool
+    tile_m: tuple[float, float] = (1.0, 1.0)
+    relief: float = 0.0
+
+    @property
+    def identifier(self) -> str:
+        """The name with only letters, digits and underscores."""
+        name = "".join(c if c.isascii() and c.isalnum() else "_" for c in self.name)
+        return name if name[:1].isalpha() else f"m_{name}"
+
+
+# --- MaterialX ---
+
+
+def write_materialx(described: Described, folder: Path) -> None:
+    """Write NAME.mtlx: a material with `image` nodes and, without a lattice, a second one with `hextiledimage`.
+
+    Raises
+    ------
+    Error
+        MaterialX is not installed, or rejects the document.
+    """
+    mx = materialx()
+    document = mx.createDocument()
+    document.setColorSpace("acescg" if SPACES.get(described.space) == "acescg" else "lin_rec709")  # of shading
+    library = loaded_libraries()
+    document.setDataLibrary(library)
+    _material(document, described, described.identifier, hex_tiled=False)
+    if not described.lattice:
+        _material(document, described, described.identifier + HEX, hex_tiled=True)
+    valid, text = document.validate()
+    if not valid:
+        raise Error(f"{described.name}.mtlx: {text}")
+    mx.writeToXmlFile(document, str(folder / f"{described.name}.mtlx"))
+
+
+def materialx_faults(path: Path) -> list[str]:
+    """Errors in a file: those of MaterialX's validator, and missing files."""
+    mx = materialx()
+    document = mx.createDocument()
+    try:
+        mx.readFromXmlFile(document, str(path))
+    except Exception as error:  # MaterialX exceptions
+        return [f"{path}: {error}"]
+    document.setDataLibrary(loaded_libraries())
+    valid, text = document.validate()
+    faults = [] if valid else [f"{path}: {text}"]
+    for element in document.traverseTree():
+        if element.isA(mx.Input) and element.getType() == "filename" and element.getValueString():
+            file = path.parent / element.getValueString()
+            faults += [] if file.is_file() else [f"{path}: {file} is missing"]
+    return faults
+
+
+def has_materialx() -> bool:
+    """Whether MaterialX is installed."""
+    try:
+        materialx()
+    except Error:
+        return False
+    return True
+
+
+def materialx() -> Any:
+    """The module; raises Error if it is not installed."""
+    try:
+        import MaterialX
+    except ImportError as error:
+        advice = "run pip install oiiotex[library], or set materialx = false in the recipe"
+        raise Error(f"MaterialX is not installed: {advice}") from error
+    return MaterialX
+
+
+_loaded: list[Any] = []
+
+
+def loaded_libraries() -> Any:
+    """The standard node libraries, loaded once."""
+    if not _loaded:
+        mx = materialx()
+        library = mx.createDocument()
+        mx.loadLibraries(mx.getDefaultDataLibraryFolders(), mx.getDefaultDataSearchPath(), library)
+        _loaded.append(library)
+    return _loaded[0]
+
+
+def _material(document: MaterialX.Document, described: Described, name: str, hex_tiled: bool) -> None:
+    graph = document.addNodeGraph(f"maps_{name}")
+    surface = document.addNode("standard_surface", f"surface_{name}", "surfaceshader")
+    maps = dict(described.maps)
+    inverted = "gloss" in maps and "roughness" not in maps
+    if inverted:
+        maps["roughness"] = maps.pop("gloss")
+    for role, file in maps.items():
+        kind = STANDARD_INPUTS[role][1] if role in STANDARD_INPUTS else "float"
+        if role == "normal":
+            node = _normals(graph, file, described.hand, hex_tiled)
+        else:
+            node = _texture(graph, role, file, kind, described, hex_tiled)
+            if role == "roughness" and inverted:
+                node = node_of(graph, "invert", "roughness_of_gloss", kind, {"in": node})
+        output = graph.addOutput(role, kind)
+        output.setConnectedNode(node)
+        if role in STANDARD_INPUTS:
+            target = surface.addInput(STANDARD_INPUTS[role][0], kind)
+            target.setNodeGraphString(graph.getName())
+            target.setOutputString(role)
+    if "emission" in maps:
+        surface.setInputValue("emission", 1.0)
+    if "roughness" not in maps:
+        surface.setInputValue("specular_roughness", ROUGHNESS)
+    target = document.addMaterialNode(name, surface)
+    if "height" in maps:
+        connect_heights(document, target, graph, name, described.relief)
+
+
+def connect_heights(document: Any, material: Any, graph: Any, name: str, relief: float) -> None:
+    """Displace a material by the output `height` of a graph; `relief`: distance between 0 and 1, or 0 for none."""
+    if relief:
+        moved = document.addNode("displacement", f"displacement_{name}", "displacementshader")
+        target = moved.addInput("displacement", "float")
+        target.setNodeGraphString(graph.getName())
+        target.setOutputString("height")
+        moved.setInputValue("scale", relief)
+        material.addInput("displacementshader", "displacementshader").setConnectedNode(moved)
+
+
+def _texture(graph: Any, role: str, file: str, kind: str, described: Described, hex_tiled: bool) -> Any:
+    """The node that reads a map. Hex-tiling supports only color3, so gray maps use its first channel."""
+    if not hex_tiled:
+        node = graph.addNode("image", f"{role}_image", kind)
+    else:
+        node = graph.addNode("hextiledimage", f"{role}_image", "color3")
+        node.setInputValue("scale", 0.0)  # no random scale
+        if role not in COLORS:
+            node.setInputValue("falloffcontrast", 0.0)
+    source = node.addInput("file", "filename")
+    source.setValueString(file)
+    if role in COLORS:
+        source.setColorSpace(SPACES.get(described.space, described.space))
+    else:
+        source.setColorSpace("none")
+    if hex_tiled and kind == "float":
+        return node_of(graph, "extract", f"{role}_gray", kind, {"in": node})
+    return node
+
+
+def _normals(graph: Any, file: str, hand: str, hex_tiled: bool) -> Any:
+    """The node that reads a normal map; MaterialX uses the OpenGL convention."""
+    if hex_tiled:
+        node = graph.addNode("hextilednormalmap", "normal_image", "vector3")
+        source = node.addInput("file", "filename")
+        node.setInputValue("scale", 0.0)
+        if hand == "directx":
+            node.setInputValue("flip_g", True)
+        source.setValueString(file)
+        source.setColorSpace("none")
+        return node
+    image = graph.addNode("image", "normal_image", "vector3")
+    source = image.addInput("file", "filename")
+    source.setValueString(file)
+    source.setColorSpace("none")
+    return opengl_normals(graph, image, hand)
+
+
+def opengl_normals(graph: Any, image: Any, hand: str) -> Any:
+    """The normals of the texels that a node reads."""
+    if hand == "directx":
+        mx = materialx()
+        turned = node_of(graph, "multiply", "normal_turned", "vector3", {"in1": image})
+        turned.setInputValue("in2", mx.Vector3(1, -1, 1))
+        image = node_of(graph, "add", "normal_upwards", "vector3", {"in1": turned})
+        image.setInputValue("in2", mx.Vector3(0, 1, 0))
+    return node_of(graph, "normalmap", "normal_bumps", "vector3", {"in": image})
+
+
+def node_of(graph: Any, category: str, name: str, kind: str, inputs: Mapping[str, Any]) -> Any:
+    """A new node with connected inputs."""
+    node = graph.addNode(category, name, kind)
+    for input_name, source in inputs.items():
+        node.addInput(input_name, source.getType()).setConnectedNode(source)
+    return node
+
+
+# --- USD ---
+
+
+def write_usd(described: Described, folder: Path) -> None:
+    """Write NAME.usda: the variant set 'shading' has UsdPreviewSurface, and the MaterialX document through UsdMtlx.
+
+    The MaterialX variant requires the plugin UsdMtlx, which usd-core from PyPI lacks.
+
+    Raises
+    ------
+    Error
+        usd-core is not installed.
+    """
+    try:
+        from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
+    except ImportError as error:
+        raise Error("usd-core is not installed: pip install usd-core") from error
+    path = folder / f"{described.name}.usda"
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    root = f"/{described.identifier}"
+    material = UsdShade.Material.Define(stage, root)
+    stage.SetDefaultPrim(material.GetPrim())
+    variants = material.GetPrim().GetVariantSets().AddVariantSet("shading")
+    for name in ("materialx", "preview"):
+        variants.AddVariant(name)
+    variants.SetVariantSelection("preview")
+    if (folder / f"{described.name}.mtlx").is_file():  # not selected, because USD without UsdMtlx warns
+        source = Sdf.Reference(f"./{described.name}.mtlx", f"/MaterialX/Materials/{described.identifier}")
+        Sdf.CreatePrimInLayer(stage.GetRootLayer(), f"{root}{{shading=materialx}}").referenceList.Prepend(source)
+    with variants.GetVariantEditContext():
+        shader = UsdShade.Shader.Define(stage, f"{root}/preview")
+        shader.CreateIdAttr("UsdPreviewSurface")
+        reader = UsdShade.Shader.Define(stage, f"{root}/st")
+        reader.CreateIdAttr("UsdPrimvarReader_float2")
+        reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
+        st = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+        if described.tile_m != (1.0, 1.0):
+            scaled = UsdShade.Shader.Define(stage, f"{root}/scaled_st")
+            scaled.CreateIdAttr("UsdTransform2d")
+            scaled.CreateInput("in", Sdf.ValueTypeNames.Float2).ConnectToSource(st)
+            scale = Gf.Vec2f(*(1 / n for n in described.tile_m))
+            scaled.CreateInput("scale", Sdf.ValueTypeNames.Float2).Set(scale)
+            st = scaled.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+        for role, file in described.maps.items():
+            inverted = role == "gloss" and "roughness" not in described.maps
+            role = "roughness" if inverted else role
+            if role not in _PREVIEW or (role == "height" and not described.relief):
+                continue
+            name, kind, channels = _PREVIEW[role]
+            texture = UsdShade.Shader.Define(stage, f"{root}/{role}")
+            texture.CreateIdAttr("UsdUVTexture")
+            texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(f"./{file}")
+            texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(st)
+            space = "sRGB" if role in COLORS and described.space.startswith("srgb") else "raw"
+            texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set(space)
+            for wrap in ("wrapS", "wrapT"):
+                texture.CreateInput(wrap, Sdf.ValueTypeNames.Token).Set("repeat")
+            scale, bias = _range(role, described, inverted)
+            if scale is not None:
+                texture.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*scale))
+                texture.CreateInput("bias", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*bias))
+            kinds = {"rgb": Sdf.ValueTypeNames.Float3, "r": Sdf.ValueTypeNames.Float}
+            output = texture.CreateOutput(channels, kinds[channels])
+            shader.CreateInput(name, getattr(Sdf.ValueTypeNames, kind)).ConnectToSource(output)
+        if not {"roughness", "gloss"} & set(described.maps):
+            shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(ROUGHNESS)
+        surface = shader.CreateOutput("surface", Sdf.ValueTypeNames.Token)
+        material.CreateSurfaceOutput().ConnectToSource(surface)
+    stage.GetRootLayer().Save()
+
+
+def usd_faults(path: Path) -> list[str]:
+    """Errors that USD's validators find in a stage and its variants; empty if there are no validators.
+
+    The MaterialX variant is checked only if USD has the plugin UsdMtlx.
+    """
+    try:
+        from pxr import Sdf, Usd, UsdValidation
+    except ImportError:
+        return []
+    context = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators())
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Exception as error:  # USD exceptions
+        return [f"{path}: {error}"]
+    stage.SetEditTarget(stage.GetSessionLayer())  # do not change the file
+    variants = stage.GetDefaultPrim().GetVariantSet("shading") if stage.HasDefaultPrim() else None
+    if not variants:
+        return [f"{path} has no material with the variant set shading"]
+    messages = []
+    for name in ("preview", *(["materialx"] if Sdf.FileFormat.FindByExtension("mtlx") else [])):
+        variants.SetVariantSelection(name)
+        messages += [f"{path}: {error.GetMessage()}" for error in context.Validate(stage)]
+    return messages
+
+
+def _range(role: str, described: Described, inverted: bool) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
+    """Scale and bias of texel values; (None, ()) for none."""
+    if role == "normal":  # UsdPreviewSurface expects -1..1, y up
+        y = -1 if described.hand == "directx" else 1
+        return (2, 2 * y, 2, 1), (-1, -y, -1, 0)
+    if role == "height":
+        return (described.relief,) * 3 + (1,), (0, 0, 0, 0)
+    if inverted:
+        return (-1, -1, -1, 1), (1, 1, 1, 0)
+    return None, ()
+
+
+# --- Blender ---
+
+
+def blender_catalog(paths: Iterable[str], there: str = "") -> str:
+    """The content of Blender's list of catalogs: a line per path, with a stable id.
+
+    Parameters
+    ----------
+    paths : iterable of str
+        Paths such as 'Materials/ground'.
+    there : str
+        Previous content. Other catalogs and changed names are kept.
+    """
+    made = {catalog_id(path): f"{path}:{path.replace('/', '-')}" for path in sorted(set(paths))}
+    others = {}
+    for line in there.splitlines():
+        identifier, colon, rest = line.partition(":")
+        if colon and not line.startswith("#") and identifier != catalog_id(rest.partition(":")[0]):
+            others[identifier] = rest
+    lines = ["# Catalogs of assets for Blender's asset browser.", "VERSION 1", ""]
+    return "\n".join(lines + [f"{identifier}:{rest}" for identifier, rest in (made | others).items()]) + "\n"
+
+
+def catalog_id(path: str) -> str:
+    """The stable id of a catalog path."""
+    return str(uuid.uuid5(_NAMESPACE, path))
