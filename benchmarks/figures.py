@@ -10,7 +10,7 @@ and which of the line's further numbers, the first being 0. The figure keeps its
 a table of these commands and their dates.
 
 A command's line in the results ends with a hash of its inputs: the command, and the benchmark's modules without
-imports, comments and docstrings. If these change, the result is stale, and tests/test_papers.py fails until
+imports, comments and docstrings. If these change, the result is stale, and tests/repository/test_papers.py fails until
 `python -m benchmarks TOPIC WORD` has renewed it.
 """
 

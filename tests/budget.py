@@ -51,7 +51,7 @@ def write(spent: Mapping[str, Mapping[str, float]]) -> None:
     text, old = "# CPU seconds on two cores (AMD EPYC, Zen 4), kernels compiled: tests/budget.py\n", read()
     for kind in KINDS:
         files = {
-            file: value for file, value in (old[kind] | spent[kind]).items() if FILE.with_name(f"{file}.py").exists()
+            file: value for file, value in (old[kind] | spent[kind]).items() if any(FILE.parent.rglob(f"{file}.py"))
         }
         text += f"\n[{kind}]\n" + "".join(f"{file} = {files[file]:.1f}\n" for file in sorted(files))
     FILE.write_text(text)

@@ -3,7 +3,7 @@
 
 On a CPU a buffer is the host's memory, and what is mapped but never touched takes none. So arrays here are as large as
 they would be, and one work-item of the real kernel runs far out in them. A wrong offset ends in a crash or a wrong
-number: this runs as a process of its own (tests/test_far_offsets.py).
+number: this runs as a process of its own (tests/engine/test_far_offsets.py).
 """
 
 from __future__ import annotations

@@ -26,7 +26,15 @@ def targets(begin: int) -> dict[str, list[str]]:
         "lines": ["tests.fuzz", "lines", str(_ROUND), "--begin", str(begin)],
         "files": ["tests.fuzz", "files", str(_ROUND), "--begin", str(begin)],
         "documents": ["tests.fuzz_documents", str(_ROUND), "--begin", str(begin)],
-        "messages": ["pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", "tests/test_strange_messages.py"],
+        "messages": [
+            "pytest",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            "-m",
+            "not slow",
+            "tests/oiiotool/test_strange_messages.py",
+        ],
     }
 
 

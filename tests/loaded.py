@@ -7,6 +7,8 @@ import importlib
 import os
 import pkgutil
 
+import oiiotex_studio
+
 import oiiotex
 from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 
@@ -17,7 +19,8 @@ LIBRARIES = (
 SERVERS = ("oiiotex_studio.farm.", "oiiotex_studio.live.", "oiiotex.oiiotool.service.")
 MODULES = [
     module.name
-    for module in pkgutil.walk_packages(oiiotex.__path__, "oiiotex.")
+    for package in (oiiotex, oiiotex_studio)
+    for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
     if not module.name.startswith(SERVERS) and not module.name.endswith("__main__")
 ]
 _before = dict(os.environ)

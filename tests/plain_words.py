@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PLACES = ("oiiotex", "hosts", "tools", "benchmarks", "docs", "README.md", "CONTRIBUTING.md", "CHANGELOG.md")
+PLACES = ("oiiotex", "studio", "hosts", "tools", "benchmarks", "docs", "README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 # pattern, what to write instead
 BANNED = {
     r"left out": "default ...; omitted",

@@ -24,8 +24,9 @@ ROOT = Path(__file__).resolve().parents[1]
 WORK = ROOT / "build" / "platforms"
 EXTRAS = "cpu,linker,demo"
 TESTS = [
-    "tests/test_documents.py", "tests/test_source_map.py", "tests/test_label_map.py", "tests/test_service.py",
-    "tests/test_golden.py", "-k", "not golden or stationarize_bricks or label_two or quilt_pebbles or lab_",
+    "tests/engine/test_documents.py", "tests/engine/test_source_map.py", "tests/engine/test_label_map.py",
+    "tests/oiiotool/test_service.py",
+    "tests/promises/test_golden.py", "-k", "not golden or stationarize_bricks or label_two or quilt_pebbles or lab_",
 ]  # fmt: skip
 # A tile by the resident process of another Python, through the client of the Blender extension.
 HOST = """

@@ -305,8 +305,8 @@ def differences(first: str, second: str) -> dict[str, Any]:
 
 def kernel_tests() -> list[str]:
     """Test files that open a device through the fixtures, and the goldens; what takes long comes last."""
-    files = [f for f in sorted(ROOT.glob("tests/test_*.py")) if _DEVICE_FIXTURES.search(f.read_text())]
-    golden, promises = ROOT / "tests" / "test_golden.py", ROOT / "tests" / "test_promises.py"
+    files = [f for f in sorted(ROOT.glob("tests/*/test_*.py")) if _DEVICE_FIXTURES.search(f.read_text())]
+    golden, promises = (ROOT / "tests" / "promises" / f"test_{name}.py" for name in ("golden", "promises"))
     quick = [f for f in files if f not in (golden, promises)]
     return [str(f.relative_to(ROOT)) for f in (*quick, golden, promises)]
 

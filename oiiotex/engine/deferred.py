@@ -2,7 +2,7 @@
 """Deferred imports: large libraries, and the modules that declare ops and options.
 
 Declarations of ops and options refer to types of these libraries without using them, and importing numpy takes half a
-second. So modules import the libraries from here, and do not use them at import time (tests/test_imports.py).
+second. So modules import the libraries from here, and do not use them at import time (tests/oiiotool/test_imports.py).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 """Access kinds: which pixels of its images an op reads. The base class of an op determines its kind.
 
 The line in the help follows from the kind, and so do the guarantees that tests check: which pixels may be read before
-and during the computation of a window of the result (tests/test_promises.py, tests/test_streaming.py).
+and during the computation of a window of the result (tests/promises/).
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 A row (`op`) holds an op's name, help, kind, function and parameters. The kinds differ in the arguments that the
 function gets before the parameters' values: pointwise buffers (`PointOp`), buffers with a halo or from elsewhere
 (remapping.py), whole images (`AtOnce`), or only a spec (`Respec`). OpenImageIO's functions compute the same pixels
-through any window, as long as the pixels that they read are there (tests/test_streaming.py checks every op).
+through any window, as long as the pixels that they read are there (tests/promises/test_streaming.py checks every op).
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ MATCH_HELP = (
     "Weight of each map in the comparison of patches, in order. 0: the map is not compared, but follows the others."
 )
 # the default weight of a height: a larger one reduces the steps at seams but removes large shapes and makes the colors
-# fit less well (tests/test_heights.py)
+# fit less well (tests/synthesis/test_heights.py)
 _HEIGHT_WEIGHT = 0.25
 _SHORTEST = 0.05  # length of a normal; shorter ones are rounding errors of zero
 _NORMAL_BYTES = 80  # for each pixel of normals, while they are read

@@ -4,7 +4,7 @@
 HRRG08 sections 4.4, 5 and 6. All decisions are made on integers, so every device finds the same candidates.
 
 Departures: one basis for all levels (from level 4 of 7 it explains at most .03 less of the variance than a basis per
-level). Neighbors are searched by PatchMatch instead of exactly (tests/test_candidates.py states the accuracy).
+level). Neighbors are searched by PatchMatch instead of exactly (tests/synthesis/test_candidates.py: how close).
 Transfer functions are also computed for levels of one exemplar, where HRRG08 takes the identity: self-loops lose their
 contrast otherwise. Where a zoom turns, candidates are found by shape, whatever their mean color is. `Levels.literal`
 turns off the last two.

@@ -12,7 +12,7 @@ import trimesh
 
 from oiiotex import filters
 from oiiotex.surfaces.atlas.mesh import Mesh, read_mesh
-from tests.test_atlas import bumpy
+from tests.surfaces.test_atlas import bumpy
 from tools.docs.pictures.layout import beside, draw, pixels, shrunk, stacked, test_photo, write_jpeg
 
 PHOTOS = ("rust_barrel_side.jpg", "stained_plaster_wall.jpg")

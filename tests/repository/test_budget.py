@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A file that takes more than its share of a run is named, on any machine."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from types import SimpleNamespace
+
+from tests import budget, forked
+
+OWN = {"test_a": 30.0, "test_b": 60.0, "test_c": 10.0}
+
+
+def test_shares_are_compared_and_not_times():
+    assert budget.above(OWN, OWN) == []
+    assert budget.above({file: 7 * own for file, own in OWN.items()}, OWN) == []
+    (line,) = budget.above(OWN | {"test_c": 40.0}, OWN)
+    assert line.startswith("ABOVE ITS BUDGET: test_c: 30.8 %")
+    (line,) = budget.above(OWN | {"test_new": 9.0}, OWN)
+    assert "test_new" in line and "0.0 % expected" in line
+
+
+def test_a_run_of_a_few_files_is_not_compared():
+    assert budget.above({"test_b": 60.0, "test_c": 90.0}, OWN) == budget.above({}, OWN) == []
+
+
+def test_seconds_are_those_of_tests_by_file_with_those_of_forks(monkeypatch):
+    def report(file: str, *keywords: str) -> SimpleNamespace:
+        return SimpleNamespace(user_properties=[("cpu", 2.0), ("x", 9)], keywords=keywords, fspath=f"tests/{file}.py")
+
+    spent = budget.of_reports([report("test_a"), report("test_a"), report("test_a", "slow"), object()])
+    assert spent == {"fast": {"test_a": 4.0}, "slow": {"test_a": 2.0}}
+    before = budget.seconds()
+    monkeypatch.setattr(forked, "spent", forked.spent + 1000)
+    assert 999 < budget.seconds() - before < 1100
+
+
+def test_the_file_is_renewed_by_files(monkeypatch, tmp_path):
+    monkeypatch.setattr(budget, "FILE", tmp_path / "budget.toml")
+    for file in ("test_a", "test_b"):
+        (tmp_path / f"{file}.py").touch()
+    budget.write({"fast": OWN, "slow": {"test_a": 5.0}})
+    budget.write({"fast": {"test_b": 1.0}, "slow": {}})
+    assert budget.read() == {"fast": {"test_a": 30.0, "test_b": 1.0}, "slow": {"test_a": 5.0}}
+
+
+def test_the_budget_names_files_that_are_there():
+    files = {path.stem for path in Path(__file__).parents[1].rglob("test_*.py")}
+    assert {file for kind in tomllib.loads(budget.FILE.read_text()).values() for file in kind} <= files
