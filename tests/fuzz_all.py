@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fuzzing by time: `python -m tests.fuzz_all --minutes 10` breaks every kind of input in turn until the time is over.
 
-Lines, image files, documents, and messages to the resident process and to the page's server. The numbers of the cases
-follow from the date, so that every day tries others; `--begin` repeats those of another day. The exit status is 1 if a
-case failed.
+Lines, image files, documents, names in documents, and messages to the resident process and to the page's server. The
+numbers of the cases follow from the date, so that every day tries others; `--begin` repeats those of another day. The
+exit status is 1 if a case failed.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ def targets(begin: int) -> dict[str, list[str]]:
         "lines": ["tests.fuzz", "lines", str(_ROUND), "--begin", str(begin)],
         "files": ["tests.fuzz", "files", str(_ROUND), "--begin", str(begin)],
         "documents": ["tests.fuzz_documents", str(_ROUND), "--begin", str(begin)],
+        "names": ["tests.fuzz_names", str(_ROUND), "--begin", str(begin)],
         "messages": [
             "pytest",
             "-q",

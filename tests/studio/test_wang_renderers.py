@@ -319,7 +319,7 @@ def test_wgsl_compiles_in_a_browser(folder):
         (["color=color.png", "--size", "2x0"], "--size 2x0: expected WIDTHxHEIGHT"),
         (["color=color.png", "--relief", "nan"], "--relief nan: expected a number >= 0"),
         (["color=color.png", "--seed", "4294967296"], "--seed 4294967296: expected an integer from 0 to 4294967295"),
-        (["color=color.png", "--name", "../up"], "--name ../up: expected at most 100 printable characters"),
+        (["color=color.png", "--name", "../up"], "--name '../up': expected a printable name of at most 200 bytes"),
     ],
 )
 def test_what_cannot_be_delivered_is_one_line(folder, monkeypatch, words, says):

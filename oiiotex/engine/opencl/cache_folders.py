@@ -125,9 +125,11 @@ def _require_writable(folder: Path) -> None:
 def _temporary_folder() -> str:
     """A temporary folder, removed at the end of this process."""
     import atexit
-    import shutil
     import tempfile
 
+    from ..io.owned import remove_folder
+
     folder, process = tempfile.mkdtemp(prefix="oiiotex-cache-"), os.getpid()
-    atexit.register(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == process else None)
+    made = Path(folder)
+    atexit.register(lambda: remove_folder(made, made.parent) if os.getpid() == process else None)
     return folder

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Atomic writing of files below a folder, and reading of untrusted documents."""
+"""Atomic writing of files below a folder, folders that a run owns, and reading of untrusted documents."""
 
 from oiiotex.engine.io.atomic import (
     OUTSIDE,
@@ -12,5 +12,6 @@ from oiiotex.engine.io.atomic import (
 )
 from oiiotex.engine.io.disk_cache import hash_of
 from oiiotex.engine.io.documents import read_document, require_plain
+from oiiotex.engine.io.owned import checked_name, copy_folder, owned, remove_folder
 from oiiotex.engine.io.schema import Allowed, Fraction, Seed, read_as, types_of
 from oiiotex.synthesis.quality.limit import Limit

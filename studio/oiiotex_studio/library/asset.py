@@ -11,7 +11,6 @@ import contextlib
 import datetime
 import json
 import shlex
-import shutil
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,7 +22,7 @@ from oiiotex.engine.deferred import np, oiio
 from oiiotex.engine.errors import Error, MemoryBudgetError, one_line, within
 
 from ..api import materials
-from ..api.files import Allowed, hash_of, read_as, writing_only_below
+from ..api.files import Allowed, hash_of, owned, read_as, remove_folder, writing_only_below
 from ..api.images import TAG, Image, Session, read
 from ..api.lines import LANGUAGE, Frame, Task, parse, work
 from ..api.lines import Job as LineJob
@@ -33,6 +32,7 @@ from ..recipes.lines import SOURCE, ProductStep, source_name, steps_of
 from ..recipes.recipe import LibraryRecipe
 from .catalog import SIDECAR
 from .digests import digest_of, faults
+from .runs import WORK
 from .wang import WangFiles, write_wang
 
 SCHEMA = "oiiotex.asset/2"
@@ -97,14 +97,15 @@ def make(job: AssetJob) -> Outcome:
     if job.version != __version__:
         text = f"the worker has oiiotex {__version__}: expected {job.version}, as in the run; install the same version"
         return Outcome(job.material.name, None, text)
-    folder = Path(job.work)
+    folder, owner = Path(job.work), Path(job.library) / WORK
     try:
-        shutil.rmtree(folder, ignore_errors=True)
+        remove_folder(folder, owner)
         folder.mkdir(parents=True)
         sidecar = _Making(job, folder).sidecar(start)
         return Outcome(job.material.name, sidecar, seconds=time.perf_counter() - start)
     except Exception as error:  # a bug must not end a run either
-        shutil.rmtree(folder, ignore_errors=True)
+        with contextlib.suppress(Error):
+            remove_folder(folder, owner)
         kind = "" if isinstance(error, (Error, OSError)) else f"internal error: {type(error).__name__}: "
         short, asks = isinstance(error, MemoryBudgetError), isinstance(error, Question)
         return Outcome(job.material.name, None, one_line(f"{kind}{error}"), time.perf_counter() - start, short, asks)
@@ -113,7 +114,7 @@ def make(job: AssetJob) -> Outcome:
 def read_sidecar(folder: Path) -> dict[str, Any]:
     """Read and check the asset.json of a folder."""
     try:
-        sidecar = json.loads((folder / SIDECAR).read_bytes())
+        sidecar = json.loads(owned(folder / SIDECAR, folder).read_bytes())
     except (OSError, ValueError) as error:
         raise Error(f"{folder / SIDECAR}: {error}") from error
     read_as(_Sidecar, sidecar, str(folder / SIDECAR), Error, more=True)
@@ -183,7 +184,7 @@ class _Making:
         ]
         if reasons:
             (self.folder / "reason.txt").write_text("\n".join(reasons) + "\n")
-        shutil.rmtree(self.folder / SOURCE, ignore_errors=True)
+        remove_folder(self.folder / SOURCE, self.folder)
         facts, spec = material.facts, maps["color"].first.spec
         sidecar = {
             "schema": SCHEMA, "version": __version__, "name": material.name,

@@ -10,16 +10,17 @@ from __future__ import annotations
 
 import contextlib
 import json
-import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from oiiotex.engine.errors import Error
+from oiiotex.engine.errors import Error, within
 
-from .runs import CAN_LOCK, FILE, WORK, folder_of_run, lock, locked, sqlite_errors
+from ..api.files import checked_name, remove_folder
+from .runs import CAN_LOCK, FILE, WORK, folder_of_run, lock, locked, require_no_links, sqlite_errors
 
+STATUSES = ("failed", "asked", "review", "ok")  # the most urgent first
 PLACES = ("assets", "review")  # parents of asset folders
 SIDECAR = "asset.json"  # describes the asset of a folder
 _VERSION = 2
@@ -47,8 +48,9 @@ CREATE TABLE claims (asset TEXT PRIMARY KEY, run TEXT NOT NULL) WITHOUT ROWID;
 """
 
 _ASSETS = (
-    "SELECT name, key, status, folder, reasons, root, license, author, width, height, size_m, l, a, b, seconds, made"
-    " FROM assets"
+    "SELECT CAST(name AS TEXT), key, status, CAST(folder AS TEXT), reasons, root, license, author,"
+    " CAST(width AS INTEGER), CAST(height AS INTEGER), size_m, CAST(l AS REAL), CAST(a AS REAL), CAST(b AS REAL),"
+    " CAST(seconds AS REAL), made FROM assets"
 )
 
 
@@ -101,6 +103,7 @@ class Catalog:
             raise Error(f"{library} is not a library; create one with oiiotex-library ingest PHOTOS {library}")
         with sqlite_errors(library):
             (library / WORK).mkdir(parents=True, exist_ok=True)
+            require_no_links(library)
             self._data = sqlite3.connect(path, timeout=_PATIENCE, isolation_level=None)
             self._data.execute("PRAGMA journal_mode=WAL")
             self._data.execute("PRAGMA synchronous=NORMAL")
@@ -152,17 +155,31 @@ class Catalog:
     def assets(self) -> dict[str, Asset]:
         """All assets by name, sorted."""
         with sqlite_errors(self.library):
-            return {row[0]: _asset(row) for row in self._data.execute(f"{_ASSETS} ORDER BY name")}
+            return {row[0]: self._asset(row) for row in self._data.execute(f"{_ASSETS} ORDER BY name")}
 
     def asset(self, name: str) -> Asset | None:
         """The asset with a name."""
         with sqlite_errors(self.library):
             row = self._data.execute(f"{_ASSETS} WHERE name = ?", (name,)).fetchone()
-        return _asset(row) if row else None
+        return self._asset(row) if row else None
+
+    def _asset(self, row: Sequence[Any]) -> Asset:
+        """The asset of a row. The library can come from others, so its names are checked before they become paths."""
+        with within(str(self.library / FILE)):
+            for name in (row[0], *(row[3].split("/") if row[3] else ())):
+                checked_name(name, "asset")
+            try:
+                reasons, tile = (tuple(json.loads(row[column])) for column in (4, 10))
+            except (ValueError, TypeError) as error:
+                raise Error(f"asset '{row[0]}': {error}: expected lists") from error
+            if row[2] not in STATUSES:
+                raise Error(f"asset '{row[0]}': status '{row[2]}': expected {', '.join(STATUSES)}")
+        lab = tuple(row[11:14]) if row[11] is not None else ()
+        return Asset._make([*row[:4], reasons, *row[5:10], tile, lab, row[14] or 0.0, row[15]])
 
     def measures(self) -> dict[str, dict[str, float]]:
         """The measures of all assets, by asset and measure."""
-        return self._gathered("SELECT asset, name, value FROM measures")
+        return self._gathered("SELECT asset, name, CAST(value AS REAL) FROM measures")
 
     def tags(self) -> dict[str, dict[str, str]]:
         """The tags of all assets: asset -> tags as keys."""
@@ -178,7 +195,8 @@ class Catalog:
         gathered: dict[str, list[AssetLabel]] = {}
         with sqlite_errors(self.library):
             for asset, name, share, *lab in self._data.execute(
-                "SELECT asset, name, share, l, a, b FROM labels ORDER BY asset, number"
+                "SELECT asset, name, CAST(share AS REAL), CAST(l AS REAL), CAST(a AS REAL), CAST(b AS REAL)"
+                " FROM labels ORDER BY asset, number"
             ):
                 gathered.setdefault(asset, []).append(AssetLabel(name, share, tuple(lab)))
         return gathered
@@ -192,7 +210,7 @@ class Catalog:
 
     def files(self, asset: str) -> list[tuple[str, str, int, str]]:
         """An asset's files: (path in its folder, role, bytes, SHA-256)."""
-        query = "SELECT path, role, bytes, sha256 FROM files WHERE asset = ? ORDER BY path"
+        query = "SELECT CAST(path AS TEXT), role, bytes, sha256 FROM files WHERE asset = ? ORDER BY path"
         with sqlite_errors(self.library):
             return list(self._data.execute(query, (asset,)))
 
@@ -272,7 +290,7 @@ class Catalog:
             except OSError:
                 dead = True
             if dead:
-                shutil.rmtree(folder, ignore_errors=True)
+                remove_folder(folder, self.library / WORK)
             else:
                 live.append(folder.name)
         with self._transaction():
@@ -295,9 +313,3 @@ class Catalog:
         """Release the claim of an asset."""
         with self._transaction():
             self._data.execute("DELETE FROM claims WHERE asset = ? AND run = ?", (asset, run))
-
-
-def _asset(row: Sequence[Any]) -> Asset:
-    lab = tuple(row[11:14]) if row[11] is not None else ()
-    reasons, tile = (tuple(json.loads(row[column])) for column in (4, 10))
-    return Asset._make([*row[:4], reasons, *row[5:10], tile, lab, row[14] or 0.0, row[15]])

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 _SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
 _LENGTHS = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)x(\d{1,6}(?:\.\d{1,9})?)", re.ASCII)
-_LONGEST = 100  # characters of a name: files add to it
 _MOST_SEED = 2**32 - 1
 _LEAST_MEMORY = 2048  # MB; memory requirement of a job template's task without --cache
 _LOG = "ingest.log"
@@ -294,6 +293,7 @@ def _export(given: argparse.Namespace, words: list[str]) -> int:
 
 
 def _wang(given: argparse.Namespace, words: list[str]) -> int:
+    from ..api.files import checked_name
     from ..api.materials import PACKED, ROLES
     from .wang import deliver_wang
 
@@ -312,10 +312,7 @@ def _wang(given: argparse.Namespace, words: list[str]) -> int:
         raise ParameterError(f"--relief {given.relief:g}: requires height=FILE")
     if given.seed > _MOST_SEED:
         raise ParameterError(f"--seed {given.seed}: expected an integer from 0 to {_MOST_SEED}")
-    name = given.name or given.folder.resolve().name
-    if not 0 < len(name) <= _LONGEST or Path(name).name != name or name == ".." or not name.isprintable():
-        expected = f"at most {_LONGEST} printable characters without '/': files are called NAME.mtlx"
-        raise ParameterError(f"--name {name}: expected {expected}")
+    name = checked_name(given.name or given.folder.resolve().name, "--name")
     if given.folder.exists() and not given.folder.is_dir():
         raise ParameterError(f"{given.folder}: expected a folder, but it is a file")
     sides = float(size[1]), float(size[2])

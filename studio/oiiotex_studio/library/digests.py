@@ -10,8 +10,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from oiiotex.engine.errors import one_line
+from oiiotex.engine.errors import Error, one_line
 
+from ..api.files import owned
 from ..recipes.found import Material
 from .catalog import Catalog
 from .runs import FoldersAlone
@@ -73,12 +74,13 @@ def faults(folder: Path, files: Sequence[Mapping[str, Any]]) -> list[str]:
     wrong = []
     for file in files:
         path = folder / file["path"]
-        if not path.is_relative_to(folder) or ".." in path.relative_to(folder).parts:
-            wrong.append(f"{path} is outside the asset's folder")
-        elif not path.is_file():
-            wrong.append(f"{path} is missing")
-        elif path.stat().st_size != file["bytes"] or digest_of(path) != file["sha256"]:
-            wrong.append(f"{path} has changed since it was written")
+        try:
+            if not owned(path, folder).is_file():
+                wrong.append(f"{path} is missing")
+            elif path.stat().st_size != file["bytes"] or digest_of(path) != file["sha256"]:
+                wrong.append(f"{path} has changed since it was written")
+        except (Error, OSError) as error:
+            wrong.append(str(error))
     return wrong
 
 

@@ -6,14 +6,13 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from oiiotex.engine.errors import Error, ParameterError
+from oiiotex.engine.errors import Error, ParameterError, one_line
 
 from ..api import materials
-from ..api.files import temporary_beside
+from ..api.files import copy_folder, owned, remove_folder, temporary_beside
 from .asset import SCHEMA, read_sidecar
 from .catalog import SIDECAR, Asset, Catalog
 
@@ -29,7 +28,7 @@ def export(catalog: Catalog, target: Path, chosen: Sequence[Asset], done: Callab
     if target.resolve().is_relative_to(catalog.library.resolve()):
         raise ParameterError(f"{target} is inside the library: expected a folder outside of it")
     for asset in chosen:
-        _require_replaceable(target / asset.name)
+        _require_replaceable(owned(target / asset.name, target))
     if os.path.lexists(target / INDEX) and not _is_of(EXPORT_SCHEMA, target / INDEX):
         raise _foreign(target / INDEX, "an export index")
     blender = _blender_text(catalog, target)
@@ -41,12 +40,12 @@ def export(catalog: Catalog, target: Path, chosen: Sequence[Asset], done: Callab
             if _same(final, asset):
                 continue
             aside = target / f".{asset.name}-{os.urandom(6).hex()}"
-            shutil.copytree(source, aside)
+            copy_folder(source, catalog.library, aside)
             if final.is_dir():
                 old = target / f".{asset.name}-{os.urandom(6).hex()}"
                 final.rename(old)
                 aside.rename(final)
-                shutil.rmtree(old, ignore_errors=True)
+                remove_folder(old, target)
             else:
                 aside.rename(final)
             count += 1
@@ -76,7 +75,8 @@ def blender_list(folder: Path) -> str:
 
 
 def _blender_text(catalog: Catalog, folder: Path) -> str:
-    paths = {f"Materials/{next(iter(tags))}" for tags in catalog.tags().values()} | {"Materials"}
+    first = (one_line(next(iter(tags))).replace(":", "-") for tags in catalog.tags().values())  # a line per catalog
+    paths = {f"Materials/{tag}" for tag in first} | {"Materials"}
     return materials.blender_catalog(paths, blender_list(folder))
 
 

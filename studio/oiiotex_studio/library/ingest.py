@@ -12,7 +12,6 @@ import contextlib
 import itertools
 import logging
 import os
-import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
@@ -22,6 +21,7 @@ from typing import Any, NamedTuple
 
 from oiiotex.engine.errors import Error, ParameterError, one_line
 
+from ..api.files import owned, remove_folder
 from ..api.lines import Display, WorkerDied, memory, usable_threads, worker_processes
 from ..recipes.found import Material, materials
 from ..recipes.lines import require_confined, require_lines
@@ -118,7 +118,7 @@ class _IngestRun:
             before = old.get(material.name)
             own = {role: digests.get(file.path, "") for role, file in material.maps.items()}
             key = key_of(material, self.recipe, own)
-            folder = str(self.library / before.folder) if before and before.folder else ""
+            folder = str(owned(self.library / before.folder, self.library)) if before and before.folder else ""
             job = AssetJob(
                 material, self.recipe, str(self.photos), str(self.library), "", folder,
                 tuple(sorted(own.items())), 0, 0,
@@ -227,7 +227,10 @@ class _IngestRun:
                 self._record(outcome or Outcome(job.material.name, None, _DIED), job)
 
     def _placed(self, job: AssetJob) -> AssetJob:
-        return job._replace(work=str(self.library / WORK / self.name / job.material.name))
+        return job._replace(work=str(self._work_of(job)))
+
+    def _work_of(self, job: AssetJob) -> Path:
+        return self.library / WORK / self.name / "assets" / job.material.name
 
     def _on_farm(self, jobs: list[AssetJob]) -> Iterator[tuple[Outcome, AssetJob]]:
         from ..farm.dask_cluster import cluster, results
@@ -247,7 +250,7 @@ class _IngestRun:
         """The asset.json of a folder that was made but not recorded, or None; removes broken folders."""
         key = self._key(job)
         for place in PLACES:
-            folder = self.library / place / job.material.name / key
+            folder = owned(self.library / place / job.material.name / key, self.library)
             if not folder.is_dir():
                 continue
             with contextlib.suppress(Error, KeyError, TypeError, ValueError, AttributeError):
@@ -258,7 +261,7 @@ class _IngestRun:
                     return sidecar
             aside = self.library / WORK / self.name / f"broken-{key}"
             folder.rename(aside)
-            shutil.rmtree(aside, ignore_errors=True)
+            remove_folder(aside, self.library / WORK)
         return None
 
     def _record(self, outcome: Outcome, job: AssetJob) -> None:
@@ -295,17 +298,17 @@ class _IngestRun:
     def _published(self, job: AssetJob, sidecar: dict[str, Any]) -> str:
         """Move an asset's folder to its place, unless it is there, and return its path below the library."""
         place = "assets" if sidecar["status"] == "ok" else "review"
-        folder = Path(place) / sidecar["name"] / sidecar["key"]
-        made = self.library / WORK / self.name / job.material.name
+        folder = Path(place) / job.material.name / self._key(job)
+        made = self._work_of(job)
         if made.is_dir():
-            target = self.library / folder
+            target = owned(self.library / folder, self.library)
             target.parent.mkdir(parents=True, exist_ok=True)
             try:
                 made.rename(target)
             except OSError:
                 if not (target / SIDECAR).is_file():
                     raise
-                shutil.rmtree(made, ignore_errors=True)  # another run was first
+                remove_folder(made, self.library / WORK)  # another run was first
         return folder.as_posix()
 
 

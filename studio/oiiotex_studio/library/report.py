@@ -11,10 +11,13 @@ import base64
 import contextlib
 import html
 import time
+import urllib.parse
 from pathlib import Path
 
-from ..api.files import temporary_beside
-from .catalog import Asset, Catalog
+from oiiotex.engine.errors import Error
+
+from ..api.files import owned, temporary_beside
+from .catalog import STATUSES, Asset, Catalog
 
 FILE = "report.html"
 _MOST = 1000
@@ -47,16 +50,15 @@ heads.forEach((head,n)=>head.addEventListener('click',()=>{
 document.querySelector('input').addEventListener('input',e=>{const t=e.target.value.toLowerCase();
  for(const row of body.rows)row.hidden=!row.textContent.toLowerCase().includes(t);});
 """
-_ORDER = {"failed": 0, "asked": 1, "review": 2, "ok": 3}
 
 
 def write_report(catalog: Catalog, title: str) -> Path:
     """Write the report of a library, and return its path."""
-    assets = sorted(catalog.assets().values(), key=lambda asset: (_ORDER[asset.status], asset.name))
+    assets = sorted(catalog.assets().values(), key=lambda asset: (STATUSES.index(asset.status), asset.name))
     measures, sizes = catalog.measures(), catalog.sizes()
     named = {name for own in measures.values() for name in own}
     columns = [name for name in _COLUMNS if name in named]
-    counts = {status: sum(asset.status == status for asset in assets) for status in reversed(_ORDER)}
+    counts = {status: sum(asset.status == status for asset in assets) for status in reversed(STATUSES)}
     summary = ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "no assets yet"
     if len(assets) > _MOST:
         summary += f"; showing {_MOST}, those that are not ok first"
@@ -86,10 +88,10 @@ def convention_text(correlation: float) -> str:
 
 def _row(library: Path, asset: Asset, measures: dict[str, float], columns: list[str], size: int) -> str:
     name, why = html.escape(asset.name), html.escape("; ".join(asset.reasons))
-    link = f'<a href="{html.escape(asset.folder)}/">{name}</a>' if asset.folder else name
+    link = f'<a href="{urllib.parse.quote(asset.folder)}/">{name}</a>' if asset.folder else name
     viewer = f"{asset.folder}/{asset.name}.html"
     if asset.folder and (library / viewer).is_file():
-        link += f' <a href="{html.escape(viewer)}">plane</a>'
+        link += f' <a href="{urllib.parse.quote(viewer)}">plane</a>'
     pixels = f"{asset.width}×{asset.height}" if asset.width else ""
     numbers = [(column, measures.get(column), ".3g") for column in columns]
     numbers += [("seconds", asset.seconds or None, ".1f"), ("MB", size / 1e6 or None, ".1f")]
@@ -108,8 +110,9 @@ def _row(library: Path, asset: Asset, measures: dict[str, float], columns: list[
 
 
 def _picture(library: Path, asset: Asset) -> str:
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, Error):
         if asset.folder:
-            data = base64.b64encode((library / asset.folder / "card.jpg").read_bytes()).decode()
+            picture = owned(library / asset.folder / "card.jpg", library)
+            data = base64.b64encode(picture.read_bytes()).decode()
             return f'<img alt="{html.escape(asset.name)}" src="data:image/jpeg;base64,{data}">'
     return ""

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from oiiotex.engine.errors import Error
 
+from ..api.files import owned, remove_folder
 from ..recipes.found import LIBRARY
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ class FoldersAlone:
     def __enter__(self) -> FoldersAlone:
         with sqlite_errors(self.library):
             (self.library / WORK).mkdir(parents=True, exist_ok=True)
+            require_no_links(self.library)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -79,6 +80,13 @@ class FoldersAlone:
         """Do nothing: nothing was claimed."""
 
 
+def require_no_links(library: Path) -> None:
+    """Raise Error for links among a library's own files and runs, through which other files would be written."""
+    for pattern in ("*", f"{WORK}/*", f"{WORK}/*/*"):  # a name without wildcards would omit broken links
+        for path in library.glob(pattern):
+            owned(path, library)
+
+
 @contextlib.contextmanager
 def folder_of_run(library: Path) -> Iterator[str]:
     """A new working folder, locked until the process ends."""
@@ -94,7 +102,7 @@ def folder_of_run(library: Path) -> Iterator[str]:
     try:
         yield name
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        remove_folder(folder, library / WORK)
         held.close()
 
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 from oiiotex.engine.errors import Error
 
 from ..api import materials
+from ..api.files import owned, remove_folder
 from .asset import read_sidecar
 from .catalog import PLACES, SIDECAR, Catalog
 from .digests import faults
@@ -28,7 +28,7 @@ def check(catalog: Catalog) -> Iterator[str]:
     for asset in catalog.assets().values():
         if not asset.folder:
             continue
-        folder = catalog.library / asset.folder
+        folder = owned(catalog.library / asset.folder, catalog.library)
         rows = catalog.files(asset.name)
         yield from faults(folder, [{"path": path, "bytes": size, "sha256": digest} for path, _, size, digest in rows])
         try:
@@ -66,12 +66,12 @@ def collect_garbage(catalog: Catalog) -> tuple[int, int]:
     with catalog.run() as run:
         if len(list((catalog.library / WORK).glob("run-*"))) > 1:
             raise Error(f"{catalog.library}: another run is active; run gc after it has ended")
-        folders, freed = orphans(catalog), 0
+        folders, freed = [owned(folder, catalog.library) for folder in orphans(catalog)], 0
         for number, folder in enumerate(folders):
             freed += sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
             aside = catalog.library / WORK / run / str(number)
             folder.rename(aside)  # atomic; if this run is killed, a later one removes it
-            shutil.rmtree(aside, ignore_errors=True)
+            remove_folder(aside, catalog.library / WORK)
             with contextlib.suppress(OSError):  # another version exists
                 folder.parent.rmdir()
     return len(folders), freed
@@ -86,5 +86,6 @@ def shown(catalog: Catalog, name: str) -> dict[str, Any]:
         "name": asset.name, "status": asset.status, "reasons": list(asset.reasons), "photos": asset.root,
     }  # fmt: skip
     if asset.folder:
-        facts |= {"folder": str(catalog.library / asset.folder)} | read_sidecar(catalog.library / asset.folder)
+        folder = owned(catalog.library / asset.folder, catalog.library)
+        facts |= {"folder": str(folder)} | read_sidecar(folder)
     return facts

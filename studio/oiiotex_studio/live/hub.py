@@ -8,6 +8,7 @@ import contextlib
 import itertools
 import json
 import logging
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from typing import Any
 from oiiotex.engine.deferred import np, oiio
 from oiiotex.engine.errors import Error, ParameterError
 
+from ..api.files import checked_name
 from ..api.images import (
     Image,
     Part,
@@ -161,7 +163,8 @@ class Hub(Pages):
         """The file name and the pixel type of a room's output, 'tile', 'painted' or 'zoom'."""
         chosen = self.document.state["output"]
         pixel_type = chosen["type"] or self.source.pixel_type
-        name = chosen.get(what) or output_name(self.source.stem, what, pixel_type)
+        said = chosen.get(what)
+        name = checked_name(said, "output") if said else output_name(self.source.stem, what, pixel_type)
         return name, chosen["type"] or type_in(name, pixel_type)
 
     async def save(self, made: dict[str, Any], name: str, pixel_type: str, room: str) -> str:
@@ -359,7 +362,7 @@ def reduced(pixels: np.ndarray, most: int = MOST_SHOWN) -> np.ndarray:
 def _free(path: Path) -> Path:
     """The path, or one with a number added if the path exists."""
     names = itertools.chain([path], (path.with_name(f"{path.stem}_{n}{path.suffix}") for n in itertools.count(2)))
-    return next(name for name in names if not name.exists())
+    return next(name for name in names if not os.path.lexists(name))  # a broken link could lead anywhere
 
 
 def labels_of(made: dict[str, Any]) -> list[str]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from oiiotex.engine.errors import Error
 
+from ..api.files import checked_name
 from .naming import COLORS
 
 if TYPE_CHECKING:
@@ -66,6 +67,9 @@ class Described:
     lattice: bool
     tile_m: tuple[float, float] = (1.0, 1.0)
     relief: float = 0.0
+
+    def __post_init__(self) -> None:
+        checked_name(self.name, "material")
 
     @property
     def identifier(self) -> str:

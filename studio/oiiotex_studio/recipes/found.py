@@ -17,6 +17,7 @@ from pathlib import Path, PurePosixPath
 
 from oiiotex.engine.errors import Error, ParameterError
 
+from ..api.files import checked_name
 from ..api.images import Image
 from ..api.lines import nearest
 from ..api.materials import PACKED, PACKED_ROLES, Name, convention_of, read_name
@@ -28,6 +29,7 @@ _FLOATS = {".exr", ".hdr"}
 _MOST_MEMBER = 8 << 30  # bytes; largest member of an archive
 _LARGE = 64 << 20  # bytes; larger members must not exceed the compression ratio below
 _MOST_UNPACKED = 200  # compression ratio of zip bombs
+_MOST_NAME = 150  # bytes of a material's name: numbers and suffixes are added
 _CHANNELS = "RGB"
 # undocumented exceptions of zipfile for broken archives
 _BROKEN_ARCHIVE = (
@@ -79,6 +81,9 @@ class Material:
     maps: dict[str, MapFile]
     facts: Facts
     questions: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        checked_name(self.name, "material")
 
 
 class Question(Error):
@@ -278,7 +283,8 @@ def _names(groups: Iterable[tuple[str, str]]) -> dict[tuple[str, str], str]:
 
 
 def _safe(text: str) -> str:
-    return re.sub(r"[^\w.-]+", "_", text).strip("._-") or "material"
+    plain = re.sub(r"[^\w.-]+", "_", text).strip("._-")
+    return plain.encode()[:_MOST_NAME].decode(errors="ignore").strip("._-") or "material"
 
 
 def _material(name: str, candidates: list[_Candidate], facts: Facts, recipe: LibraryRecipe) -> Material:
@@ -304,6 +310,8 @@ def _material(name: str, candidates: list[_Candidate], facts: Facts, recipe: Lib
             maps[role] = replace(chosen[0].file, hand=chosen[0].name.hand)
     for role, text in facts.maps.items():
         path, _, member = text.partition("!")
+        if member and PurePosixPath(member).suffix.lower() not in _IMAGES:
+            raise ParameterError(f"assets.{name}: {text}: expected an image: {' '.join(sorted(_IMAGES))}")
         maps[role] = MapFile(path, member)
     packed = maps.pop(PACKED, None)
     for channel, role in zip(_CHANNELS, PACKED_ROLES, strict=True):

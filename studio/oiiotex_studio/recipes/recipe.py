@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from oiiotex.engine.errors import Error, ParameterError
 
-from ..api.files import Allowed, Limit, read_as
+from ..api.files import Allowed, Limit, checked_name, read_as
 from ..api.materials import COLORS, ROLES
 
 _MOST_BYTES = 4 << 20
@@ -176,6 +176,8 @@ def recipe_of(document: Mapping[str, Any], name: str) -> LibraryRecipe:
     said: _RecipeDocument = read_as(_RecipeDocument, document, name, ParameterError)
     for role in said.roles:
         _require_among(f"{name}: roles", role, tuple(ROLES))
+    for asset in said.assets:
+        checked_name(asset, f"{name}: assets:")
     if not said.product:
         raise ParameterError(f"{name}: no [[product]]: expected at least one")
     names = [product.name for product in said.product]

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import shutil
 from pathlib import Path
 
 from ....engine.opencl.cache_folders import cache_folder
@@ -29,13 +28,15 @@ def cache_info() -> str:
 
 def cache_clear() -> str:
     """Remove all entries, which later runs compute again; returns what was removed."""
+    from ....engine.io.owned import remove_folder
+
     folder = cache_folder()
     files = [path for kind in _KINDS for path in _files(folder, kind)]
     size = sum(path.stat().st_size for path in files)
     for kind in _KINDS:
         for entry in folder.glob(f"{kind}*"):
             if entry.is_dir() and not entry.is_symlink():
-                shutil.rmtree(entry, ignore_errors=True)
+                remove_folder(entry, folder)
             else:
                 with contextlib.suppress(OSError):  # another process has removed it
                     entry.unlink()

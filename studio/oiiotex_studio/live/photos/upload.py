@@ -11,11 +11,10 @@ from pathlib import Path
 
 from oiiotex.engine.errors import Error, ImageError, ParameterError
 
-from ...api.files import held_beside, release
+from ...api.files import checked_name, held_beside, release
 
 MOST = 1 << 30  # bytes of a photo; larger ones are copied into the folder by hand
 SUFFIXES = ".exr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".hdr", ".webp", ".tga", ".bmp", ".psd", ".dpx"
-_MOST_NAME = 120  # characters
 _MOST_OFFERED = 500
 
 
@@ -71,10 +70,9 @@ class Upload:
 
 
 def require_photo(name: str) -> None:
-    """Check the name of a photo: no folder, not hidden, and the extension of an image format."""
-    plain = 0 < len(name) <= _MOST_NAME and name.isprintable() and not name.startswith(".")
-    if not plain or "/" in name or "\\" in name or Path(name).suffix.lower() not in SUFFIXES:
-        raise ParameterError(f"{name[:_MOST_NAME]}: expected the name of an image: {' '.join(SUFFIXES)}")
+    """Check the name of a photo: a plain name with the extension of an image format."""
+    if Path(checked_name(name, "photo")).suffix.lower() not in SUFFIXES:
+        raise ParameterError(f"{name}: expected the name of an image: {' '.join(SUFFIXES)}")
 
 
 def photos_in(folder: Path) -> list[str]:
