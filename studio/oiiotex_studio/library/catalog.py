@@ -301,3 +301,53 @@ def _asset(row: Sequence[Any]) -> Asset:
     lab = tuple(row[11:14]) if row[11] is not None else ()
     reasons, tile = (tuple(json.loads(row[column])) for column in (4, 10))
     return Asset._make([*row[:4], reasons, *row[5:10], tile, lab, row[14] or 0.0, row[15]])
+
+
+class FoldersAlone:
+    """Replaces the catalog on a farm machine, which only writes folders; a later run records them."""
+
+    def __init__(self, library: Path):
+        self.library = library
+
+    def __enter__(self) -> FoldersAlone:
+        with sqlite_errors(self.library):
+            (self.library / WORK).mkdir(parents=True, exist_ok=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def assets(self) -> dict[str, Asset]:
+        """No assets: there is no catalog."""
+        return {}
+
+    def asset(self, name: str) -> Asset | None:
+        """None: there is no catalog."""
+        return None
+
+    def sources(self) -> dict[str, tuple[int, int, str]]:
+        """No sources: there is no catalog."""
+        return {}
+
+    def remember_sources(self, rows: Iterable[tuple[str, int, int, str]]) -> None:
+        """Do nothing: there is no catalog."""
+
+    def put(self, *_: Any) -> None:
+        """Do nothing: there is no catalog."""
+
+    def put_all(self, *_: Any) -> None:
+        """Do nothing: there is no catalog."""
+
+    def run(self) -> contextlib.AbstractContextManager[str]:
+        """A context with a separate working folder for a run."""
+        return folder_of_run(self.library)
+
+    def sweep(self) -> None:
+        """Do nothing: runs with the catalog clean up."""
+
+    def claim(self, asset: str, run: str) -> bool:
+        """True: shares do not overlap."""
+        return True
+
+    def release(self, asset: str, run: str) -> None:
+        """Do nothing: nothing was claimed."""

@@ -13,8 +13,7 @@ from typing import Any
 from oiiotex.engine.errors import one_line
 
 from ..recipes.found import Material
-from .catalog import Catalog
-from .runs import FoldersAlone
+from .catalog import Catalog, FoldersAlone
 
 _READERS = 4  # threads that hash files
 

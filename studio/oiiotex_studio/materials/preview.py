@@ -12,7 +12,8 @@ from pathlib import Path
 
 from oiiotex.engine.color.config import as_float
 from oiiotex.engine.core.attributes import TAG
-from oiiotex.engine.core.image import Image, Part, channels_of, from_array, resized, tagged
+from oiiotex.engine.core.demand import resized
+from oiiotex.engine.core.image import Image, Part, channels_of, from_array, tagged
 from oiiotex.engine.deferred import np, oiio
 from oiiotex.engine.errors import Error, present
 from oiiotex.engine.session.resources import Resources
