@@ -164,7 +164,7 @@ def opened(
 
 def analysis_folder() -> Path:
     """Folder of the cached results of `analyze`."""
-    from ...engine.opencl.cache_folders import cache_folder  # not needed for help
+    from ...engine.io.cache_folders import cache_folder  # not needed for help
 
     return cache_folder() / "candidates"
 

@@ -7,7 +7,7 @@ import contextlib
 import shutil
 from pathlib import Path
 
-from ....engine.opencl.cache_folders import cache_folder
+from ....engine.io.cache_folders import cache_folder
 
 _KINDS = {
     "probe": "results of OpenCL device tests",
