@@ -15,6 +15,7 @@ import pytest
 from oiiotex.engine import machine
 from oiiotex.engine.opencl import device_choice, runtime
 from tests.conftest import oiiotex
+from tools.docs.stubs import stub_text
 
 
 def test_the_built_wheel_finds_its_config_and_kernels(tmp_path, photo):
@@ -34,6 +35,7 @@ def test_the_built_wheel_finds_its_config_and_kernels(tmp_path, photo):
         str(wheel),
     ]
     subprocess.run(install, check=True, capture_output=True)
+    assert (tmp_path / "site" / "oiiotex" / "filters" / "__init__.pyi").read_text() == stub_text()
     environment = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
     where = subprocess.run(
         [sys.executable, "-c", "import oiiotex; print(oiiotex.__file__)"],
