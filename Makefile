@@ -32,6 +32,7 @@ test-all: $(VENV)/test  # with the slow sweeps
 
 lint: $(VENV)/test
 	$(BIN)/python -m pip install -qq -e ".[lint]"
+	$(BIN)/python -m tools.docs.stubs  # the types that mypy sees
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 
 docs: $(VENV)/demo  # pages from the declarations, and the pictures in them

@@ -5,7 +5,8 @@
 """
 
 from .engine.color.config import as_float
-from .engine.color.lab import Lens, in_type, lens_of, working_values
+from .engine.color.lab import lens_of, working_values
+from .engine.color.lens import Lens, in_type
 from .engine.core.access import AnyWindow, Gather, Neighborhood, Pointwise, ScanThenMap, Whole
 from .engine.core.image import Image, Part, derived_spec, from_pixels, spec_beside
 from .engine.core.op import Kind, Output, Space

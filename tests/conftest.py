@@ -16,12 +16,13 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.opencl import device_choice as devices
+from oiiotex.engine.opencl.device import Device, Program
 from tests import budget, forked, pictures, skips
 from tests.kernel_options import require_known
 
 
-class NarrowDevice(devices.Device):
+class NarrowDevice(Device):
     """The CPU seen as a GPU is: every work-item a single lane."""
 
     lanes = 1
@@ -30,16 +31,16 @@ class NarrowDevice(devices.Device):
 @pytest.fixture(scope="session", autouse=True)
 def known_kernel_options() -> Iterator[None]:
     """Whatever any test builds is in the table that is compiled for other devices."""
-    build = devices.Device.program
+    build = Device.program
 
-    def program(self: devices.Device, stem: str, **macros: int) -> devices.Program:
+    def program(self: Device, stem: str, **macros: int) -> Program:
         built = build(self, stem, **macros)
         require_known(stem, macros)
         return built
 
-    devices.Device.program = program
+    Device.program = program
     yield
-    devices.Device.program = build
+    Device.program = build
 
 
 @pytest.fixture(autouse=True)
@@ -52,23 +53,23 @@ def untouched_log() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def device() -> devices.Device:
+def device() -> Device:
     return devices.open_device()
 
 
 @pytest.fixture(scope="session")
-def narrow_device(device: devices.Device) -> devices.Device:
+def narrow_device(device: Device) -> Device:
     return device if device.lanes == 1 else NarrowDevice(devices.choose())
 
 
 @pytest.fixture(scope="session")
-def all_lanes(device: devices.Device, narrow_device: devices.Device) -> list[devices.Device]:
+def all_lanes(device: Device, narrow_device: Device) -> list[Device]:
     """The same two in one test, whose oracle costs more than the device."""
     return [device, narrow_device]
 
 
 @pytest.fixture(params=["wide", "narrow"])
-def any_lanes(request: pytest.FixtureRequest, device: devices.Device) -> devices.Device:
+def any_lanes(request: pytest.FixtureRequest, device: Device) -> Device:
     """The device with its own lanes, and with one."""
     if request.param == "wide" and device.lanes == 1:
         pytest.skip("the device has no wide lanes")

@@ -7,8 +7,8 @@ import mmap
 
 import numpy as np
 
-from oiiotex.engine.opencl import device as devices
-from oiiotex.engine.opencl.device import TEAM
+from oiiotex.engine.opencl import device_choice as devices
+from oiiotex.engine.opencl.device import TEAM, Device
 
 WIDTH, HEIGHT = 60000, 50000  # px of images
 X, Y = 59008, 49000  # a pixel beyond 2^31
@@ -28,7 +28,7 @@ class Far:
     """A device, and arrays that are only mapped."""
 
     def __init__(self, lanes: int):
-        self.device = devices.Device(devices.choose())
+        self.device = Device(devices.choose())
         type(self.device).lanes = lanes
         self.lanes = lanes
 

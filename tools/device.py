@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from oiiotex.engine.errors import DeviceError, NoDeviceError
-from oiiotex.engine.opencl import device
+from oiiotex.engine.opencl import device_choice
 
 _PROJECT = Path(__file__).parents[1]
 
@@ -29,7 +29,7 @@ def step(remedy: str) -> list[str]:
 def main() -> None:
     """Make sure that a device works; exit with the remedy otherwise."""
     try:
-        print(f"device: {device.choose().name}")
+        print(f"device: {device_choice.choose().name}")
     except NoDeviceError as error:
         command = step(error.remedy)
         if not command or error.remedy in sys.argv[1:]:

@@ -21,7 +21,8 @@ import numpy as np
 
 from benchmarks.gpu import bounds, workloads
 from oiiotex.engine.machine import usable_threads
-from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.opencl import device_choice as devices
+from oiiotex.engine.opencl.device import Device
 from oiiotex.engine.session import Session
 
 _NOISE = """
@@ -61,10 +62,10 @@ class Watch:
         os.pwrite(self._last, kernel.ljust(80).encode(), 0)
 
 
-def opened(name: str, lanes: int, watch: Watch) -> devices.Device:
+def opened(name: str, lanes: int, watch: Watch) -> Device:
     """The device, with its launches recorded; `lanes` is used unless it is 0."""
 
-    class WatchedDevice(devices.Device):
+    class WatchedDevice(Device):
         def program(self, stem: str, **macros: int) -> Any:
             watch.launched(f"the build of {stem}.cl")
             program = super().program(stem, **macros)
@@ -172,7 +173,7 @@ class Worker:
         import pyopencl as cl
 
         begin = time.perf_counter()
-        program = devices.Device.program(self._device, stem, **macros)
+        program = Device.program(self._device, stem, **macros)
         seconds = time.perf_counter() - begin
         built = next(iter(program._kernels.values())).program
         handle = self._device.info.handle

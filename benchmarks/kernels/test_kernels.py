@@ -30,7 +30,8 @@ from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.io.reading import read as read_image
 from oiiotex.engine.opencl.buffers import Buffers
-from oiiotex.engine.opencl.device import Device, open_device
+from oiiotex.engine.opencl.device import Device
+from oiiotex.engine.opencl.device_choice import open_device
 from oiiotex.engine.opencl.rows import Rows
 from oiiotex.engine.session import Session
 from oiiotex.filters.texstationarize import Stationarize

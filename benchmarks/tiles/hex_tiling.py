@@ -16,17 +16,18 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.special import ndtri
 
+from oiiotex.engine.color.srgb import LUMA
+
 GRID = 2 * np.sqrt(3.0)  # edges of the triangle grid to the photo's side
 EXPONENT, CONTRAST = 7.0, 0.5
 SCALES = (0.5, 2.0)  # MaterialX's default
-LUMA = np.array([0.2126, 0.7152, 0.0722])
 DEVIATION = 1 / 6  # of the Gaussian values about 1/2
 
 
 def hextiled(photo: np.ndarray, side: int, seed: int, turned: bool) -> np.ndarray:
     """A plane (side, side, 3) of linear light from a photo (n, n, 3) of linear light."""
     weights, samples = _pieces(photo, side, seed, turned, inside=False)
-    luminance = samples @ LUMA
+    luminance = samples @ np.array(LUMA)
     weights = (1 - CONTRAST + CONTRAST * luminance) * weights**EXPONENT
     return ((weights / weights.sum(0))[..., None] * samples).sum(0)
 

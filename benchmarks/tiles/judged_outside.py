@@ -29,6 +29,7 @@ import OpenImageIO as oiio
 from benchmarks.shared.measures import sharpness
 from benchmarks.tiles import hex_tiling
 from oiiotex import filters
+from oiiotex.engine.color.srgb import decoded, encoded
 from oiiotex.engine.errors import Error
 from oiiotex.filters.texstationarity import COST
 from tools.docs.pictures.comparison import PHOTOS, SIGMA, square, ways
@@ -38,17 +39,6 @@ SIDE, PLANE = 256, 384  # px, of a photo and of what is judged
 PATCH, PATCHES = 11, 500
 VARIANTS = ("ours, moments", "ours, steerable", "by the letter")  # omitted
 SEED = 1
-
-
-def linear(encoded: np.ndarray) -> np.ndarray:
-    """sRGB, decoded."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-
-
-def encoded(light: np.ndarray) -> np.ndarray:
-    """Linear light as sRGB."""
-    light = np.clip(light, 0, 1)
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
 def planes() -> dict[str, Callable[[oiio.ImageBuf], np.ndarray]]:
@@ -63,8 +53,8 @@ def planes() -> dict[str, Callable[[oiio.ImageBuf], np.ndarray]]:
         return photo.get_pixels(oiio.FLOAT)[..., :3].astype(np.float64)
 
     made = {name: lambda photo, way=way: laid(way(photo)) for name, way in ways().items() if name not in VARIANTS}
-    made["hex, turned"] = lambda photo: encoded(hex_tiling.hextiled(linear(of(photo)), PLANE, SEED, True))
-    made["hex, moved"] = lambda photo: encoded(hex_tiling.hextiled(linear(of(photo)), PLANE, SEED, False))
+    made["hex, turned"] = lambda photo: encoded(hex_tiling.hextiled(decoded(of(photo)), PLANE, SEED, True))
+    made["hex, moved"] = lambda photo: encoded(hex_tiling.hextiled(decoded(of(photo)), PLANE, SEED, False))
     made["hex, by histogram"] = lambda photo: hex_tiling.by_histogram(of(photo), PLANE, SEED)
     return made
 

@@ -28,7 +28,6 @@ import OpenImageIO as oiio
 from benchmarks.shared.measures import data_folder, load
 from oiiotex.analysis.regularity.lattice import Lattice, find_lattice
 from oiiotex.analysis.regularity.offset_prices import InStep
-from oiiotex.analysis.regularity.regularity import peaks_over_floor
 from oiiotex.analysis.stationarity.costs import stationarity_cost
 from oiiotex.engine.color.lab import working_values
 from oiiotex.engine.core.image import from_buffer
@@ -44,6 +43,7 @@ from oiiotex.filters.texsynth import Synth
 from oiiotex.synthesis.patchmatch.optimization import synthesize
 from oiiotex.synthesis.patchmatch.recipe import Recipe
 from oiiotex.synthesis.quality.copy_detection import copies_by_source
+from oiiotex.synthesis.quality.lost_structure import peaks_over_floor
 from tests.any_filter import buffer
 from tests.lattices import VECTORS, regular
 

@@ -17,7 +17,6 @@ the paper adds different units.
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 from collections.abc import Iterable
 from dataclasses import replace
@@ -28,6 +27,18 @@ from unittest import mock
 import numpy as np
 
 from benchmarks.shared.measures import data_folder, load
+from benchmarks.tiles.stationarization_results import (
+    BASELINE,
+    DEFAULT,
+    FIELDS,
+    FLAT_TEXTURE,
+    MEASURES,
+    TEXTURE,
+    TRACE_FIELDS,
+    append,
+    best_seed,
+    rows,
+)
 from oiiotex.analysis.stationarity.costs import stationarity_cost
 from oiiotex.engine import errors
 from oiiotex.engine.color.lab import working_values
@@ -40,12 +51,6 @@ from oiiotex.filters.texstationarize import PAPER_PATCH, Stationarize
 from oiiotex.synthesis.patchmatch import optimization as module
 from oiiotex.synthesis.patchmatch.matcher import match_patches
 from oiiotex.synthesis.patchmatch.recipe import Recipe
-
-MEASURES = ("histogram", "moments", "steerable")
-BASELINE, DEFAULT = "patchmatch", "default"
-FIELDS = ("photo", "seed", "variant", "measure", "cost")
-TEXTURE, FLAT_TEXTURE = "texture", "texture of the flattened photo"
-TRACE_FIELDS = ("photo", "variant", "iteration", "stationarity", "texture", "deviation")
 
 
 class Photo:
@@ -179,29 +184,6 @@ def measure(photo: Photo, variant: str, seed: int, measures: Iterable[str], out:
     if (photo.name, str(seed), variant) not in known:
         found = photo.costs(variant, seed, measures)
         append(out / "costs.csv", FIELDS, [(photo.name, seed, variant, m, c) for m, c in found.items()])
-
-
-def best_seed(table: list[dict[str, str]], photo: str, measure: str) -> int:
-    """With which the baseline is most stationary."""
-    mine = [r for r in table if (r["photo"], r["variant"], r["measure"]) == (photo, BASELINE, measure)]
-    return int(min(mine, key=lambda r: float(r["cost"]))["seed"])
-
-
-def rows(path: Path) -> list[dict[str, str]]:
-    """Of a CSV file; none where there is no file."""
-    if not path.exists():
-        return []
-    with open(path, newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def append(path: Path, fields: tuple[str, ...], more: list[tuple]) -> None:
-    """Write rows, below a head where the file is new."""
-    new = not path.exists()
-    with open(path, "a", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerows([fields] if new else [])
-        writer.writerows([f"{v:.6g}" if isinstance(v, float) else v for v in row] for row in more)
 
 
 def main() -> None:

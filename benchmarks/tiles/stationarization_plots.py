@@ -11,7 +11,15 @@ import matplotlib
 import numpy as np
 from scipy import stats
 
-from benchmarks.tiles.stationarization import BASELINE, DEFAULT, FLAT_TEXTURE, MEASURES, TEXTURE, best_seed, rows
+from benchmarks.tiles.stationarization_results import (
+    BASELINE,
+    DEFAULT,
+    FLAT_TEXTURE,
+    MEASURES,
+    TEXTURE,
+    best_seed,
+    rows,
+)
 
 matplotlib.use("Agg")
 from matplotlib import pyplot

@@ -31,11 +31,11 @@ from oiiotex_studio.materials.preview import hex_tiled
 from benchmarks.shared.measures import data_folder, load, sharpness
 from oiiotex import filters
 from oiiotex.analysis.regularity.lattice import Lattice, find_lattice
-from oiiotex.analysis.regularity.regularity import peaks_over_floor
 from oiiotex.engine.color.lab import working_values
 from oiiotex.engine.core.image import from_buffer
 from oiiotex.engine.core.window import Domain
 from oiiotex.engine.session import Session
+from oiiotex.synthesis.quality.lost_structure import peaks_over_floor
 from oiiotex.synthesis.wang.plane import CELLS, index_image
 from oiiotex.synthesis.wang.viewer import shader
 from tests.any_filter import buffer

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -169,11 +170,16 @@ class ImageError(Error):
     """An image cannot be read, written, or used for the operation."""
 
 
+def megabytes(size: int) -> int:
+    """Bytes in MB, rounded up."""
+    return math.ceil(size / (1 << 20))
+
+
 class MemoryBudgetError(ImageError):
     """A task exceeds the memory budget, in bytes. `advice`: what else helps."""
 
     def __init__(self, task: str, need: int, budget: int, advice: str):
-        needs = f"{task} needs {-(-need >> 20)} MB of memory; the budget is {-(-budget >> 20)} MB"
+        needs = f"{task} needs {megabytes(need)} MB of memory; the budget is {megabytes(budget)} MB"
         super().__init__(f"{needs}: raise {CACHE}, or {advice}")
         self.task, self.need, self.budget, self.advice = task, need, budget, advice
 

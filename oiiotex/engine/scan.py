@@ -18,7 +18,7 @@ from .errors import BrokenValues
 from .session.resources import Resources
 
 if TYPE_CHECKING:
-    from .color.lab import Lens
+    from .color.lens import Lens
 
 Finding = TypeVar("Finding")
 

@@ -68,7 +68,6 @@ def _lists(name: str) -> tuple[type[Op], ...]:
 def _function(op: type[Op]) -> Callable[..., Any]:
     from ..python.python_api import function_of
 
-    _lists("OURS")  # its docstring shows modifiers of other filters in Python notation
     return function_of(op)
 
 

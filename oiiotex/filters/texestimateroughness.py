@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..analysis.stationarity.grid_statistics import SplineSurface
-from ..engine.color.lab import Lens, lens_of
+from ..engine.color.lab import lens_of
+from ..engine.color.lens import Lens
 from ..engine.core.access import ScanThenMap
 from ..engine.core.attributes import ESTIMATE
 from ..engine.core.image import Image, Part, channels_of, measure_spec

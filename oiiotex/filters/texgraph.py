@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..engine.color.config import as_float
-from ..engine.color.lab import in_type
+from ..engine.color.lens import in_type
 from ..engine.core.access import Whole
-from ..engine.core.demand import bands
-from ..engine.core.image import Image, Part, cropped, derived_spec, dtype_of, from_pixels, resized
+from ..engine.core.demand import bands, resized
+from ..engine.core.image import Image, Part, cropped, derived_spec, dtype_of, from_pixels
 from ..engine.core.op import Kind, Output, Space
 from ..engine.core.parameters import Numbers, Parameter, image, param
 from ..engine.core.window import Window

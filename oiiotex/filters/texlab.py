@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ..engine.color.config import as_float, color_space
-from ..engine.color.lab import Lens, divisor, lens_for
+from ..engine.color.lab import lens_for
+from ..engine.color.lens import Lens, divisor
 from ..engine.core.access import Pointwise
 from ..engine.core.attributes import TAG
 from ..engine.core.image import Channels, Image, Part, channels_of, derived_spec

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from ..engine.color.srgb import LUMA
 from ..engine.core.access import ScanThenMap
 from ..engine.core.attributes import SIGMA, SUPERPIXELS
 from ..engine.core.image import Image
@@ -56,7 +57,7 @@ class LabelView(ScanThenMap):
         lightness, panels = None, []
         if photo is not None:
             picture = shown_pixels(sampled(photo, step), photo, session.resources)
-            lightness = picture @ np.array([0.2126, 0.7152, 0.0722])
+            lightness = picture @ np.array(LUMA)
             panels.append(("photo", picture))
         for one, ids in zip(labels, maps, strict=True):
             panels.append((_title(one, ids), colored(ids, lightness, self.opacity)))

@@ -3,30 +3,24 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..engine.core.demand import MadeRows, SomeRows
-from ..engine.core.image import Image, Part
+from ..engine.core.image import Image
 from ..engine.core.label_map import opened_level
 from ..engine.core.op import Kind, Output
 from ..engine.core.parameters import Size, image, param
 from ..engine.core.source_map import COPIED, ST
-from ..engine.core.window import Window
-from ..engine.deferred import np, oiio
-from ..engine.errors import ParameterError, present
+from ..engine.errors import present
 from ..engine.session import Session
 from ..synthesis.exemplar.exemplar_masks import label_levels
-from ..synthesis.graphcut.seam_overlay import TILE, SeamOverlay
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
-from ..synthesis.quilting.guide_map import SOFT, Meaning, Table, meaning_of, read_table
-from ..synthesis.quilting.label_painting import painted_labels, painting_arrays, read_begun
-from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts
-from ..synthesis.quilting.quilter import Quilt
+from ..synthesis.quilting.guide_map import SOFT, read_table
+from ..synthesis.quilting.label_painting import painting_arrays, read_begun
+from ..synthesis.quilting.painted_layers import LayeredPainting
+from ..synthesis.quilting.quilt_job import CARRIED, Quilted, sewn_parts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,64 +87,11 @@ class Paint(Reported, Quilted):
         table = None if self.table is None else read_table(self.table, self.tolerance)
         levels = label_levels(self.exemplar, self.labels)
         level = self.level or (table.level if table else None) or opened_level(levels)
-        coarse = self._sewing(level, self.painting, self.size, table, "", resources.budget)
+        layered = LayeredPainting(self, self.painting, self.fine, levels, level, table, self.size, self.previous)
+        coarse = layered.coarse(resources.budget)
         coarse.require_memory(resources)
-        seen, stages = self.read(resources), progress.stages(*[1] * (1 + (self.fine is not None)))
-        base = coarse.quilt(seen, resources, next(stages))
-        layers, sources = {"": base}, base.sources
-        if self.fine is not None:
-            if level - 1 not in levels:
-                raise ParameterError(f"requires label.{level - 1}, which the exemplar does not have", parameter="fine")
-            ids, fine = levels[level - 1].ids, self.fine.first
-            size = Size(base.grid.width, base.grid.height)
-            painted = painted_labels(fine, _meaning(fine, table, np.unique(ids), fine=True), size)
-            guide = Image((_overpainted(base, ids, painted),), self.fine.source)
-            sewing = self._sewing(level - 1, guide, size, table, "fine_", resources.budget)
-            layers["fine_"] = over = sewing.quilt(seen, resources, next(stages))
-            from ..synthesis.graphcut.photo import Photo
-
-            lab = Photo.of(seen.values, None, resources.budget).lab
-            joined = SeamOverlay(
-                lab, base.sources, lambda w: (painted(w) > 0, over.sources(w)),
-                Window(0, 0, *size), min(TILE // 4, over.grid.patch // 4),
-            )  # fmt: skip
-            sources = functools.partial(joined.sources, cache=resources.cache)
-        spec = self.exemplar.first.spec
+        layers, sources = layered.quilted(coarse, self.read(resources), resources, progress)
+        spec, grid = self.exemplar.first.spec, layers[""].grid
         plan = {"plan": lambda: painting_arrays(layers, (spec.width, spec.height))}
-
-        def labels() -> tuple[np.ndarray, SomeRows]:
-            ids, first, (width, height) = levels[level].ids, self.painting.first, (base.grid.width, base.grid.height)
-            read = painted_labels(first, _meaning(first, table, np.unique(ids)), Size(width, height), strict=False)
-            return ids, MadeRows((height, width), np.int64, lambda top, end: read(Window(0, top, width, end)))
-
-        return quality.add_to_copies(sewn_parts(self, sources, base.grid, resources) | plan, labels)
-
-    def _sewing(
-        self, level: int, guide: Image, size: Size | None, table: Table | None, prefix: str, budget: int
-    ) -> Sewing:
-        """The quilting of one layer: the labels of its colors, and the patches to keep."""
-        begun = None if self.previous is None else read_begun(self.previous, budget, prefix)
-        patch, overlap = self.patch, None
-        if begun is not None and patch is None:  # an edit keeps the patch size
-            patch, overlap = begun.plan.grid.patch, begun.plan.grid.overlap
-        return Sewing(
-            op=self, guide=guide, level=level, size=size, patch=patch, overlap=overlap, begun=begun,
-            meaning=lambda there: _meaning(guide.first, table, there),
-        )  # fmt: skip
-
-
-def _meaning(painting: Part, table: Table | None, ids: np.ndarray, fine: bool = False) -> Meaning:
-    """Labels of a painting: colors by the table, ids as they are."""
-    return meaning_of(painting, None if painting.spec.nchannels == 1 else table, ids, fine)
-
-
-def _overpainted(base: Quilt, ids: np.ndarray, painted: Callable[[Window], np.ndarray]) -> Part:
-    """Labels of the finer level: those painted, else those of the coarse layer's sources."""
-    spec = oiio.ImageSpec(base.grid.width, base.grid.height, 1, oiio.UINT32)
-    spec.channelnames = ("id",)
-
-    def fetch(window: Window) -> np.ndarray:
-        chosen = painted(window)
-        return np.where(chosen > 0, chosen, base.sources(window).gather(ids)).astype(np.uint32)[..., None]
-
-    return Part("fine", spec, fetch, spec.format, exact=True)
+        parts = sewn_parts(self, sources, grid, resources) | plan
+        return quality.add_to_copies(parts, lambda: layered.painted(Size(grid.width, grid.height)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
-from ..engine.color.lab import in_type
+from ..engine.color.lens import in_type
 from ..engine.core.access import Whole
 from ..engine.core.image import Image, Part, channels_of, derived_spec, dtype_of, from_pixels, spec_beside
 from ..engine.core.op import Kind, Output, Space

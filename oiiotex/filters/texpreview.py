@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..engine.color.lab import in_type
+from ..engine.color.lens import in_type
 from ..engine.core.access import Gather
 from ..engine.core.demand import materialized
 from ..engine.core.image import Image, Part, derived_spec, dtype_of

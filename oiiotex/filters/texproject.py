@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from ..engine.color.config import as_float
-from ..engine.color.lab import in_type
+from ..engine.color.lens import in_type
 from ..engine.core.access import Whole
 from ..engine.core.image import Image, Part, channels_of, derived_spec, dtype_of
 from ..engine.core.op import Kind, Output, Space

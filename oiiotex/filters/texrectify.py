@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..engine.color.config import as_float
-from ..engine.color.lab import in_type, working_values
+from ..engine.color.lab import working_values
+from ..engine.color.lens import in_type
 from ..engine.core.access import Gather
 from ..engine.core.demand import materialized
 from ..engine.core.image import Image, Part, derived_spec, dtype_of, pixels_of, spec_beside

@@ -11,13 +11,14 @@ from typing import Any, ClassVar
 
 from ..analysis.stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 from ..engine.color.lab import InLab, working_values
+from ..engine.color.srgb import srgb_of_lab
 from ..engine.core.access import Whole
 from ..engine.core.image import Image
 from ..engine.core.op import Kind, Output
 from ..engine.core.parameters import Size, image, param
 from ..engine.deferred import np
 from ..engine.session import Session
-from ..surfaces.charts.drawing import Sheet, srgb_of
+from ..surfaces.charts.drawing import Sheet
 from ..synthesis.exemplar.exemplar_op import SEED, ExemplarPixels
 from ..synthesis.exemplar.sigma_scale import Scale, SigmaTiles, perceived_scale, require_tiles, variation
 from . import op_named
@@ -94,7 +95,7 @@ class Sigmas(InLab, Whole):
         for amount in amounts:
             sigma = scale.sigma_at(float(amount))
             tile = np.tile(tiles.tile(sigma, 0, lambda *_: None), (2, 2, 1))
-            shown = tile[..., :3] / 100 if self.data else srgb_of(tile[..., :3].astype(np.float64))
+            shown = tile[..., :3] / 100 if self.data else srgb_of_lab(tile[..., :3].astype(np.float64))
             panels.append((f"amount {amount:.3g}: sigma {sigma:.3g} px", np.clip(shown, 0, 1)))
         return {"view": Sheet.of_panels(panels, self.columns).image(), "table": _table(scale)}
 

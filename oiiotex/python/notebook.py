@@ -15,7 +15,8 @@ import OpenImageIO as oiio
 
 from ..analysis.labels.legend import colors_of
 from ..engine.core.attributes import TAG
-from ..engine.core.image import from_buffer, resized
+from ..engine.core.demand import resized
+from ..engine.core.image import from_buffer
 from ..engine.session import Session
 from ..surfaces.charts.drawing import eight_bits, shown_pixels
 

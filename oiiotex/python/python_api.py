@@ -22,7 +22,8 @@ from ..engine.io.reading import read
 from ..engine.run import Result, run
 from ..engine.session import Session
 from ..engine.session.resources import Resources
-from .python_types import ImageLike, ResultBuf, docstring, replaceable, signature
+from .python_types import ImageLike, ResultBuf
+from .signatures import docstring, replaceable, signature
 
 _TAG = "oiio:ColorSpace"
 _MOST_CHANNELS = 64  # of an image with few rows; an array of that shape has its channels first

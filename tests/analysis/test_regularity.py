@@ -13,11 +13,11 @@ from oiiotex import filters
 from oiiotex.analysis.regularity.autocorrelation import autocorrelation, high_passed, wrapped_autocorrelation
 from oiiotex.analysis.regularity.lattice import STRETCHED, Lattice, bytes_needed, find_lattice
 from oiiotex.analysis.regularity.offset_prices import InStep
-from oiiotex.analysis.regularity.regularity import peaks_over_floor
 from oiiotex.engine.core.window import Domain
 from oiiotex.engine.session import Session
 from oiiotex.synthesis.patchmatch.optimization import synthesize
 from oiiotex.synthesis.patchmatch.recipe import Recipe
+from oiiotex.synthesis.quality.lost_structure import peaks_over_floor
 from tests import pictures
 from tests.any_filter import buffer
 from tests.lattices import VECTORS, regular

@@ -101,7 +101,7 @@ CHANGED = """
 import os, shutil, sys
 from oiiotex.engine.errors import Error
 from oiiotex.engine.io.reading import read
-from oiiotex.engine.core.demand import PieceCache
+from oiiotex.engine.core.piece_cache import PieceCache
 from oiiotex.engine.core.window import Window
 
 part = read(sys.argv[1], PieceCache(1)).first

@@ -11,8 +11,9 @@ import pytest
 
 from oiiotex.engine.errors import DeviceError, MemoryBudgetError
 from oiiotex.engine.machine import memory
-from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.opencl import device_choice as devices
 from oiiotex.engine.opencl.buffers import Buffers
+from oiiotex.engine.opencl.device import Device
 from oiiotex.engine.opencl.source import kernel_source
 from oiiotex.engine.session import Session
 from oiiotex.engine.stats import Stats
@@ -68,7 +69,7 @@ def test_programs_are_built_once(device):
 
 
 def test_kernels_are_timed_by_name():
-    opened = devices.Device(devices.choose())
+    opened = Device(devices.choose())
     opened.record = True
     with Buffers(opened, {"image": 6 * 12, "padded": 6 * 100}, 1 << 20, "a test") as buffers:
         opened.write(buffers["image"], np.zeros((3, 4, 3), np.int16))
@@ -82,7 +83,7 @@ def test_kernels_are_timed_by_name():
 
 
 def test_timing_holds_no_pixels():
-    opened = devices.Device(devices.choose())
+    opened = Device(devices.choose())
     opened.record = True
     with Buffers(opened, {"image": 4000}, 1 << 20, "a test") as buffers:
         pixels = np.zeros(1000, np.float32)

@@ -17,8 +17,9 @@ from oiiotex.engine.color.lab_on_device import LabGrid
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.errors import DeviceError, MemoryBudgetError, OutOfDeviceMemory
 from oiiotex.engine.opencl import buffers
-from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.opencl import device_choice as devices
 from oiiotex.engine.opencl.buffers import Buffers, in_smaller_pieces, offset_table
+from oiiotex.engine.opencl.device import Device
 from oiiotex.engine.session import Session
 from oiiotex.synthesis.multiscale import candidate_sets
 from oiiotex.synthesis.patchmatch import memory
@@ -37,7 +38,7 @@ RUNS = {
 }
 
 
-class Scarce(devices.Device):
+class Scarce(Device):
     """A device whose `fails(self)` says of each command and allocation whether there is no memory for it."""
 
     def __init__(self):
@@ -153,9 +154,9 @@ def filters_superpixels(image, resources):
     return found.runs.pixels(0, 300, 0, 96)
 
 
-def gpu(memory: int, largest: int) -> devices.Device:
+def gpu(memory: int, largest: int) -> Device:
     """The CPU seen as a device with memory of its own."""
-    device = devices.Device(devices.choose())
+    device = Device(devices.choose())
     device.own_memory, device.memory, device.largest = True, memory, largest
     return device
 

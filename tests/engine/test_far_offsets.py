@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.opencl import device_choice as devices
 from tests.far_offsets import CASES
 
 ROOT = Path(__file__).parents[2]

@@ -13,8 +13,9 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.engine.core.demand import PieceCache, bands
+from oiiotex.engine.core.demand import bands
 from oiiotex.engine.core.image import dtype_of
+from oiiotex.engine.core.piece_cache import PieceCache
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.errors import ImageError
 from oiiotex.engine.io import reading

@@ -10,7 +10,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.engine.core.demand import bands
+from oiiotex.engine.core.demand import bands, resized
 from oiiotex.engine.core.image import (
     Channels,
     Image,
@@ -21,7 +21,6 @@ from oiiotex.engine.core.image import (
     dtype_of,
     from_buffer,
     in_memory,
-    resized,
     tagged,
     to_buffer,
     type_named,

@@ -10,11 +10,12 @@ from importlib import resources
 
 import pytest
 
-from oiiotex.engine.opencl import device
+from oiiotex.engine.opencl import device_choice
 
 BEFORE = """
 import numpy as np
-from oiiotex.engine.opencl.device import Device, choose
+from oiiotex.engine.opencl.device import Device
+from oiiotex.engine.opencl.device_choice import choose
 Device.lanes = {lanes}
 opened = Device(choose("Oclgrind"))
 class Names(set):
@@ -160,7 +161,9 @@ maker.window(4, Window.sized(3, -2, 6, 5))
 UNUSED = {"superpixels_clear"}  # by wide lanes
 
 
-@pytest.mark.skipif(not any(d.platform == "Oclgrind" for d in device.devices()), reason="Oclgrind is not installed")
+@pytest.mark.skipif(
+    not any(d.platform == "Oclgrind" for d in device_choice.devices()), reason="Oclgrind is not installed"
+)
 @pytest.mark.parametrize("lanes", [pytest.param(1, marks=pytest.mark.slow), 32])
 @pytest.mark.parametrize("files", USES)
 def test_oclgrind_finds_nothing(tmp_path, files, lanes):

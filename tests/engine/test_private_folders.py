@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from oiiotex.engine.errors import DeviceError, Error, NoDeviceError
-from oiiotex.engine.opencl import device as devices
-from oiiotex.engine.opencl.cache_folders import require_private
+from oiiotex.engine.io.cache_folders import require_private
+from oiiotex.engine.opencl import device_choice as devices
+from oiiotex.engine.opencl.device import DeviceInfo
 from tests.conftest import installed, save
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="owners and permissions of POSIX")
@@ -120,7 +121,7 @@ def test_without_a_safe_cache_folder_a_run_uses_a_temporary_one(tmp_path, spoil,
 
 
 def test_the_temporary_folder_is_private_and_goes_with_the_process(tmp_path):
-    script = "import os\nfrom oiiotex.engine.opencl.cache_folders import cache_folder\n"
+    script = "import os\nfrom oiiotex.engine.io.cache_folders import cache_folder\n"
     script += "f = cache_folder(); print(f.parent, oct(f.parent.stat().st_mode & 0o777), os.environ['POCL_CACHE_DIR'])"
     there = {**os.environ, "XDG_CACHE_HOME": str(Path(tmp_path, "none")), "TMPDIR": str(tmp_path)}
     (tmp_path / "none").write_text("")
@@ -148,7 +149,7 @@ def test_no_room_for_compiled_kernels_is_one_line(tmp_path):
 
 def test_a_simulator_is_used_only_where_it_is_named(monkeypatch):
     handle = SimpleNamespace(int_ptr=1)
-    simulator = devices.DeviceInfo(0, "other", "Oclgrind Simulator", "Oclgrind", "1.2", 1 << 27, handle)
+    simulator = DeviceInfo(0, "other", "Oclgrind Simulator", "Oclgrind", "1.2", 1 << 27, handle)
     monkeypatch.setattr(devices, "devices", lambda threads=0: [simulator])
     monkeypatch.delenv("OIIOTEX_DEVICE", raising=False)
     with pytest.raises(NoDeviceError, match="Oclgrind Simulator, which must be named by --device"):

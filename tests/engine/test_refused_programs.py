@@ -10,21 +10,21 @@ import pytest
 
 from oiiotex import filters
 from oiiotex.engine.errors import BuildError, DeviceError, NoDeviceError, ParameterError
-from oiiotex.engine.opencl import device as devices
-from oiiotex.engine.opencl.device import DeviceInfo
+from oiiotex.engine.opencl import device_choice as devices
+from oiiotex.engine.opencl.device import Device, DeviceInfo, Program
 from oiiotex.engine.session import Session
 from tests import pictures
 from tests.any_filter import buffer
 
 
-class Refusing(devices.Device):
+class Refusing(Device):
     """A device whose compiler refuses programs from the n-th on."""
 
     def __init__(self, info: DeviceInfo, left: int):
         super().__init__(info)
         self.left = left
 
-    def program(self, stem: str, **macros: int) -> devices.Program:
+    def program(self, stem: str, **macros: int) -> Program:
         self.left -= 1
         if self.left < 0:
             raise BuildError(f"{self.info.name} cannot build {stem}.cl: error: no")
@@ -43,10 +43,10 @@ def refusing(monkeypatch: pytest.MonkeyPatch, *left: int | None) -> list[str]:
             raise NoDeviceError("none", "")
         return listed[number]
 
-    def open_device(wanted: str | None, threads: int = 0) -> devices.Device:
+    def open_device(wanted: str | None, threads: int = 0) -> Device:
         info = choose(wanted)
         opened.append(info.name)
-        return devices.Device(info) if left[info.number] is None else Refusing(info, left[info.number])
+        return Device(info) if left[info.number] is None else Refusing(info, left[info.number])
 
     def refuse(info: DeviceInfo, threads: int = 0) -> DeviceInfo | None:
         refused.add(info.number)

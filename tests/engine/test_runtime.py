@@ -12,9 +12,9 @@ import pytest
 
 from oiiotex.engine.errors import DeviceError, NoDeviceError
 from oiiotex.engine.opencl import cpu as opencl_cpu
-from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.opencl import device_choice as devices
 from oiiotex.engine.opencl import probe, runtime
-from oiiotex.engine.opencl.device import DeviceInfo
+from oiiotex.engine.opencl.device import Device, DeviceInfo
 from oiiotex.engine.opencl.runtime import Attempt, Trial
 from oiiotex.oiiotool.cli.printing.devices import device_list
 from tests.conftest import oiiotex
@@ -159,7 +159,7 @@ def test_lanes_follow_what_is_compiled_for(machine, monkeypatch):
         machine.forget()
         for answer in runtime.cache_folder().glob("*.json"):
             answer.unlink()
-        assert devices.Device.lanes.fget(SimpleNamespace(info=info)) == lanes
+        assert Device.lanes.fget(SimpleNamespace(info=info)) == lanes
 
 
 def test_a_device_that_ends_long_loops_does_not_work(device, monkeypatch):
@@ -314,7 +314,7 @@ def test_make_takes_the_step_that_helps(monkeypatch, capsys):
         raise Replaced(words)
 
     ran = []
-    monkeypatch.setattr(make.device, "choose", nothing)
+    monkeypatch.setattr(make.device_choice, "choose", nothing)
     monkeypatch.setattr(make.subprocess, "run", lambda command, check: ran.append(command))
     monkeypatch.setattr(make.os, "execv", execv)
     monkeypatch.setattr(sys, "argv", ["tools.device"])

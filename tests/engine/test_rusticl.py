@@ -28,8 +28,8 @@ FILES = [
 ]  # fmt: skip
 # the answer that its probe does not give
 WORKS = """
-from oiiotex.engine.opencl import device, runtime
-info = next(d for d in device.devices() if d.platform == "rusticl")
+from oiiotex.engine.opencl import device_choice, runtime
+info = next(d for d in device_choice.devices() if d.platform == "rusticl")
 runtime.keep(info.handle, runtime.Trial(runtime.Attempt(), lanes=1, failures=()))
 """
 pytestmark = [

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from oiiotex.engine.opencl import device as devices
+from oiiotex.engine.opencl import device_choice as devices
+from oiiotex.engine.opencl.device import DeviceInfo
 
 ROOT = Path(__file__).parents[2]
 MADE = """
@@ -49,7 +50,7 @@ def bits(device: str, tiny: bool) -> dict[str, str]:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def runtimes(kind: str) -> list[devices.DeviceInfo]:
+def runtimes(kind: str) -> list[DeviceInfo]:
     return [d for d in devices.devices() if d.kind == kind and getattr(devices.trial_of(d), "works", True)]
 
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oiiotex.engine.color.lab import Lens, lens_of
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.color.lens import Lens
 from oiiotex.engine.core.image import Image
 from oiiotex.engine.core.op import Space
 from oiiotex.engine.core.window import Window

@@ -11,11 +11,11 @@ import OpenImageIO as oiio
 import pytest
 from scipy import ndimage
 
-from oiiotex.analysis.superpixels import refinement
+from oiiotex.analysis.superpixels import squares
 from oiiotex.analysis.superpixels.crumbs import without_crumbs
-from oiiotex.analysis.superpixels.refinement import LabelSquares, refined_slots
 from oiiotex.analysis.superpixels.run_length import OUTSIDE, Strip, pieces_of
-from oiiotex.analysis.superpixels.slic import SeedGrid, Slic, candidates
+from oiiotex.analysis.superpixels.slic import SeedGrid, Slic, candidates, refined_slots
+from oiiotex.analysis.superpixels.squares import LabelSquares
 from oiiotex.analysis.superpixels.superpixels import superpixels
 from oiiotex.engine.color import lab_on_device
 from oiiotex.engine.color.lab import lens_of
@@ -109,7 +109,7 @@ def test_bands_and_sums_at_a_time_do_not_show(device, monkeypatch, rows):
     whole = found(device, HOLED, **settings)
     monkeypatch.setattr(lab_on_device, "_HOST_BYTES", 0)
     monkeypatch.setattr(lab_on_device, "BAND_BYTES", rows * WIDTH * lab_on_device.PIXEL_BYTES // 2)
-    monkeypatch.setattr(refinement, "_AT_ONCE", 16 * 60 * 3)
+    monkeypatch.setattr(squares, "_AT_ONCE", 16 * 60 * 3)
     same(found(device, HOLED, **settings), whole)
 
 

@@ -15,8 +15,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oiiotex.engine.core.demand import PieceCache, assembled, bands, cached, on_a_torus, rows_for, stream
+from oiiotex.engine.core.demand import assembled, bands, cached, on_a_torus, rows_for, stream
 from oiiotex.engine.core.image import Part
+from oiiotex.engine.core.piece_cache import PieceCache
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.errors import ImageError
 from tests.parts import NUMPY, coordinates, counted, part_of, refusal, spec_of
@@ -309,7 +310,8 @@ import resource
 import numpy as np
 import OpenImageIO as oiio
 from oiiotex.engine.core.image import Image, Part, type_named
-from oiiotex.engine.core.demand import cached, PieceCache
+from oiiotex.engine.core.demand import cached
+from oiiotex.engine.core.piece_cache import PieceCache
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.io.formats import Format
 from oiiotex.engine.io.writing import write

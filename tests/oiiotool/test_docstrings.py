@@ -9,7 +9,7 @@ import re
 import pytest
 
 from oiiotex import filters
-from oiiotex.python.python_types import docstring
+from oiiotex.python.signatures import docstring
 from tests import pictures
 from tests.conftest import save
 

@@ -12,7 +12,8 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.engine.errors import Error
-from oiiotex.engine.opencl import device
+from oiiotex.engine.opencl import device_choice
+from oiiotex.engine.opencl.device import Device
 from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.conftest import load, save
@@ -36,7 +37,7 @@ def idle(monkeypatch):
     def worked(*_, **__):
         raise Worked
 
-    monkeypatch.setattr(device, "open_device", worked)
+    monkeypatch.setattr(device_choice, "open_device", worked)
     monkeypatch.setattr("oiiotex.engine.io.reading._OpenFile.read", worked)
 
 
@@ -102,13 +103,13 @@ def test_it_is_said_before_the_work(folder, idle, case):
 
 
 def test_what_does_not_fit_a_device_of_its_own_memory_is_said_before_the_work(folder, idle, monkeypatch):
-    measure = device.Device._measure
+    measure = Device._measure
 
     def small(self, info):
         measure(self, info)
         self.own_memory, self.memory, self.largest = True, 18 << 20, 18 << 20
 
-    monkeypatch.setattr(device.Device, "_measure", small)
+    monkeypatch.setattr(Device, "_measure", small)
     with pytest.raises(Error, match=r"a tile of 16384x16384 .* needs \d+ MB; .* allows at most 16 MB"):
         run(shlex.split("photo.png --texstationarize:size=16384x16384 -o t.exr"), folder)
     with pytest.raises(Worked):
@@ -127,7 +128,7 @@ IN_VAIN = {
 
 @pytest.mark.parametrize("case", IN_VAIN)
 def test_what_nobody_gets_is_not_computed(folder, monkeypatch, caplog, case):
-    monkeypatch.setattr(device, "open_device", lambda *_: pytest.fail("a device is opened"))
+    monkeypatch.setattr(device_choice, "open_device", lambda *_: pytest.fail("a device is opened"))
     line, says = IN_VAIN[case]
     with caplog.at_level(logging.WARNING, "oiiotex"):
         assert run(shlex.split(line), folder) == 0

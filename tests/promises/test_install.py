@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from oiiotex.engine import machine
-from oiiotex.engine.opencl import device, runtime
+from oiiotex.engine.opencl import device_choice, runtime
 from tests.conftest import oiiotex
+from tools.docs.stubs import stub_text
 
 
 def test_the_built_wheel_finds_its_config_and_kernels(tmp_path, photo):
@@ -34,6 +35,7 @@ def test_the_built_wheel_finds_its_config_and_kernels(tmp_path, photo):
         str(wheel),
     ]
     subprocess.run(install, check=True, capture_output=True)
+    assert (tmp_path / "site" / "oiiotex" / "filters" / "__init__.pyi").read_text() == stub_text()
     environment = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
     where = subprocess.run(
         [sys.executable, "-c", "import oiiotex; print(oiiotex.__file__)"],
@@ -114,7 +116,7 @@ def test_without_any_device_the_advice_is_one_line(photo, words):
 
 
 def test_a_probe_that_fails_in_its_process_is_reported(monkeypatch):
-    info = next(d for d in device.devices() if d.kind == "cpu")
+    info = next(d for d in device_choice.devices() if d.kind == "cpu")
     lanes, words = runtime._try_in_subprocess(info.handle, runtime.Attempt(cpu="no-such-cpu"))
     assert lanes == 0
     # it has a name already, or is none of a PoCL that can be told; or the compiler does not know it

@@ -34,8 +34,8 @@ RECIPE = 'schema = 1\n[[product]]\nname = "tile"\nline = "$maps --flip $outputs"
 # Each is a script in a Python of ours whose current folder is the planted one; `folder` is another one.
 WAYS = {
     "a device is tried": """
-from oiiotex.engine.opencl import device, runtime
-handle = next(d for d in device.devices() if d.kind == "cpu").handle
+from oiiotex.engine.opencl import device_choice, runtime
+handle = next(d for d in device_choice.devices() if d.kind == "cpu").handle
 assert runtime._try_in_subprocess(handle, runtime.Attempt())[0] or runtime._zig()
 for attempt in runtime.attempts(""):
     runtime._try_in_subprocess(handle, attempt)

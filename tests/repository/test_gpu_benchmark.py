@@ -15,16 +15,16 @@ SLIC, QUILT = "SLIC, ten iterations", "texquilt"
 # on the path of a worker: a GPU that is the CPU seen as one, and what a driver does that does not like a kernel
 FAULT = """
 import dataclasses
-from oiiotex.engine.opencl import device
+from oiiotex.engine.opencl import device_choice
 if {pretend}:
-    found = device.devices
+    found = device_choice.devices
     def devices(threads=0):
         cpu = next(d for d in found(threads) if d.kind == "cpu")
         return [dataclasses.replace(cpu, number=0, kind="gpu"), dataclasses.replace(cpu, number=1)]
-    device.devices = devices
+    device_choice.devices = devices
 
 import os
-from oiiotex.engine.opencl.program import Program
+from oiiotex.engine.opencl.device import Program
 launch = Program.__call__
 def broken(self, name, *arguments, **options):
     if name == "best":

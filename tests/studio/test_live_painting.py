@@ -22,7 +22,7 @@ from oiiotex_studio.live.painting.palette import (
 from oiiotex_studio.live.painting.steps import Steps, fine_of, paintings_in
 
 from oiiotex import filters
-from oiiotex.engine.core.demand import PieceCache
+from oiiotex.engine.core.piece_cache import PieceCache
 from oiiotex.engine.errors import ImageError
 from oiiotex.engine.io.reading import read
 from oiiotex.synthesis.quilting.painted_plans import changed_box

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oiiotex_studio.materials.preview import Looks, _bilinear, encoded
+from oiiotex_studio.materials.preview import Looks, _bilinear
 
+from oiiotex.engine.color.srgb import encoded
 from oiiotex.oiiotool.service.client import Client
 from oiiotex.oiiotool.service.messages import Link
 from tests import pictures

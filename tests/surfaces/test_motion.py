@@ -10,11 +10,11 @@ import pytest
 from oiiotex.engine.core.image import channels_of
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.errors import ImageError
-from oiiotex.surfaces.capture.homography import through
+from oiiotex.surfaces.capture.homography import homography_of, through
 from oiiotex.surfaces.motion.clean_plate import assembled, laid_out
 from oiiotex.surfaces.motion.frame_files import numbered
 from oiiotex.surfaces.motion.frame_grain import Side, grain_between, of_shot
-from oiiotex.surfaces.motion.frame_motion import STEP, FrameMotion, fitted, homography_of, nodes, read_shot
+from oiiotex.surfaces.motion.frame_motion import STEP, FrameMotion, fitted, nodes, read_shot
 from oiiotex.surfaces.motion.light import gains, grain
 from oiiotex.surfaces.motion.sampling import at_points, centers, grown
 from oiiotex.surfaces.motion.tracking import gray_view

@@ -10,8 +10,8 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.engine.core import image, source_map
-from oiiotex.engine.core.demand import MadeRows
+from oiiotex.engine.core import demand, source_map
+from oiiotex.engine.core.demand import MadeRows, resized
 from oiiotex.engine.core.scratch import RowStore
 from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.errors import MemoryBudgetError
@@ -122,10 +122,10 @@ def test_rows_of_a_reduced_image_hang_on_no_others(size, monkeypatch):
     rows = MadeRows(photo.shape, np.float32, lambda first, last: photo[first:last])
     masked = Octaves(photo, mask).reduced(width, height)
     for limit in (1, 9000, 1 << 24):
-        monkeypatch.setattr(image, "_RESIZED_BYTES", limit)
-        np.testing.assert_array_equal(image.resized(rows, width, height), expected)
+        monkeypatch.setattr(demand, "_RESIZED_BYTES", limit)
+        np.testing.assert_array_equal(resized(rows, width, height), expected)
         some = slice(5, 13)
-        np.testing.assert_array_equal(image.resized(rows, width, height, some), expected[some])
+        np.testing.assert_array_equal(resized(rows, width, height, some), expected[some])
         np.testing.assert_array_equal(Octaves(rows, mask).reduced(width, height, some), masked[some])
 
 

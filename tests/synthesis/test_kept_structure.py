@@ -11,7 +11,6 @@ import pytest
 
 from oiiotex.analysis.regularity.lattice import BINS, Lattice, find_lattice
 from oiiotex.analysis.regularity.offset_prices import BITS, InStep, Prices
-from oiiotex.analysis.regularity.regularity import peaks_over_floor
 from oiiotex.engine.color.lab import working_values
 from oiiotex.engine.core.image import from_buffer
 from oiiotex.engine.core.parameters import Size
@@ -20,6 +19,7 @@ from oiiotex.engine.session import Session
 from oiiotex.filters.texcut import Cut
 from oiiotex.filters.texquilt import Quilting
 from oiiotex.filters.texsynth import Synth
+from oiiotex.synthesis.quality.lost_structure import peaks_over_floor
 from tests import pictures
 from tests.any_filter import buffer
 from tests.lattices import regular

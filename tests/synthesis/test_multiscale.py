@@ -13,7 +13,8 @@ from oiiotex.analysis.regularity.lattice import BINS, Lattice
 from oiiotex.analysis.regularity.offset_prices import InStep
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.errors import MemoryBudgetError, ParameterError
-from oiiotex.engine.opencl.device import Device, choose
+from oiiotex.engine.opencl.device import Device
+from oiiotex.engine.opencl.device_choice import choose
 from oiiotex.synthesis.multiscale.candidate_sets import analyze
 from oiiotex.synthesis.multiscale.contrast import kept_in, with_contrast
 from oiiotex.synthesis.multiscale.graph import Graph

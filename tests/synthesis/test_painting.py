@@ -13,9 +13,9 @@ import pytest
 from oiiotex import filters
 from oiiotex.analysis.labels.legend import codes_of, color_of, colors_of
 from oiiotex.engine import errors
-from oiiotex.engine.core.demand import PieceCache
 from oiiotex.engine.core.image import from_buffer
 from oiiotex.engine.core.parameters import Size
+from oiiotex.engine.core.piece_cache import PieceCache
 from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.session import Session

@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The types of the filters' functions from their declarations: `python -m tools.docs.stubs` writes the stub."""
+"""The stub of the filters' functions, from their declarations: `python -m tools.docs.stubs [FILE]` writes it.
+
+It is not committed: setup.py writes it into a wheel, and `make lint` and `make docs` into the checkout.
+"""
 
 from __future__ import annotations
 
 import inspect
+import sys
 from pathlib import Path
 
 from oiiotex.engine.core.op import Op
 from oiiotex.filters import OURS
-from oiiotex.python.python_types import Form, docstring, forms, signature
+from oiiotex.python.signatures import Form, docstring, forms, signature
 
 STUB = Path(__file__).parents[2] / "oiiotex" / "filters" / "__init__.pyi"
 _HEAD = '''\
@@ -21,10 +25,10 @@ from typing import Any, Literal, overload
 
 from OpenImageIO import ROI, ImageBuf
 
-from ..core.op import Op
-from ..deferred import Shelf
-from ..python_types import Array, FileName, ImageLike, Picture
-from ..session import Session
+from ..engine.core.op import Op
+from ..engine.deferred import Shelf
+from ..engine.session import Session
+from ..python.python_types import Array, FileName, ImageLike, Picture
 
 SHELVES: tuple[Shelf, ...]
 OURS: tuple[type[Op], ...]
@@ -67,11 +71,11 @@ def _indented(text: str) -> str:
     return text.replace("\\", "\\\\").replace("\n", "\n    ").replace("    \n", "\n")
 
 
-def main() -> None:
+def main(path: Path = STUB) -> None:
     """Write it."""
-    STUB.write_text(stub_text())
-    print(STUB)
+    path.write_text(stub_text())
+    print(path)
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(Path, sys.argv[1:]))

@@ -13,8 +13,8 @@ import functools
 import math
 from dataclasses import dataclass
 
-from ...engine.color.lab import Lens
 from ...engine.color.lab_grid import SUM_STEPS
+from ...engine.color.lens import Lens
 from ...engine.core.image import Image
 from ...engine.core.window import Window
 from ...engine.deferred import np

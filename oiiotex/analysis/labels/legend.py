@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...engine.color.config import as_float
+from ...engine.color.srgb import LUMA, decoded
 from ...engine.core.label_map import LabelMap
 from ...engine.deferred import np
 from ...engine.errors import ImageError, texture_filter
@@ -141,7 +142,7 @@ def codes_in(pixels: np.ndarray, channels: Sequence[int], alpha: int | None = No
 def oklab_of(codes: np.ndarray) -> np.ndarray:
     """Color codes (n,) in Oklab, (n, 3), where black and white are 1 apart."""
     eight = np.stack([codes >> 16, codes >> 8 & 255, codes & 255], -1)
-    return _oklab(_linear(eight / 255))
+    return _oklab(decoded(eight / 255))
 
 
 # --- display colors ---
@@ -158,8 +159,8 @@ def distinct_colors() -> np.ndarray:
     """Colors (48, 3) in sRGB, each as distinct as possible from those before it, also for color-blind viewers."""
     levels = np.linspace(0, 1, 11)
     candidates = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), -1).reshape(-1, 3)
-    linear = _linear(candidates)
-    luma = linear @ np.array([0.2126, 0.7152, 0.0722])
+    linear = decoded(candidates)
+    luma = linear @ np.array(LUMA)
     kept = (luma > 0.08) & (luma < 0.85)  # distinct from dark borders and light paper
     candidates, linear = candidates[kept], linear[kept]
     seen = np.stack([_oklab(linear), *(_oklab(np.clip(linear @ eye.T, 0, 1)) for eye in np.array(_BLIND))], axis=1)
@@ -171,11 +172,6 @@ def distinct_colors() -> np.ndarray:
         nearest = np.minimum(nearest, apart.min(1))
         chosen.append(int(nearest.argmax()))
     return candidates[chosen]
-
-
-def _linear(srgb: np.ndarray) -> np.ndarray:
-    """sRGB colors, 0 to 1, as linear Rec. 709."""
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
 def _oklab(linear: np.ndarray) -> np.ndarray:

@@ -33,7 +33,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ...engine.color.lab import Lens
+from ...engine.color.lens import Lens
 from ...engine.core.image import Image
 from ...engine.core.window import Window
 from ...engine.errors import ImageError

@@ -14,8 +14,7 @@ import functools
 import math
 from dataclasses import dataclass
 
-from ...engine.core.demand import MadeRows, SomeRows
-from ...engine.core.image import resized
+from ...engine.core.demand import MadeRows, SomeRows, resized
 from ...engine.core.window import Domain
 from ...engine.deferred import np
 from .autocorrelation import Autocorrelation, autocorrelation, high_passed

@@ -50,6 +50,6 @@ def cost_text(cost: float, measure: str, order: int, before: float | None = None
 
 def scale_folder() -> Path:
     """Folder of cached scales for maps of sigmas."""
-    from ...engine.opencl.cache_folders import cache_folder  # not needed for help
+    from ...engine.io.cache_folders import cache_folder  # not needed for help
 
     return cache_folder() / "sigmas"

@@ -13,8 +13,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ...engine.color.lab import Lens
 from ...engine.color.lab_grid import FINE_STEPS
+from ...engine.color.lens import Lens
 from ...engine.core.demand import rows_for
 from ...engine.core.image import Image
 from ...engine.core.window import Window

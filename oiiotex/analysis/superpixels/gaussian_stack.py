@@ -16,10 +16,11 @@ from collections.abc import Iterator, Sequence
 from ...engine.color.lab_grid import FINE_STEPS
 from ...engine.core.elementary import gaussian_taps
 from ...engine.deferred import np
-from ...engine.opencl.buffers import Buffers, Download, offset_table
+from ...engine.opencl.buffers import Buffers, offset_table
+from ...engine.opencl.device import Download
 from ...engine.session.resources import Resources
-from .refinement import WIDEST
 from .run_length import OUTSIDE
+from .squares import WIDEST
 from .superpixels import Superpixels
 
 _MARGIN = 16  # squares of zeros around the image: maximum radius of taps, and room for wide registers

@@ -8,7 +8,7 @@ A pixel chooses among the seeds of its cell and the eight neighboring cells of a
    partition is the same for any order of summation, tile, register width or device. Ties go to the lower seed.
 3. A seed does not move until its mean is 0.2 Lab away, and cells whose nine seeds are unchanged are skipped:
    the cost of 1000 iterations is that of the changes.
-4. Seeds of a large image converge on means of squares, see `refinement`.
+4. Seeds of a large image converge on means of squares, see `refined_slots` and `squares`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ...engine.opencl.buffers import Buffers
 from ...engine.session.resources import Resources
 
 if TYPE_CHECKING:
-    from .refinement import LabelSquares
+    from .squares import LabelSquares
 
 NONE = 255  # slot of transparent pixels
 _STRIP = 16  # rows per work item
@@ -336,3 +336,32 @@ class Slic:
         for n, (dy, dx) in enumerate(NINE):
             total[1 + dy : 1 + dy + grid.down, 1 + dx : 1 + dx + grid.across] += sums[:, :, n]
         return total[1:-1, 1:-1]
+
+
+def refined_slots(
+    lab: LabGrid, grid: SeedGrid, squares: LabelSquares, settled: Slic, centers: np.ndarray, resources: Resources
+) -> Iterator[tuple[Band, Any]]:
+    """As `Slic.slots` for the image: the choice of each pixel among nine seeds, band by band.
+
+    `centers` (down, across, 5) float64: its seeds: L, a, b in steps, x, y in squares.
+    """
+    device, side, strips = resources.device, squares.reduced.side, grid.strips(lab.band_rows)
+    run = device.program("superpixels")
+    layout = {"seeds": 2 * squares.width * squares.height, "candidates": 16 * 9 * grid.count}
+    layout["slots"] = lab.band_rows * lab.width
+    with Buffers(device, layout, resources.budget, f"{grid.count} superpixels") as buffers:
+        cells = [device.upload(grid.of_squares.cells(axis)) for axis in (0, 1)]
+        for band, slots in settled.slots(centers):
+            shape = squares.width, squares.height
+            run("seeds", shape, band.lab, slots, *cells, buffers["seeds"], *shape)
+        centers = centers * [1, 1, 1, side, side] + [0, 0, 0, (side - 1) / 2, (side - 1) / 2]
+        device.write(buffers["candidates"], candidates(grid, centers, np.arange(grid.count)))
+        tables = [device.upload(t) for t in (strips, grid.edges(1), grid.cells(1))]
+        for band in lab.bands():
+            first, end = np.searchsorted(strips[:, 0], (band.top, band.bottom)).tolist()
+            items = lab.width if device.lanes == 1 else grid.across
+            images = buffers["seeds"], buffers["slots"]
+            place = end - first, grid.shift, band.top, first
+            numbers = lab.width, grid.across, *place, side.bit_length() - 1, squares.width
+            run("refine", (items, end - first), band.lab, buffers["candidates"], *tables, *images, *numbers)
+            yield band, buffers["slots"]

@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from ...engine.color.lab import Lens
 from ...engine.color.lab_grid import FINE_STEPS
 from ...engine.color.lab_on_device import PIXEL_BYTES, Band, LabGrid, most_on_device
+from ...engine.color.lens import Lens
 from ...engine.core.attributes import mark_as_data
 from ...engine.core.image import Image, Part, derived_spec
 from ...engine.core.window import Window
@@ -26,9 +26,9 @@ from ...engine.errors import present
 from ...engine.opencl.buffers import Buffers, in_smaller_pieces, offset_table
 from ...engine.session.resources import Resources
 from .crumbs import without_crumbs
-from .refinement import WIDEST, LabelSquares, Reduced, refined_slots
 from .run_length import OUTSIDE, Pieces, Runs, Strip, pieces_of, without_small
-from .slic import NINE, NONE, SeedGrid, Slic, least_bytes
+from .slic import NINE, NONE, SeedGrid, Slic, least_bytes, refined_slots
+from .squares import WIDEST, LabelSquares, Reduced
 
 COMPACTNESS = 20.0  # m_1 of LSA16 section 3.4
 FINEST = 0.02  # sigma_1 as a share of the shorter side: LSA16 section 3.4

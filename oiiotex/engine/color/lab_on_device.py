@@ -19,8 +19,8 @@ from ..deferred import np
 from ..opencl.buffers import Buffers
 from ..scan import scan
 from ..session.resources import Resources
-from .lab import Lens
 from .lab_grid import seen_on_grid
+from .lens import Lens
 
 PIXEL_BYTES = 8  # L, a, b and whether the pixel is opaque, 16 bits each
 _PADDING = 128  # bytes past the end that wide registers may read: 16 pixels

@@ -11,8 +11,8 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..scan import scan
 from ..session.resources import Resources
-from .lab import Lens
 from .lab_grid import mean_lab, seen_on_grid
+from .lens import Lens
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bands, cached pieces, random access and streaming of parts.
+"""Bands, rows, random access and streaming of parts.
 
 Images are pulled: a writer reads the windows of the last part of a chain, and each part reads those before it. This
 module is independent of files and colors.
@@ -8,17 +8,16 @@ module is independent of files and colors.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import hashlib
-import threading
-from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Literal, Protocol, overload
 
 from ..deferred import np, oiio
 from ..errors import ImageError, MemoryBudgetError
-from .image import Part, Pixels, dtype_of, from_pixels
+from .image import Part, Pixels, dtype_of, from_pixels, pixels_of
+from .piece_cache import PieceCache
 from .window import Window
 
 if TYPE_CHECKING:
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
 BAND_BYTES = 8 << 20  # of pixels processed at once: large enough to hide the cost of calls, small enough for caches
 SPILL_SIDE = 256  # px; side of a tile in a temporary file
 PIECE_PIXELS = 1 << 16  # pixels that a thread processes at once: small enough for caches
+_RESIZED_BYTES = 8 << 20  # bytes of rows that are resized at once
 
 
 def rows_for(part: Part, limit: int | None = None, multiple: int = 1) -> int:
@@ -38,79 +38,6 @@ def rows_for(part: Part, limit: int | None = None, multiple: int = 1) -> int:
 def bands(part: Part, limit: int | None = None) -> Iterator[Window]:
     """Bands of full rows, from top to bottom, of a few megabytes as floats."""
     return part.window.cells(part.spec.width, rows_for(part, limit))
-
-
-class PieceCache:
-    """A thread-safe cache of image pieces; the least recently used ones are evicted beyond `limit` bytes.
-
-    A piece that two threads request is computed once. Prefetching runs on separate threads, so that decoding continues
-    while decoded pieces are processed.
-    """
-
-    def __init__(self, limit: int):
-        self.limit = limit
-        self._pieces: OrderedDict[Hashable, Future[np.ndarray]] = OrderedDict()
-        self._bytes = 0
-        self._lock = threading.Lock()
-
-    @functools.cached_property
-    def _ahead(self) -> ThreadPoolExecutor:
-        return ThreadPoolExecutor(2, "oiiotex-read")
-
-    def get(self, key: Hashable, make: Callable[[], np.ndarray]) -> np.ndarray:
-        """The piece of that key, computed if it is not cached."""
-        with self._lock:
-            piece = self._pieces.get(key)
-            if piece is not None:
-                self._pieces.move_to_end(key)
-            else:
-                mine = self._pieces[key] = Future()
-        if piece is not None:
-            return piece.result()
-        return self._fill(key, mine, make)
-
-    def forget(self) -> None:
-        """Evict all finished pieces to free memory."""
-        with self._lock:
-            for key in [key for key, piece in self._pieces.items() if piece.done()]:
-                self._bytes -= self._pieces.pop(key).result().nbytes
-
-    def holds(self, key: Hashable) -> bool:
-        """Whether the piece is cached or being computed."""
-        with self._lock:
-            return key in self._pieces
-
-    def ahead(self, key: Hashable, make: Callable[[], np.ndarray]) -> None:
-        """Compute the piece in the background if it is not cached."""
-        with self._lock:
-            if key in self._pieces:
-                return
-            mine = self._pieces[key] = Future()
-        self._ahead.submit(self._fill_quietly, key, mine, make)
-
-    def _fill_quietly(self, key: Hashable, mine: Future[np.ndarray], make: Callable[[], np.ndarray]) -> None:
-        try:
-            self._fill(key, mine, make)
-        except BaseException:  # raised where the piece is requested
-            pass
-
-    def _fill(self, key: Hashable, mine: Future[np.ndarray], make: Callable[[], np.ndarray]) -> np.ndarray:
-        try:
-            pixels = make()
-        except BaseException as error:
-            with self._lock:
-                self._pieces.pop(key, None)
-            mine.set_exception(error)
-            raise
-        mine.set_result(pixels)
-        with self._lock:
-            self._bytes += pixels.nbytes
-            for old in list(self._pieces):
-                if self._bytes <= self.limit:
-                    break
-                if old != key and self._pieces[old].done():
-                    self._bytes -= self._pieces.pop(old).result().nbytes
-        return pixels
 
 
 def assembled(
@@ -237,6 +164,47 @@ def rows_of(part: Part) -> MadeRows:
 
     shape = part.spec.height, part.spec.width, part.spec.nchannels
     return MadeRows(shape, dtype_of(part.spec), read)
+
+
+def resized(pixels: SomeRows, width: int, height: int, rows: slice | None = None) -> np.ndarray:
+    """An image resized by a triangle filter scaled to the reduction, or some rows of it.
+
+    Parameters
+    ----------
+    pixels : (h, w, c) float32
+    width, height : int
+    rows : slice, optional
+        With a start and a stop.
+
+    Returns
+    -------
+    (height or rows, width, c) float32
+        A row does not depend on which other rows are requested.
+    """
+    rows = rows or slice(0, height)
+    (high, wide, channels), count = pixels.shape, rows.stop - rows.start
+    if (high, wide) == (height, width):
+        return pixels[rows]
+    small, ratio = np.empty((count, width, channels), np.float32), high / height
+    reach = math.ceil(max(1.0, ratio)) + 2
+    step = max(1, int(_RESIZED_BYTES / (4 * channels * wide * ratio)))
+    for top in range(rows.start, rows.stop, step):
+        bottom = min(top + step, rows.stop)
+        first, last = max(0, math.floor(top * ratio) - reach), min(high, math.ceil(bottom * ratio) + reach)
+        source, target = (
+            _rows_of(*size, channels) for size in ((wide, high, first, last), (width, height, top, bottom))
+        )
+        source.set_pixels(source.roi, np.ascontiguousarray(pixels[first:last], np.float32))
+        oiio.ImageBufAlgo.resize(target, source, "triangle")
+        small[top - rows.start : bottom - rows.start] = pixels_of(target, oiio.FLOAT)
+    return small
+
+
+def _rows_of(width: int, height: int, first: int, last: int, channels: int) -> oiio.ImageBuf:
+    """A buffer for some rows of a float image, at their position."""
+    spec = oiio.ImageSpec(width, last - first, channels, oiio.FLOAT)
+    spec.y, spec.full_height, spec.full_y = first, height, 0
+    return oiio.ImageBuf(spec)
 
 
 # --- random access ---

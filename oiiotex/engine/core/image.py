@@ -8,19 +8,14 @@ OpenImageIO's algorithms and Python callers, or as numpy arrays, for our filters
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from ..deferred import np, oiio
 from ..errors import ImageError, one_line
 from .window import Window
 
-if TYPE_CHECKING:
-    from .demand import SomeRows
-
-_RESIZED_BYTES = 8 << 20  # bytes of rows that are resized at once
 _STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes")
 _NUMPY = {
     "uint8": "uint8", "int8": "int8", "uint16": "uint16", "int16": "int16", "uint": "uint32", "int": "int32",
@@ -357,44 +352,3 @@ def tagged(image: Image, name: str, value: str) -> Image:
     """The image with an attribute of its first part set."""
     first = image.first.respecced(lambda spec: spec.attribute(name, value))
     return Image((first, *image.parts[1:]), image.source)
-
-
-def resized(pixels: SomeRows, width: int, height: int, rows: slice | None = None) -> np.ndarray:
-    """An image resized by a triangle filter scaled to the reduction, or some rows of it.
-
-    Parameters
-    ----------
-    pixels : (h, w, c) float32
-    width, height : int
-    rows : slice, optional
-        With a start and a stop.
-
-    Returns
-    -------
-    (height or rows, width, c) float32
-        A row does not depend on which other rows are requested.
-    """
-    rows = rows or slice(0, height)
-    (high, wide, channels), count = pixels.shape, rows.stop - rows.start
-    if (high, wide) == (height, width):
-        return pixels[rows]
-    small, ratio = np.empty((count, width, channels), np.float32), high / height
-    reach = math.ceil(max(1.0, ratio)) + 2
-    step = max(1, int(_RESIZED_BYTES / (4 * channels * wide * ratio)))
-    for top in range(rows.start, rows.stop, step):
-        bottom = min(top + step, rows.stop)
-        first, last = max(0, math.floor(top * ratio) - reach), min(high, math.ceil(bottom * ratio) + reach)
-        source, target = (
-            _rows_of(*size, channels) for size in ((wide, high, first, last), (width, height, top, bottom))
-        )
-        source.set_pixels(source.roi, np.ascontiguousarray(pixels[first:last], np.float32))
-        oiio.ImageBufAlgo.resize(target, source, "triangle")
-        small[top - rows.start : bottom - rows.start] = pixels_of(target, oiio.FLOAT)
-    return small
-
-
-def _rows_of(width: int, height: int, first: int, last: int, channels: int) -> oiio.ImageBuf:
-    """A buffer for some rows of a float image, at their position."""
-    spec = oiio.ImageSpec(width, last - first, channels, oiio.FLOAT)
-    spec.y, spec.full_height, spec.full_y = first, height, 0
-    return oiio.ImageBuf(spec)

@@ -15,7 +15,7 @@ from ..errors import ImageError
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike
 
-    from .demand import PieceCache
+    from .piece_cache import PieceCache
 
 AT_ONCE = 8 << 20  # bytes that are read or written by a call; the system's limit is 2 GB
 

@@ -11,8 +11,9 @@ import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from ..core.demand import PieceCache, assembled
+from ..core.demand import assembled
 from ..core.image import Image, Part, dtype_of, in_memory
+from ..core.piece_cache import PieceCache
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError, one_line

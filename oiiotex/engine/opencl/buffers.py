@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Device memory: declared in total, checked, allocated, released; and asynchronous downloads."""
+"""Device memory: declared in total, checked, allocated, released."""
 
 from __future__ import annotations
 
 import logging
-import math
 import weakref
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
 from ..deferred import np
-from ..errors import DeviceError, MemoryBudgetError, OutOfDeviceMemory
+from ..errors import DeviceError, MemoryBudgetError, OutOfDeviceMemory, megabytes
+from .device import INT_RANGE
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -22,23 +21,7 @@ log = logging.getLogger("oiiotex")
 
 Made = TypeVar("Made")
 
-INT_RANGE = 1 << 31  # of integers in kernels
 _WORTH_SAYING = 1 << 30  # bytes from which an allocation is logged
-
-
-@dataclass(frozen=True)
-class Download:
-    """A download from the device that runs while the host and kernels continue."""
-
-    _device: Device = field(repr=False)
-    event: cl.Event = field(repr=False)
-    _array: np.ndarray = field(repr=False)
-
-    def array(self) -> np.ndarray:
-        """Wait for the array."""
-        with self._device._needing_memory("download"):
-            self.event.wait()
-        return self._array
 
 
 class Buffers:
@@ -174,8 +157,3 @@ def _released(device: Device, buffers: dict[str, cl.Buffer], total: int) -> None
     for buffer in buffers.values():
         buffer.release()
     device.taken -= total
-
-
-def megabytes(size: int) -> int:
-    """Bytes in MB, rounded up."""
-    return math.ceil(size / (1 << 20))

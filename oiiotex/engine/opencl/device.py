@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""OpenCL: choose a device, build programs once, run kernels, own buffers, know the memory budget.
+"""An OpenCL device: its memory, its programs (.cl files, built once) and how kernels are run.
 
 pyopencl is imported when the first device is requested, so lines without a device start faster.
 """
@@ -7,28 +7,27 @@ pyopencl is imported when the first device is requested, so lines without a devi
 from __future__ import annotations
 
 import contextlib
-import functools
-import logging
-import os
+import threading
+import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..deferred import np
-from ..errors import DeviceError, NoDeviceError, OutOfDeviceMemory
+from ..errors import BuildError, DeviceError, OutOfDeviceMemory, megabytes
 from ..stats import Stats
 from . import runtime
-from .buffers import Download, megabytes
-from .program import Program
+from .source import kernel_source
 
 if TYPE_CHECKING:
     import pyopencl as cl
 
-log = logging.getLogger("oiiotex")
-
 TEAM = 32  # cl/team.h
 _ROUNDS_CORRECTLY = 1 << 7  # CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT
 _OWN_SHARE = 7 / 8  # usable fraction of a GPU's memory: the driver and the desktop hold some
+INT_RANGE = 1 << 31  # of integers in kernels
+_GROUP = 64  # items; fixed, because PoCL compiles a kernel again for each work-group shape
+_TYPES = {bool: "i4", int: "i4", float: "f4"}  # of numbers as kernel arguments
 
 
 @dataclass(frozen=True)
@@ -58,136 +57,6 @@ class DeviceInfo:
         if wanted.isdigit():
             return int(wanted) == self.number
         return wanted.lower() == self.kind or wanted.lower() in f"{self.platform} {self.name}".lower()
-
-
-def devices(threads: int = 0) -> list[DeviceInfo]:
-    """All usable OpenCL devices, GPUs first.
-
-    Parameters
-    ----------
-    threads : int
-        Number of CPU threads for a CPU runtime; 0: as many as the process may use. Only the first call in a process
-        sets it, because runtimes read it when they start.
-
-    Returns
-    -------
-    list of DeviceInfo
-        Empty if the machine has no OpenCL.
-    """
-    cl = runtime.load(threads)
-    infos = []
-    try:
-        platforms = cl.get_platforms()
-    except cl.Error:  # the ICD loader reports "no platform" as an error
-        return []
-    kinds = {cl.device_type.GPU: "gpu", cl.device_type.CPU: "cpu"}
-    for platform in platforms:
-        try:
-            handles = platform.get_devices()
-        except cl.Error:  # one broken driver must not hide the others (pyopencl #821)
-            continue
-        for handle in handles:
-            kind = next((name for bit, name in kinds.items() if handle.type & bit), "other")
-            if platform.name == "Oclgrind":  # a kernel checker, a thousand times slower: used only by name
-                kind = "other"
-            name, version = handle.name.strip(), handle.version.strip()
-            infos.append(DeviceInfo(0, kind, name, platform.name, version, handle.global_mem_size, handle))
-    # CPU runtimes with correctly rounded division first: PoCL before Intel's
-    infos.sort(key=lambda d: (("gpu", "cpu", "other").index(d.kind), d.kind == "cpu" and not d.rounds_correctly))
-    return [replace(info, number=n) for n, info in enumerate(infos)]
-
-
-def choose(wanted: str | None = None, threads: int = 0) -> DeviceInfo:
-    """The device to use: `wanted`, else $OIIOTEX_DEVICE, else the first GPU, else the first CPU that works.
-
-    A device that cannot compile is skipped, with a warning, for the next one that matches `wanted`; 'cpu' matches all
-    CPUs. A simulator is used only by name.
-
-    Raises
-    ------
-    DeviceError
-        No device matches.
-    NoDeviceError
-        No device, or none that can compile. The message ends with a command that helps.
-    """
-    broken: list[tuple[DeviceInfo, runtime.Trial]] = []
-    for info in _candidates(wanted, threads):
-        trial = trial_of(info)
-        if trial is None or trial.works is not None:
-            for other, failed in broken:
-                runtime.keep(other.handle, failed)
-                _say(f"{other.name} ({other.platform}) cannot compile: {failed.why}; using {info.name} instead")
-            if trial is not None:
-                runtime.use(info.handle)
-            return info
-        broken.append((info, trial))
-    if not broken:
-        only = "".join(f" except {info.name}, which must be named by --device" for info in devices(threads))
-        raise NoDeviceError(f"no OpenCL device{only}", runtime.remedy([]))
-    reasons = "; ".join(f"{info.name} ({info.platform}): {trial.why}" for info, trial in broken)
-    raise NoDeviceError(f"no OpenCL device can compile: {reasons}", runtime.remedy([t for _, t in broken]))
-
-
-def require_named(wanted: str | None, threads: int = 0) -> None:
-    """Refuse a name that matches no device.
-
-    Raises
-    ------
-    DeviceError
-        The message lists the available devices.
-    """
-    _candidates(wanted, threads)
-
-
-def trial_of(info: DeviceInfo, again: bool = False) -> runtime.Trial | None:
-    """The result of probing the device, see `runtime.tried`; None for a kernel checker, which is not probed."""
-    return None if info.kind == "other" else runtime.tried(info.handle, again)
-
-
-def _candidates(wanted: str | None, threads: int) -> list[DeviceInfo]:
-    """The devices that match `wanted`; without a name, all that may be chosen automatically."""
-    wanted = wanted or named_by_environment()
-    available = devices(threads)
-    if not available or wanted is None:
-        unasked = [d for d in available if d.kind != "other"]
-        return [d for d in unasked if d.handle.int_ptr not in _refused]
-    named = [d for d in available if d.matches(wanted)]
-    if not named:
-        listed = ", ".join(f"{d.number} = {d.name} ({d.kind})" for d in available)
-        raise DeviceError(f"no device '{wanted}'", hint=f"available: {listed}")
-    return named
-
-
-def named_by_environment() -> str | None:
-    """The device named by $OIIOTEX_DEVICE."""
-    return os.environ.get("OIIOTEX_DEVICE") or None
-
-
-_refused: set[int] = set()  # devices, by address, whose compiler refused a program in this process
-
-
-def refuse(info: DeviceInfo, threads: int = 0) -> DeviceInfo | None:
-    """Exclude `info` from automatic choice in this process; returns the device chosen instead, or None."""
-    _refused.add(info.handle.int_ptr)
-    try:
-        return choose(None, threads)
-    except NoDeviceError:
-        _refused.discard(info.handle.int_ptr)  # its own error is more helpful
-        return None
-    finally:
-        open_device.cache_clear()
-
-
-@functools.cache
-def _say(text: str) -> None:
-    """Warn once."""
-    log.warning("%s", text)
-
-
-@functools.cache
-def open_device(wanted: str | None = None, threads: int = 0) -> Device:
-    """The device chosen by `choose`, opened once per process: a context is expensive and holds the built kernels."""
-    return Device(choose(wanted, threads))
 
 
 class Device:
@@ -339,3 +208,74 @@ class Device:
 
 def _seconds(event: cl.Event) -> float:
     return (event.profile.end - event.profile.start) * 1e-9
+
+
+@dataclass(frozen=True)
+class Download:
+    """A download from the device that runs while the host and kernels continue."""
+
+    _device: Device = field(repr=False)
+    event: cl.Event = field(repr=False)
+    _array: np.ndarray = field(repr=False)
+
+    def array(self) -> np.ndarray:
+        """Wait for the array."""
+        with self._device._needing_memory("download"):
+            self.event.wait()
+        return self._array
+
+
+class Program:
+    """A built .cl file. Call it with a kernel's name without the file's: `program("score", shape, *arguments)`."""
+
+    def __init__(self, device: Device, stem: str, macros: dict[str, int]):
+        cl = device._cl
+        self._device, self._stem = device, stem
+        options = ["-w", f"-DLANES={device.lanes}", *(f"-D{k}={v}" for k, v in macros.items())]
+        if device.info.rounds_correctly:
+            options.append("-cl-fp32-correctly-rounded-divide-sqrt")
+        try:
+            with warnings.catch_warnings(action="ignore", category=cl.CompilerWarning):
+                built = cl.Program(device._context, kernel_source(stem)).build(options)
+        except cl.Error as error:
+            words = runtime.compilers_words(str(error))
+            raise BuildError(f"{device.info.name} cannot build {stem}.cl: {words}") from error
+        self._kernels = {k.function_name: k for k in built.all_kernels()}
+        self._types: dict[str, tuple[str | None, ...]] = {}  # of a kernel's arguments: untyped numbers cost 6 us each
+        self._launching = threading.Lock()  # a kernel keeps its arguments: two threads would mix theirs
+
+    def __call__(
+        self, name: str, shape: tuple[int, ...], *arguments: object, group: int = _GROUP, team: bool = False
+    ) -> None:
+        """Run one work-item per element of `shape` (the first axis fastest); integers and floats are passed as 32-bit.
+
+        `group`: most items per work-group. A CPU runs a group on one thread, so use small groups for long items.
+        `team`: with teams, one team per element. Kernels use `int`: a larger size or argument is an error.
+        """
+        if team and self._device.team > 1:
+            shape, group = (self._device.team * shape[0], *shape[1:]), self._device.team
+        name = f"{self._stem}_{name}"
+        kernel = self._kernels[name]
+        local = _work_group(shape, group)
+        global_size = tuple(-(-n // k) * k for n, k in zip(shape, local, strict=True))
+        most = max(map(abs, (*global_size, *(a for a in arguments if type(a) is int))))
+        if most >= INT_RANGE:
+            raise DeviceError(f"{name} would count to {most}, beyond 2^31", hint="make the tile or the photo smaller")
+        types = tuple(_TYPES.get(type(a)) for a in arguments)
+        with self._launching:
+            if self._types.get(name) != types:
+                kernel.set_arg_types(types)
+                self._types[name] = types
+            self._device._enqueue(name, kernel, global_size, local, *arguments)
+
+
+def _work_group(shape: tuple[int, ...], most: int = _GROUP) -> tuple[int, ...]:
+    """A work-group of `most` items: a row, or for short rows a square with some idle items.
+
+    There are only two shapes, because PoCL recompiles a kernel for each (.15 s), and no smaller ones, because of the
+    runtime's overhead per group.
+    """
+    if len(shape) == 1 or 4 * shape[0] > most:
+        return most, *[1] * (len(shape) - 1)
+    side = 1 << (most.bit_length() - 1) // 2
+    return side, most // side, *[1] * (len(shape) - 2)

@@ -9,8 +9,8 @@ from typing import Any
 from ..core.demand import SomeRows
 from ..core.scratch import AT_ONCE, RowStore
 from ..deferred import np
-from .buffers import Buffers, Download
-from .device import Device
+from .buffers import Buffers
+from .device import Device, Download
 
 
 def unwrapped(height: int, first: int, last: int) -> Iterator[tuple[int, int, int]]:

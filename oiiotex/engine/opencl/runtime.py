@@ -279,7 +279,7 @@ def _lld_folder() -> Path:
 
 def cache_folder() -> Path:
     """As in `cache_folders`, which is imported on demand: help does not need it."""
-    from . import cache_folders
+    from ..io import cache_folders
 
     return cache_folders.cache_folder()
 

@@ -15,7 +15,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from ..core.demand import PieceCache
+from ..core.piece_cache import PieceCache
 from ..deferred import oiio
 from ..errors import BuildError, Error, ImageError, MemoryBudgetError
 from ..io.checkpoint import Checkpoint
@@ -78,10 +78,10 @@ class Resources:
     @functools.cached_property
     def device(self) -> Device:
         """The OpenCL device."""
-        from ..opencl import device
+        from ..opencl import device_choice
 
         with self.stats.time("open device"):
-            opened = device.open_device(self.settings.device_name, self.settings.threads)
+            opened = device_choice.open_device(self.settings.device_name, self.settings.threads)
         opened.record = self.settings.profile
         return opened
 
@@ -185,14 +185,14 @@ class Resources:
 
     def _instead(self, error: BaseException | None) -> str | None:
         """The device to use instead; None if the error has another cause, or the device was selected by name."""
-        from ..opencl import device
+        from ..opencl import device_choice
 
         while error is not None and not isinstance(error, BuildError):
             # a step's error may be raised from itself
             error = error.__cause__ if error.__cause__ is not error else None
-        if error is None or not self.has_device or self.settings.device_name or device.named_by_environment():
+        if error is None or not self.has_device or self.settings.device_name or device_choice.named_by_environment():
             return None
-        instead = device.refuse(self.device.info, self.settings.threads)
+        instead = device_choice.refuse(self.device.info, self.settings.threads)
         return instead.name if instead else None
 
     @contextlib.contextmanager

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ... import __version__
 from ...engine.errors import Error
-from ...engine.opencl.cache_folders import require_private
+from ...engine.io.cache_folders import require_private
 from ...engine.session import Session
 from ...engine.session.settings import Settings
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ...engine.color.config import as_float
-from ...engine.color.lab import in_type
+from ...engine.color.lens import in_type
 from ...engine.core.image import Part, channels_of
 from ...engine.core.window import Window
 from ...engine.deferred import np

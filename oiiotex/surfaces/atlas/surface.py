@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ...engine.deferred import np
 from ...engine.opencl.buffers import Buffers
-from ...engine.opencl.program import Program
+from ...engine.opencl.device import Program
 from ...engine.session.resources import Resources
 from .charts import Frames, covered, in_pixels, walk
 from .mesh import Mesh

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ...engine.color.lab import Lens
+from ...engine.color.lens import Lens
 from ...engine.core.demand import rows_for
 from ...engine.core.image import Part, spec_beside
 from ...engine.core.window import Window

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plane in perspective: its matrix from four points, and its aspect ratio.
+"""A plane in perspective: its matrix from four points or more, and its aspect ratio.
 
 Points are (x, y) in px, pixel centers at halves, y down. Matrices multiply row vectors (x, y, 1), as OpenImageIO's do.
 """
@@ -39,7 +39,7 @@ def require_quadrangle(corners: np.ndarray) -> None:
 
 
 def homography(corners: np.ndarray, width: float, height: float) -> np.ndarray:
-    """Matrix that maps four corners to those of a rectangle at the origin.
+    """Matrix that maps four corners to those of a rectangle at the origin; exact, unlike `homography_of`.
 
     Parameters
     ----------
@@ -105,3 +105,26 @@ def aspect_of(corners: np.ndarray, size: tuple[int, int]) -> float:
         focal = USUAL_LENS**2
     focal = min(max(focal, _FOCAL[0] ** 2), _FOCAL[1] ** 2)
     return math.sqrt((seen[0] ** 2 / focal + n2[2] ** 2) / (seen[1] ** 2 / focal + n3[2] ** 2))  # eq. 20
+
+
+def homography_of(points: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Matrix that maps points (n, 2) to targets, with the least squares of algebraic errors, (3, 3) float64.
+
+    The normalized direct linear transform: Hartley and Zisserman, Multiple View Geometry, 2004, algorithm 4.2.
+    """
+    (a, first), (b, second) = _normalized(points), _normalized(targets)
+    x, y, zero, one = *a.T, np.zeros(len(a)), np.ones(len(a))
+    u, v = b.T
+    rows = [[x, y, one, zero, zero, zero, -u * x, -u * y, -u], [zero, zero, zero, x, y, one, -v * x, -v * y, -v]]
+    system = np.concatenate([np.stack(row, 1) for row in rows])
+    solution = np.linalg.eigh(system.T @ system)[1][:, 0].reshape(3, 3)
+    matrix = first @ solution.T @ np.linalg.inv(second)
+    return matrix / matrix[2, 2]
+
+
+def _normalized(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points around the origin at a mean distance of the root of 2, and the matrix that moves them there."""
+    center = points.mean(0)
+    scale = np.sqrt(2) / max(float(np.linalg.norm(points - center, axis=1).mean()), 1e-9)
+    matrix = np.array([[scale, 0, 0], [0, scale, 0], [*(-scale * center), 1]])
+    return (points - center) * scale, matrix

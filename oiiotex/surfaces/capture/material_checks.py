@@ -17,7 +17,8 @@ from typing import Any
 from ...analysis.drift.drift_field import drift_of
 from ...analysis.stationarity.grid_statistics import MARGIN
 from ...engine.color.config import as_float, color_space
-from ...engine.color.lab import count_broken, lens_for
+from ...engine.color.lab import lens_for
+from ...engine.color.lens import count_broken
 from ...engine.core.attributes import TAG
 from ...engine.core.demand import bands
 from ...engine.core.image import Image, channels_of

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 
 from ...engine.color.config import as_float
-from ...engine.color.lab import count_broken
+from ...engine.color.lens import count_broken
 from ...engine.core.image import Part
 from ...engine.core.window import Window
 from ...engine.deferred import np

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 
 from ...analysis.regularity.autocorrelation import autocorrelation, high_passed
 from ...analysis.regularity.lattice import find_lattice
-from ...engine.core.demand import SomeRows
-from ...engine.core.image import resized
+from ...engine.core.demand import SomeRows, resized
 from ...engine.deferred import np
 from .homography import USUAL_LENS
 

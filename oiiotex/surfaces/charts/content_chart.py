@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from ...analysis.labels.content_scan import Contents
 from ...analysis.labels.legend import colors_of
+from ...engine.color.srgb import LUMA
 from ...engine.core.image import Part
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
@@ -37,7 +38,7 @@ def marked(photo: Part, picture: Callable[[Window], np.ndarray], contents: Conte
 
     def rows(window: Window) -> np.ndarray:  # full rows: matrix products may round depending on their width
         seen, center = picture(window), contents.centers(range(window.top, window.bottom))
-        gray = (seen @ np.array([0.2126, 0.7152, 0.0722], np.float32))[..., None]
+        gray = (seen @ np.array(LUMA, np.float32))[..., None]
         out = np.where(center[..., None], 0.5 * seen + np.multiply(0.5, _CENTER), 0.3 * seen + 0.5 * gray)
         y, x = np.arange(window.top, window.bottom)[:, None] - top, np.arange(width) - left
         inside, within = ((y >= n) & (y < side - n) & (x >= n) & (x < side - n) for n in (0, thick))

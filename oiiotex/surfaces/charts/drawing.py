@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...analysis.labels.legend import colors_of
+from ...engine.color.srgb import srgb_of_lab
 from ...engine.core.attributes import TAG
 from ...engine.core.image import Part, channels_of, pixels_of
 from ...engine.core.label_map import LabelMap
@@ -98,18 +99,8 @@ def shown_pixels(pixels: np.ndarray, part: Part, resources: Resources) -> np.nda
     color = np.nan_to_num(np.ascontiguousarray(values[..., three]))
     if space and not resources.color.is_data(space):
         resources.color.to_lab(space)(color)
-        color = srgb_of(color)
+        color = srgb_of_lab(color)
     return np.clip(color, 0, 1)
-
-
-def srgb_of(lab: np.ndarray) -> np.ndarray:
-    """Lab (D65) as sRGB, independent of the user's OCIO config: for display only."""
-    f = (lab[..., :1] + 16) / 116 + np.stack([lab[..., 1] / 500, np.zeros_like(lab[..., 1]), -lab[..., 2] / 200], -1)
-    xyz = np.where(f > 6 / 29, f**3, (f - 4 / 29) * 3 * (6 / 29) ** 2) * [0.95047, 1.0, 1.08883]
-    linear = np.clip(xyz @ np.array([[3.2404542, -0.9692660, 0.0556434],
-                                     [-1.5371385, 1.8760108, -0.2040259],
-                                     [-0.4985314, 0.0415560, 1.0572252]]), 0, 1)  # fmt: skip
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def colored(ids: np.ndarray, lightness: np.ndarray | None, strength: float) -> np.ndarray:

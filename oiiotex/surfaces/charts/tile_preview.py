@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from ...engine.color.config import as_float
-from ...engine.color.lab import count_broken
+from ...engine.color.lens import count_broken
 from ...engine.core.demand import BAND_BYTES, bands, on_a_torus, stream
 from ...engine.core.image import Part, pixels_of
 from ...engine.core.scratch import empty_rows

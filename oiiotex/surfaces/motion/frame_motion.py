@@ -14,7 +14,7 @@ from typing import TypeAlias
 from ...engine.deferred import np
 from ...engine.errors import ImageError
 from ...engine.io.documents import read_arrays
-from ..capture.homography import through
+from ..capture.homography import homography_of, through
 
 STEP = 8  # px between the nodes of a bend
 NO_SURFACE = "maps pixels to a line or a point: expected the motion of a surface"
@@ -85,29 +85,6 @@ def fitted(points: np.ndarray, targets: np.ndarray, name: str = "motion") -> Fra
     require_plane(matrix, name)
     bend = through(np.linalg.inv(matrix), goal) - flat
     return FrameMotion(matrix, bend.reshape(points.shape).astype(np.float32))
-
-
-def homography_of(points: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """Matrix that maps points (n, 2) to targets, with the least squares of algebraic errors, (3, 3) float64.
-
-    The normalized direct linear transform: Hartley and Zisserman, Multiple View Geometry, 2004, algorithm 4.2.
-    """
-    (a, first), (b, second) = _normalized(points), _normalized(targets)
-    x, y, zero, one = *a.T, np.zeros(len(a)), np.ones(len(a))
-    u, v = b.T
-    rows = [[x, y, one, zero, zero, zero, -u * x, -u * y, -u], [zero, zero, zero, x, y, one, -v * x, -v * y, -v]]
-    system = np.concatenate([np.stack(row, 1) for row in rows])
-    solution = np.linalg.eigh(system.T @ system)[1][:, 0].reshape(3, 3)
-    matrix = first @ solution.T @ np.linalg.inv(second)
-    return matrix / matrix[2, 2]
-
-
-def _normalized(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points around the origin at a mean distance of the root of 2, and the matrix that moves them there."""
-    center = points.mean(0)
-    scale = np.sqrt(2) / max(float(np.linalg.norm(points - center, axis=1).mean()), 1e-9)
-    matrix = np.array([[scale, 0, 0], [0, scale, 0], [*(-scale * center), 1]])
-    return (points - center) * scale, matrix
 
 
 def require_plane(matrix: np.ndarray, name: str) -> None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from ...engine.core.image import resized
+from ...engine.core.demand import resized
 from ...engine.deferred import np
 
 CELL = 16  # px

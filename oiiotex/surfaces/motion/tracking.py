@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...engine.deferred import np
 from ...engine.errors import Error, ImageError
-from ..capture.homography import through
-from .frame_motion import FrameMotion, homography_of
+from ..capture.homography import homography_of, through
+from .frame_motion import FrameMotion
 from .sampling import grown
 
 if TYPE_CHECKING:

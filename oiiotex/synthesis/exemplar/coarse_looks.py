@@ -7,8 +7,8 @@ import functools
 from collections.abc import Callable
 
 from ...engine.color.config import as_float
-from ...engine.core.demand import MadeRows, rows_of
-from ...engine.core.image import Part, resized
+from ...engine.core.demand import MadeRows, resized, rows_of
+from ...engine.core.image import Part
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 from ...engine.session.progress import Onlooker

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from ...engine.color.config import as_float
-from ...engine.color.lab import in_type
+from ...engine.color.lens import in_type
 from ...engine.core.image import Image, Part, channels_of, dtype_of
 from ...engine.core.source_map import SourceMap
 from ...engine.core.window import Window

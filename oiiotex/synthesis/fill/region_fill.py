@@ -43,7 +43,7 @@ from .seam_zone import cut_bytes, grown, replaced_pixels
 from .source_layout import in_layout_of
 
 if TYPE_CHECKING:
-    from ...engine.color.lab import Lens
+    from ...engine.color.lens import Lens
     from ...engine.session.progress import Progress
     from ...engine.session.resources import Resources
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 import logging
 
 from ...engine.color.config import as_float
-from ...engine.color.lab import Lens, in_type, lens_of
+from ...engine.color.lab import lens_of
+from ...engine.color.lens import Lens, in_type
 from ...engine.core.access import mapped
 from ...engine.core.image import Image, Part, dtype_of
 from ...engine.core.op import Space

@@ -7,7 +7,7 @@ import functools
 from typing import Any
 
 from ...engine.color.lab_grid import FINE_STEPS, to_grid
-from ...engine.core.demand import PieceCache
+from ...engine.core.piece_cache import PieceCache
 from ...engine.core.scratch import RowStore, TileStore, empty_rows
 from ...engine.core.source_map import NONE, SourceMap
 from ...engine.deferred import np

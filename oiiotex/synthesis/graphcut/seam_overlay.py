@@ -11,7 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ...engine.core.demand import PieceCache, assembled
+from ...engine.core.demand import assembled
+from ...engine.core.piece_cache import PieceCache
 from ...engine.core.source_map import SourceMap
 from ...engine.core.window import Window
 from ...engine.deferred import np

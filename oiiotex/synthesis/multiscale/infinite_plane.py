@@ -15,8 +15,8 @@ from pathlib import Path
 
 from ... import __version__
 from ...analysis.regularity.offset_prices import InStep
-from ...engine.color.lab import Lens
 from ...engine.color.lab_grid import FINE_STEPS
+from ...engine.color.lens import Lens
 from ...engine.core.demand import assembled, cells_of
 from ...engine.core.image import Image
 from ...engine.core.op import Space
@@ -164,7 +164,7 @@ def opened(
 
 def analysis_folder() -> Path:
     """Folder of the cached results of `analyze`."""
-    from ...engine.opencl.cache_folders import cache_folder  # not needed for help
+    from ...engine.io.cache_folders import cache_folder  # not needed for help
 
     return cache_folder() / "candidates"
 

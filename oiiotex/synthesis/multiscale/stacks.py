@@ -14,9 +14,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ...engine.color.config import as_float
-from ...engine.color.lab import Lens, in_type, lens_of
+from ...engine.color.lab import lens_of
 from ...engine.color.lab_grid import FINE_STEPS
-from ...engine.core.image import Image, dtype_of, resized
+from ...engine.color.lens import Lens, in_type
+from ...engine.core.demand import resized
+from ...engine.core.image import Image, dtype_of
 from ...engine.core.op import Space
 from ...engine.core.source_map import SourceMap
 from ...engine.core.window import Window

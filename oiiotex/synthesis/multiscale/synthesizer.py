@@ -21,8 +21,8 @@ from ...engine.core.source_map import SourceMap
 from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.errors import OutOfDeviceMemory, ParameterError, present
-from ...engine.opencl.buffers import Buffers, Download, in_smaller_pieces
-from ...engine.opencl.device import Device
+from ...engine.opencl.buffers import Buffers, in_smaller_pieces
+from ...engine.opencl.device import Device, Download
 from .candidate_sets import DIMS, Analysis, texels_at_once
 from .superexemplar import FIRST_CORRECTED
 

@@ -15,7 +15,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from ...engine.color.config import as_float
-from ...engine.color.lab import in_type
+from ...engine.color.lens import in_type
 from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.session.resources import Resources

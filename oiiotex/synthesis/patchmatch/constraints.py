@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from ...engine.color.lab_grid import to_grid
-from ...engine.core.demand import MadeRows, SomeRows
-from ...engine.core.image import resized
+from ...engine.core.demand import MadeRows, SomeRows, resized
 from ...engine.core.scratch import empty_rows
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np

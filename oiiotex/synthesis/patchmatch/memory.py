@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ...analysis.stationarity.grid_statistics import CellGrid
-from ...engine.core.image import resized
+from ...engine.core.demand import resized
 from ...engine.core.window import Domain
 from ...engine.deferred import np
 from ...engine.errors import DeviceError, MemoryBudgetError

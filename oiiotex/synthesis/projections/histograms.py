@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from ...analysis.stationarity.grid_statistics import CellGrid
 from ...engine.deferred import np
-from ...engine.opencl.buffers import Buffers, Download
-from ...engine.opencl.device import Device
+from ...engine.opencl.buffers import Buffers
+from ...engine.opencl.device import Device, Download
 from ...engine.opencl.rows import unwrapped
 from .held_cells import HeldCells, cell_rows_held, seen_cells
 

@@ -18,8 +18,7 @@ from ...analysis.regularity.autocorrelation import (
     high_passed,
     wrapped_autocorrelation,
 )
-from ...engine.core.demand import MadeRows, SomeRows
-from ...engine.core.image import resized
+from ...engine.core.demand import MadeRows, SomeRows, resized
 from ...engine.deferred import np
 
 SIDE = 256  # px; longer side at which a photo is measured, and its result at the same scale

@@ -4,8 +4,9 @@
 from oiiotex.engine.color.config import as_float
 from oiiotex.engine.color.display import Shown, shown_by, usual_view, views
 from oiiotex.engine.core.attributes import PARAMETERS, TAG
-from oiiotex.engine.core.demand import PieceCache
-from oiiotex.engine.core.image import Image, Part, channels_of, from_array, resized, tagged
+from oiiotex.engine.core.demand import resized
+from oiiotex.engine.core.image import Image, Part, channels_of, from_array, tagged
+from oiiotex.engine.core.piece_cache import PieceCache
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.io.paint_palette import write_indexed
 from oiiotex.engine.io.reading import read

@@ -313,3 +313,54 @@ class Catalog:
         """Release the claim of an asset."""
         with self._transaction():
             self._data.execute("DELETE FROM claims WHERE asset = ? AND run = ?", (asset, run))
+
+
+class FoldersAlone:
+    """Replaces the catalog on a farm machine, which only writes folders; a later run records them."""
+
+    def __init__(self, library: Path):
+        self.library = library
+
+    def __enter__(self) -> FoldersAlone:
+        with sqlite_errors(self.library):
+            (self.library / WORK).mkdir(parents=True, exist_ok=True)
+            require_no_links(self.library)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def assets(self) -> dict[str, Asset]:
+        """No assets: there is no catalog."""
+        return {}
+
+    def asset(self, name: str) -> Asset | None:
+        """None: there is no catalog."""
+        return None
+
+    def sources(self) -> dict[str, tuple[int, int, str]]:
+        """No sources: there is no catalog."""
+        return {}
+
+    def remember_sources(self, rows: Iterable[tuple[str, int, int, str]]) -> None:
+        """Do nothing: there is no catalog."""
+
+    def put(self, *_: Any) -> None:
+        """Do nothing: there is no catalog."""
+
+    def put_all(self, *_: Any) -> None:
+        """Do nothing: there is no catalog."""
+
+    def run(self) -> contextlib.AbstractContextManager[str]:
+        """A context with a separate working folder for a run."""
+        return folder_of_run(self.library)
+
+    def sweep(self) -> None:
+        """Do nothing: runs with the catalog clean up."""
+
+    def claim(self, asset: str, run: str) -> bool:
+        """True: shares do not overlap."""
+        return True
+
+    def release(self, asset: str, run: str) -> None:
+        """Do nothing: nothing was claimed."""

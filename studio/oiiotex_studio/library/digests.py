@@ -14,8 +14,7 @@ from oiiotex.engine.errors import Error, one_line
 
 from ..api.files import owned
 from ..recipes.found import Material
-from .catalog import Catalog
-from .runs import FoldersAlone
+from .catalog import Catalog, FoldersAlone
 
 _READERS = 4  # threads that hash files
 

@@ -27,10 +27,10 @@ from ..recipes.found import Material, materials
 from ..recipes.lines import require_confined, require_lines
 from ..recipes.recipe import LibraryRecipe
 from .asset import AssetJob, Outcome, key_of, make, read_sidecar, role_of
-from .catalog import PLACES, SIDECAR, Asset, AssetLabel, Catalog
+from .catalog import PLACES, SIDECAR, Asset, AssetLabel, Catalog, FoldersAlone
 from .digests import digest_of, digests_of, faults, is_text
 from .report import convention_text
-from .runs import WORK, FoldersAlone
+from .runs import WORK
 
 log = logging.getLogger("oiiotex")
 

@@ -1,22 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Concurrent runs on one library: locks that end with their process, and farm machines without the catalog."""
+"""Concurrent runs on one library: working folders, and locks that end with their process."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from oiiotex.engine.errors import Error
 
 from ..api.files import owned, remove_folder
 from ..recipes.found import LIBRARY
-
-if TYPE_CHECKING:
-    from .catalog import Asset
 
 try:
     import fcntl
@@ -27,57 +23,6 @@ FILE = LIBRARY
 WORK = ".making"  # working folders of runs
 CAN_LOCK = fcntl is not None
 _BROKEN = ("SQLITE_NOTADB", "SQLITE_CORRUPT")  # SQLite errors of unreadable files
-
-
-class FoldersAlone:
-    """Replaces the catalog on a farm machine, which only writes folders; a later run records them."""
-
-    def __init__(self, library: Path):
-        self.library = library
-
-    def __enter__(self) -> FoldersAlone:
-        with sqlite_errors(self.library):
-            (self.library / WORK).mkdir(parents=True, exist_ok=True)
-            require_no_links(self.library)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def assets(self) -> dict[str, Asset]:
-        """No assets: there is no catalog."""
-        return {}
-
-    def asset(self, name: str) -> Asset | None:
-        """None: there is no catalog."""
-        return None
-
-    def sources(self) -> dict[str, tuple[int, int, str]]:
-        """No sources: there is no catalog."""
-        return {}
-
-    def remember_sources(self, rows: Iterable[tuple[str, int, int, str]]) -> None:
-        """Do nothing: there is no catalog."""
-
-    def put(self, *_: Any) -> None:
-        """Do nothing: there is no catalog."""
-
-    def put_all(self, *_: Any) -> None:
-        """Do nothing: there is no catalog."""
-
-    def run(self) -> contextlib.AbstractContextManager[str]:
-        """A context with a separate working folder for a run."""
-        return folder_of_run(self.library)
-
-    def sweep(self) -> None:
-        """Do nothing: runs with the catalog clean up."""
-
-    def claim(self, asset: str, run: str) -> bool:
-        """True: shares do not overlap."""
-        return True
-
-    def release(self, asset: str, run: str) -> None:
-        """Do nothing: nothing was claimed."""
 
 
 def require_no_links(library: Path) -> None:

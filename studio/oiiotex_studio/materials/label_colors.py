@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+from oiiotex.engine.color.srgb import lab_of_linear
 from oiiotex.engine.core.image import Image
 from oiiotex.engine.core.label_map import holds_ids, label_maps, opened_level
 from oiiotex.engine.deferred import np
 from oiiotex.engine.session.resources import Resources
 
-from .preview import lab_of, linear_of
+from .preview import linear_of
 
 
 def label_colors(labels: Image, color: Image, resources: Resources) -> list[tuple[str, float, list[float]]]:
@@ -36,6 +37,6 @@ def label_colors(labels: Image, color: Image, resources: Resources) -> list[tupl
     linear = linear_of(photo, resources).reshape(-1, 3)
     areas = np.bincount(ids.ravel())
     sums = np.stack([np.bincount(ids.ravel(), linear[:, channel]) for channel in range(3)], -1)
-    lab = lab_of(sums / np.maximum(areas, 1)[:, None])
+    lab = lab_of_linear(sums / np.maximum(areas, 1)[:, None])
     chosen = [int(label) for label in np.argsort(-areas, kind="stable") if label and areas[label]]
     return [(coarsest.name(label), float(areas[label] / ids.size), lab[label].tolist()) for label in chosen]

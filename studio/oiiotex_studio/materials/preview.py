@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from oiiotex.engine.color.config import as_float
+from oiiotex.engine.color.srgb import decoded, encoded, lab_of_linear
 from oiiotex.engine.core.attributes import TAG
-from oiiotex.engine.core.image import Image, Part, channels_of, from_array, resized, tagged
+from oiiotex.engine.core.demand import resized
+from oiiotex.engine.core.image import Image, Part, channels_of, from_array, tagged
 from oiiotex.engine.deferred import np, oiio
 from oiiotex.engine.errors import Error, present
 from oiiotex.engine.session.resources import Resources
@@ -86,7 +88,7 @@ class Looks:
 
     def mean_lab(self) -> np.ndarray:
         """The mean color, in CIE Lab D65."""
-        return lab_of(self.color.reshape(-1, 3).mean(axis=0))
+        return lab_of_linear(self.color.reshape(-1, 3).mean(axis=0))
 
     def pictures(
         self, shape: str, lattice: bool, photo: np.ndarray, shaded: np.ndarray | None = None
@@ -235,7 +237,7 @@ def vectors(normals: Image) -> np.ndarray:
 
 def linear_of(part: Part, resources: Resources) -> np.ndarray:
     """The colors of a part as linear Rec. 709, (h, w, 3), 0 to 1."""
-    return decoded(shown_pixels(part.pixels(), part, resources))
+    return decoded(shown_pixels(part.pixels(), part, resources)).astype(np.float32)
 
 
 def photo_linear(photo: Image, space: str, resources: Resources) -> np.ndarray:
@@ -251,18 +253,9 @@ def srgb_of(part: Part, resources: Resources, size: Sequence[int]) -> np.ndarray
     return encoded(_fitted(linear_of(part, resources), (size[0], size[1])))
 
 
-def lab_of(linear: np.ndarray) -> np.ndarray:
-    """Convert linear Rec. 709 to CIE Lab D65, (..., 3)."""
-    xyz = linear @ np.array([[0.4124564, 0.2126729, 0.0193339],
-                             [0.3575761, 0.7151522, 0.1191920],
-                             [0.1804375, 0.0721750, 0.9503041]]) / [0.95047, 1.0, 1.08883]  # fmt: skip
-    f = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
-    return np.stack([116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], axis=-1)
-
-
 def lab_of_srgb(code: Sequence[float]) -> np.ndarray:
     """Convert an sRGB color, 0 to 1, to CIE Lab D65."""
-    return lab_of(decoded(np.asarray(code, np.float64)))
+    return lab_of_linear(decoded(np.asarray(code, np.float64)))
 
 
 def save(picture: np.ndarray, path: Path) -> None:
@@ -328,14 +321,3 @@ def _side_by_side(panels: list[np.ndarray], height: int) -> np.ndarray:
     paper = np.full((height, 6, 3), decoded(np.float32(_PAPER)))
     row = [piece for panel in panels for piece in (repeated(panel, 1, height), paper)]
     return np.concatenate(row[:-1], axis=1)
-
-
-def encoded(linear: np.ndarray) -> np.ndarray:
-    """Linear Rec. 709 as sRGB, 0 to 1."""
-    linear = np.clip(linear, 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-
-
-def decoded(code: np.ndarray | np.float32) -> np.ndarray:
-    """The inverse of `encoded`."""
-    return np.where(code <= 0.04045, code / 12.92, ((np.maximum(code, 0) + 0.055) / 1.055) ** 2.4).astype(np.float32)

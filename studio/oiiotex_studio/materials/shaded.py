@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from oiiotex.engine.color.srgb import decoded, encoded
 from oiiotex.engine.core.image import Image
 from oiiotex.engine.deferred import np, oiio
 from oiiotex.engine.errors import Error, one_line, present
@@ -24,7 +25,7 @@ from oiiotex.engine.session.resources import Resources
 
 from .documents import loaded_libraries, materialx
 from .naming import COLORS
-from .preview import GROUND, LIGHTS, SKY, decoded, encoded, linear_of, reduced, values
+from .preview import GROUND, LIGHTS, SKY, linear_of, reduced, values
 
 _MOST = 1024  # px; longest side of a map
 _AROUND, _HIGH = 96, 48  # faces of the sphere

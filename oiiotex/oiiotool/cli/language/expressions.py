@@ -22,7 +22,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from ....engine.core.image import Image
 from ....engine.core.parameters import nearest
@@ -42,12 +42,28 @@ from .expression_values import (
     number_in,
     shown,
 )
-
-if TYPE_CHECKING:
-    from ..stack.chain import Chain
+from .sequences import Frame
 
 
-def substituted(text: str, chain: Chain) -> str:
+class Scope(Protocol):
+    """What expressions read of a chain: its images, by index, label and file, and its variables."""
+
+    frame: Frame | None
+    labeled: dict[str, Image]
+    stack: list[Image]
+    user: dict[str, int | float | str]
+
+    def image(self, index: int) -> Image:
+        """The image at that depth of the stack, 0 the top."""
+
+    def known(self, image: Image) -> Image:
+        """The image with its attributes; raises if it is not computed yet."""
+
+    def opened(self, path: str) -> Image:
+        """The image of a file."""
+
+
+def substituted(text: str, chain: Scope) -> str:
     """`text` with every {expression} replaced by its value; an unclosed brace is kept."""
     result, at = "", 0
     while (opening := text.find("{", at)) >= 0 and (end := _after_braces(text, opening)):
@@ -153,7 +169,7 @@ _VALUES = ("TOP", "BOTTOM", "IMG", "FRAME_NUMBER", "FRAME_NUMBER_PAD", "NIMAGES"
 class _Evaluation:
     """Evaluates one expression by recursive descent."""
 
-    def __init__(self, text: str, chain: Chain):
+    def __init__(self, text: str, chain: Scope):
         self._text = text
         self._chain = chain
         self._at = 0

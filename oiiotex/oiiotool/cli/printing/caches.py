@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from ....engine.opencl.cache_folders import cache_folder
+from ....engine.io.cache_folders import cache_folder
 
 _KINDS = {
     "probe": "results of OpenCL device tests",

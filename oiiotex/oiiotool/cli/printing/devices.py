@@ -5,17 +5,17 @@ from __future__ import annotations
 
 from ....engine.errors import DeviceError, NoDeviceError
 from ....engine.machine import usable_threads
-from ....engine.opencl import device
+from ....engine.opencl import device_choice
 from ....engine.opencl.device import DeviceInfo
 from ....engine.opencl.runtime import Trial
 
 
 def device_list(wanted: str | None, threads: int, verbose: bool) -> str:
     """One line per OpenCL device, with `verbose` all details; devices that failed before are tested again."""
-    trials = [(info, device.trial_of(info, again=True)) for info in device.devices(threads)]
+    trials = [(info, device_choice.trial_of(info, again=True)) for info in device_choice.devices(threads)]
     lines = []
     try:
-        chosen: DeviceInfo | None = device.choose(wanted, threads)
+        chosen: DeviceInfo | None = device_choice.choose(wanted, threads)
     except DeviceError as error:
         chosen = None
         advice = [f"no device selected: {error}" if verbose or not isinstance(error, NoDeviceError) else _short(error)]
@@ -59,8 +59,8 @@ def _details(info: DeviceInfo, trial: Trial | None, chosen: bool, wanted: str | 
 def _why(info: DeviceInfo, wanted: str | None) -> str:
     if wanted:
         return f"first working device that matches --device {wanted}"
-    if device.named_by_environment():
-        return f"first working device that matches $OIIOTEX_DEVICE={device.named_by_environment()}"
+    if device_choice.named_by_environment():
+        return f"first working device that matches $OIIOTEX_DEVICE={device_choice.named_by_environment()}"
     return f"first working {info.kind.upper()}" + ("" if info.kind == "gpu" else "; no GPU works")
 
 

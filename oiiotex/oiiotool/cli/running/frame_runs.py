@@ -83,9 +83,9 @@ def _tell_runner(done: int, total: int) -> None:
 def _checked(todo: list[Frame], session: Session, command: CommandLine) -> tuple[list[Task], int]:
     """The tasks and the exit code so far: checks all frames before the first one runs."""
     if "--device" in command.settings:
-        from ....engine.opencl import device
+        from ....engine.opencl import device_choice
 
-        device.require_named(session.settings.device_name, session.settings.threads)
+        device_choice.require_named(session.settings.device_name, session.settings.threads)
     rehearsals = Rehearsals(session, owners={os.path.realpath(frame.file): frame.file for frame in todo if frame.file})
     tasks, notes, status = [], dict[tuple[int, str], None](), 0
     for frame in todo:

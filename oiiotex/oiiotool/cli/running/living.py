@@ -42,7 +42,7 @@ def show(chain: Chain, given: LiveModifiers) -> None:
         return
     from oiiotex_studio.live.server import serve
 
-    from ....engine.opencl.device import choose
+    from ....engine.opencl.device_choice import choose
 
     choose(chain.session.settings.device_name, chain.session.settings.threads)  # none works: said before a page opens
     pixel_type = str(chain.settings["-d"][0]) if "-d" in chain.settings else ""

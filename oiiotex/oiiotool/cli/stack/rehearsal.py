@@ -18,9 +18,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from ....engine.core.demand import PieceCache
 from ....engine.core.image import Image, Part
 from ....engine.core.op import Op
+from ....engine.core.piece_cache import PieceCache
 from ....engine.deferred import oiio
 from ....engine.errors import DeviceError, Error, ParameterError, Unseen
 from ....engine.io.formats import Format
@@ -101,7 +101,7 @@ class _Unopened(Resources):
     @functools.cached_property
     def device(self) -> Device:
         """A device of which only the memory is known; all else raises `Unseen`."""
-        from ....engine.opencl.device import choose
+        from ....engine.opencl.device_choice import choose
         from ....engine.opencl.unopened import UnopenedDevice
 
         try:

@@ -12,13 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
-from ...engine.color.lab_on_device import Band, LabGrid
+from ...engine.color.lab_on_device import Band
 from ...engine.deferred import np
 from ...engine.opencl.buffers import Buffers
 from ...engine.session.resources import Resources
-from .slic import SeedGrid, Slic, candidates
 
 WIDEST = 128  # px, of a square: its pixels are counted in 16 bits
 _PADDING = 128  # bytes past the end that wide registers may read: 16 pixels
@@ -75,32 +73,3 @@ class LabelSquares:
         """One band: all squares as pixels, if `wanted(top, bottom)`."""
         if wanted(0, self.height):
             yield Band(0, self.height, self._buffers["lab"])
-
-
-def refined_slots(
-    lab: LabGrid, grid: SeedGrid, squares: LabelSquares, settled: Slic, centers: np.ndarray, resources: Resources
-) -> Iterator[tuple[Band, Any]]:
-    """As `Slic.slots` for the image: the choice of each pixel among nine seeds, band by band.
-
-    `centers` (down, across, 5) float64: its seeds: L, a, b in steps, x, y in squares.
-    """
-    device, side, strips = resources.device, squares.reduced.side, grid.strips(lab.band_rows)
-    run = device.program("superpixels")
-    layout = {"seeds": 2 * squares.width * squares.height, "candidates": 16 * 9 * grid.count}
-    layout["slots"] = lab.band_rows * lab.width
-    with Buffers(device, layout, resources.budget, f"{grid.count} superpixels") as buffers:
-        cells = [device.upload(grid.of_squares.cells(axis)) for axis in (0, 1)]
-        for band, slots in settled.slots(centers):
-            shape = squares.width, squares.height
-            run("seeds", shape, band.lab, slots, *cells, buffers["seeds"], *shape)
-        centers = centers * [1, 1, 1, side, side] + [0, 0, 0, (side - 1) / 2, (side - 1) / 2]
-        device.write(buffers["candidates"], candidates(grid, centers, np.arange(grid.count)))
-        tables = [device.upload(t) for t in (strips, grid.edges(1), grid.cells(1))]
-        for band in lab.bands():
-            first, end = np.searchsorted(strips[:, 0], (band.top, band.bottom)).tolist()
-            items = lab.width if device.lanes == 1 else grid.across
-            images = buffers["seeds"], buffers["slots"]
-            place = end - first, grid.shift, band.top, first
-            numbers = lab.width, grid.across, *place, side.bit_length() - 1, squares.width
-            run("refine", (items, end - first), band.lab, buffers["candidates"], *tables, *images, *numbers)
-            yield band, buffers["slots"]
