@@ -67,7 +67,6 @@ _WORDS |= {shelf.heading: shelf.attribute.lower() for shelf in host.SHELVES}
 _WORDS |= {heading: heading.replace(",", "").split()[0].lower() for heading in _OPTIONS}
 
 
-
 @functools.cache
 def added() -> tuple[Option, ...]:
     """The options of other distributions."""

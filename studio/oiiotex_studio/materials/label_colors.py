@@ -3,11 +3,10 @@
 
 from __future__ import annotations
 
-from oiiotex.engine.core.image import Image
-from oiiotex.engine.core.label_map import holds_ids, label_maps, opened_level
 from oiiotex.engine.deferred import np
-from oiiotex.engine.session.resources import Resources
 
+from ..api.images import Image, Resources
+from ..api.materials import holds_ids, label_maps, opened_level
 from .preview import lab_of, linear_of
 
 
