@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
+pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex-studio)")
 
 from oiiotex_studio.api.images import from_array
 from oiiotex_studio.live.hub import Hub
