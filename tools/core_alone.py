@@ -32,6 +32,10 @@ def main() -> None:
         subprocess.run([*pip, "install", f"{wheel}[cpu,linker]", *NEEDED], check=True)
         for package in ("oiiotex", "studio"):
             shutil.rmtree(work / "checkout" / package)
+        for option in ("--texlive", "--farm"):
+            done = subprocess.run([python, "-m", "oiiotex", option], cwd=work, capture_output=True, text=True)
+            if done.stderr != f"oiiotex ERROR: {option} requires oiiotex-studio; pip install ./studio in a checkout\n":
+                sys.exit(f"{option} without the studio says: {done.stderr}")
         tests = [f"tests/{floor}" for floor in FLOORS]
         line = [python, "-m", "pytest", "-n", "2", "--dist", "loadfile", "-m", "core", *tests]
         clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "CI")}

@@ -140,6 +140,11 @@ def test_a_job_template_has_shares_and_a_join_behind_them(folder):
         openjd.share_template("x", ["--echo", "{{x}}"], 2, 100)
 
 
+def test_a_job_template_takes_no_each(folder):
+    with pytest.raises(errors.Error, match="use --farm dask"):
+        run(["--farm", "openjd=x.json", "--each", "a.png", "--flip", "-o", "{name}.exr"])
+
+
 @pytest.mark.parametrize(
     ("place", "text"),
     [
