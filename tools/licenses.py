@@ -22,7 +22,7 @@ READ = {
     "pocl-binary-distribution": "MIT (PoCL), Apache-2.0 WITH LLVM-exception (LLVM), BSD-3-Clause (hwloc)",
     "xatlas": "MIT",
 }
-OURS = ("oiiotex", "pip", "setuptools")
+OURS = ("oiiotex", "oiiotex-studio", "pip", "setuptools")
 
 
 def table(python: str) -> str:
@@ -47,16 +47,18 @@ def normalized(name: str) -> str:
 
 
 def asked_for() -> dict[str, str]:
-    """Names in pyproject.toml, with what asks for them: oiiotex, or extras."""
+    """Names in both pyproject.toml, with what asks for them: oiiotex, oiiotex-studio, or extras."""
     import tomllib
 
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     named: dict[str, list[str]] = {}
-    for extra, lines in [("oiiotex", project["dependencies"]), *project["optional-dependencies"].items()]:
-        for line in lines:
-            match = re.match(r"[\w.-]+", line)
-            assert match
-            named.setdefault(normalized(match[0]), []).append(extra if extra == "oiiotex" else f"`{extra}`")
+    for folder in (ROOT, ROOT / "studio"):
+        project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
+        extras = {f"`{extra}`": lines for extra, lines in project["optional-dependencies"].items()}
+        for extra, lines in ({project["name"]: project["dependencies"]} | extras).items():
+            for line in lines:
+                match = re.match(r"[\w.-]+", line)
+                assert match
+                named.setdefault(normalized(match[0]), []).append(extra)
     return {
         name: "oiiotex" if "oiiotex" in extras else ", ".join(sorted(set(extras) - {"`test`", "`benchmark`", "`lint`"}))
         for name, extras in named.items()

@@ -96,13 +96,14 @@ def distributions() -> tuple[Path, Path]:
 
 
 def tests_of(archive: Path) -> Path:
-    """The source archive, unpacked without the package: its tests can only import the installed one."""
+    """The source archive, unpacked without the packages: its tests can only import the installed one."""
     folder = WORK / "source"
     shutil.rmtree(folder, ignore_errors=True)
     with tarfile.open(archive) as tar:
         tar.extractall(folder, filter="data")
     (source,) = folder.iterdir()
-    shutil.rmtree(source / "oiiotex")
+    for package in ("oiiotex", "studio"):
+        shutil.rmtree(source / package)
     return source
 
 

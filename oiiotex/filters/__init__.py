@@ -53,9 +53,9 @@ def op_named(name: str) -> type[Op]:
 @functools.cache
 def further() -> tuple[type[Op], ...]:
     """The filters of other packages."""
-    from ..python.installed_filters import installed
+    from ..python.declared_entries import installed_filters
 
-    return installed(shelf.names[0].removeprefix("--tex") for shelf in SHELVES)
+    return installed_filters(shelf.names[0].removeprefix("--tex") for shelf in SHELVES)
 
 
 @functools.cache

@@ -5,7 +5,7 @@ name = "oiiotex"
 version = "0.1.0"
 description = "Texture filters for OpenImageIO and OpenColorIO pipelines, on OpenCL"
 authors = ["Contributors to oiiotex"]
-tools = ["oiiotex", "oiiotex-library"]
+tools = ["oiiotex"]
 # A pipeline already has packages of these. Other dependencies are installed into this package.
 requires = ["python-3.11+<3.14", "numpy-2+", "OpenImageIO-3.2.2+", "opencolorio-2.5+"]
 build_requires = ["python-3.11+<3.14"]

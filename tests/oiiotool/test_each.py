@@ -85,7 +85,6 @@ def test_a_dry_run_prints_the_lines(folder, capsys):
         (["--each", "photos/a.png", "--each", "photos/a.png", "-o", "out/{name}.png"], "--each is given twice"),
         (["--each", "a{b.png", "-o", "x.png"], "braces begin expressions"),
         (["--each", "a:b.png", "--texpreview:panels={name}", "-o", "x.png"], "cannot be part of '--texpreview"),
-        (["--farm", "openjd=x.json", "--each", "photos/a.png", "--flip", "-o", "out/{name}.png"], "use --farm dask"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_done_is_refused_before_the_work(folder, words, says):

@@ -217,6 +217,36 @@ def test_a_language_says_what_is_refused_and_why(monkeypatch):
     assert refusal(parse, ["--texwarp"], language).startswith("unknown option '--texwarp'")
 
 
+def test_options_of_other_distributions_are_looked_up_by_name_only():
+    asked = []
+    far = Option("--far PLACE", lambda *_: None, text="elsewhere", heading="Viewing")
+
+    def added():
+        asked.append(True)
+        return (far,)
+
+    shelf = Shelf("Viewing", "oiiotex.oiiotool.cli.files.viewing", ("--tev",), "OPTIONS")
+    language = Language((shelf,), added=added, studio=("--far", "--page"), words={"Viewing": "viewing"})
+    parse(["a.png", "--tev"], language)
+    assert not asked
+    assert parse(["-far", "away"], language).steps[0].option == far
+    assert language.group("viewing") == {"Viewing": (*shelf.declarations, far)} and not language.group("reading")
+    assert refusal(parse, ["--page:port=1"], language) == (
+        "--page requires oiiotex-studio; pip install ./studio in a checkout"
+    )
+    assert refusal(parse, ["--pagee"], language) == "unknown option '--pagee', did you mean '--page'?"
+
+
+def test_a_setting_of_another_distribution_runs_the_frames():
+    def spread(*_):
+        return 0
+
+    language = Language((), added=lambda: (Option("--far PLACE", text="elsewhere", spread=spread),))
+    line = parse(["--far", "away", "a.png"], language)
+    assert (line.settings, line.spread) == ({"--far": ("away",)}, spread)
+    assert parse(["a.png"], language).spread is None
+
+
 # --- help ---
 
 

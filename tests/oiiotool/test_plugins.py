@@ -133,6 +133,38 @@ def test_it_joins_the_promise_tests(studio):
     assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 50
 
 
+OPTIONS = """
+from oiiotex.oiiotool.cli.language.parse import Option
+def say(chain, word):
+    "Say a word"
+    print("it says", word)
+SAY, TAKEN = Option("--say WORD", say, heading="Viewing"), Option("--flip", say)
+"""
+
+
+def test_an_option_of_another_distribution_joins_the_line_and_the_help(tmp_path):
+    facts = tmp_path / "further_options-1.dist-info"
+    facts.mkdir()
+    (tmp_path / "further_options.py").write_text(OPTIONS)
+    (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: further-options\nVersion: 1\n")
+    (facts / "entry_points.txt").write_text("[oiiotex.options]\nsay = further_options:SAY\n")
+    line = ("--pattern", "black", "4x4", "3", "--say", "yes", "-o", tmp_path / "out.png")
+    done = oiiotex(*line, env=seeing(tmp_path))
+    assert (done.returncode, done.stdout, done.stderr) == (0, "it says yes\n", "")
+    done = oiiotex("--help", "viewing", env=seeing(tmp_path))
+    assert "--say WORD" in done.stdout and not done.stderr
+    for name, value, why in (
+        ("say", "further_options:TAKEN", "expected an Option named --say"),
+        ("flip", "further_options:TAKEN", "option '--flip' already exists"),
+        ("say", "further_options:NONE", "NONE"),
+    ):
+        (facts / "entry_points.txt").write_text(f"[oiiotex.options]\n{name} = {value}\n")
+        done = oiiotex("--help", "viewing", env=seeing(tmp_path))
+        assert done.returncode == 0 and "--say" not in done.stdout
+        assert f"option {name} of {value} is ignored: " in done.stderr and why in done.stderr
+        assert len(done.stderr.strip().splitlines()) == 1
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [

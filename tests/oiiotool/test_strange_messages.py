@@ -240,8 +240,8 @@ def test_who_takes_no_answer_holds_nobody_up_for_long(client):
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[tuple[Served, Callable[[], str]]]:
-    pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
-    pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex[live])")
+    pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex-studio)")
+    pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex-studio)")
     with tempfile.TemporaryDirectory(prefix="oxl") as name:
         folder = Path(name)
         save(pictures.stained(pictures.bricks(64, 64, seed=1)), folder / "photo.png")

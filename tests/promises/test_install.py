@@ -15,41 +15,41 @@ import pytest
 from oiiotex.engine import machine
 from oiiotex.engine.opencl import device_choice, runtime
 from tests.conftest import oiiotex
-from tools.docs.stubs import stub_text
+
+ROOT = Path(__file__).parents[2]
 
 
-def test_the_built_wheel_finds_its_config_and_kernels(tmp_path, photo):
-    root = str(Path(__file__).parents[2])
-    build = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(tmp_path / "dist"), root]
-    subprocess.run(build, check=True, capture_output=True, cwd=tmp_path)
-    (wheel,) = (tmp_path / "dist").glob("*.whl")
-    install = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "-q",
-        "--no-deps",
-        "--target",
-        str(tmp_path / "site"),
-        str(wheel),
-    ]
-    subprocess.run(install, check=True, capture_output=True)
-    assert (tmp_path / "site" / "oiiotex" / "filters" / "__init__.pyi").read_text() == stub_text()
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
-    where = subprocess.run(
-        [sys.executable, "-c", "import oiiotex; print(oiiotex.__file__)"],
-        env=environment,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-    )
-    assert where.stdout.startswith(str(tmp_path / "site"))
-    recipe = [sys.executable, "-m", "oiiotex_studio.library.main", "recipe"]
-    assert "[[product]]" in subprocess.run(recipe, env=environment, cwd=tmp_path, capture_output=True, text=True).stdout
+@pytest.fixture(scope="module")
+def sites(tmp_path_factory) -> Path:
+    """Both wheels, each installed in a folder of its own."""
+    folder = tmp_path_factory.mktemp("wheels")
+    pip = [sys.executable, "-m", "pip", "-q"]
+    for name, project in (("core", ROOT), ("studio", ROOT / "studio")):
+        for words in (["wheel", "--no-deps", "-w", folder / f"{name}-dist", project],
+                      ["install", "--no-deps", "--target", folder / name]):  # fmt: skip
+            wheels = (folder / f"{name}-dist").glob("*.whl")
+            subprocess.run([*pip, *words, *wheels], check=True, capture_output=True, cwd=folder)
+    return folder
+
+
+def test_the_built_wheels_find_config_kernels_and_page(sites, tmp_path, photo):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(sites / "core"), str(sites / "studio")))}
+
+    def python(*words: str) -> str:
+        line = [sys.executable, *words]
+        return subprocess.run(line, env=environment, cwd=tmp_path, capture_output=True, text=True).stdout
+
+    for name, package in (("core", "oiiotex"), ("studio", "oiiotex_studio")):
+        assert python("-c", f"import {package}; print({package}.__file__)").startswith(str(sites / name))
+    assert "[[product]]" in python("-m", "oiiotex_studio.library.main", "recipe")
+    assert (sites / "core" / "oiiotex" / "filters" / "__init__.pyi").read_text() == stub_text()
+    page = "from importlib import resources as r; page = r.files('oiiotex_studio.live') / 'page'; "
+    page += "print(*[path.name for path in page.iterdir()])"
+    assert {"index.html", "main.js", "style.css"} <= set(python("-c", page).split())
     line = "--texstationarize:size=64x64:iterations=2:measure=moments:order=4"  # which reads a table of the package
     done = oiiotex(photo, line, "-o", "tile.png", cwd=tmp_path, env=environment)
     assert done.returncode == 0, done.stderr
+    assert "--texlive" in oiiotex("--help", "viewing", cwd=tmp_path, env=environment).stdout
 
 
 def without_linker(script: str, cache: str) -> subprocess.CompletedProcess:

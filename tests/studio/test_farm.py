@@ -140,6 +140,11 @@ def test_a_job_template_has_shares_and_a_join_behind_them(folder):
         openjd.share_template("x", ["--echo", "{{x}}"], 2, 100)
 
 
+def test_a_job_template_takes_no_each(folder):
+    with pytest.raises(errors.Error, match="use --farm dask"):
+        run(["--farm", "openjd=x.json", "--each", "a.png", "--flip", "-o", "{name}.exr"])
+
+
 @pytest.mark.parametrize(
     ("place", "text"),
     [
@@ -193,7 +198,7 @@ def test_open_job_descriptions_own_runner_takes_the_template(folder):
 @pytest.fixture
 def scheduler():
     """The address of a new cluster, of one worker: tests kill it."""
-    distributed = pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    distributed = pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex-studio[farm])")
     own = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None, "memory_limit": 0}
     with distributed.LocalCluster(**own) as cluster:
         yield cluster.scheduler_address
@@ -220,7 +225,7 @@ def test_dask_gives_the_pixels_of_one_run(folder, local, request):
 
 @pytest.mark.slow
 def test_a_cluster_with_tls_refuses_who_has_no_key(folder):
-    distributed = pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    distributed = pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex-studio[farm])")
     openssl = shutil.which("openssl")
     if openssl is None:
         pytest.skip("NOT RUN: no openssl")

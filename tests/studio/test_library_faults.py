@@ -156,7 +156,7 @@ def test_errors_are_one_line_and_touch_no_large_library(folder, words, text):
 
 @pytest.mark.slow
 def test_dask_makes_what_processes_here_make(folder):
-    distributed = pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    distributed = pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex-studio[farm])")
     own = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "memory_limit": 0}
     with distributed.LocalCluster(**own) as cluster:
         words = line("--farm", f"dask={cluster.scheduler_address}")

@@ -103,7 +103,7 @@ def test_a_shader_renders_the_delivered_document(library, tmp_path, monkeypatch)
         asked.append((document.is_file(), document.name, sorted(maps), tile, columns))
         return np.concatenate([np.zeros((side, side, 3)), np.ones((side, side, 1))], -1)
 
-    monkeypatch.setattr("oiiotex_studio.api.materials.shaded_sphere", render)
+    monkeypatch.setattr("oiiotex_studio.library.asset.shaded_sphere", render)
     deliver = "[deliver]\nwang = true\nshader = true\n[assets.wall]\nsize_m = [2, 1]\n"
     told = recipe('[[product]]\nname = "tile"\nline = "$maps $outputs"\n' + deliver)
     tally, _ = brought_in(tmp_path / "photos", library, told)

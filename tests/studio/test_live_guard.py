@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
-pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex[live])")
+pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex-studio)")
+pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex-studio)")
 
 from oiiotex_studio.live.document import Document, default_state
 from oiiotex_studio.live.guard import token_for

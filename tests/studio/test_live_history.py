@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
-pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex[live])")
+pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex-studio)")
+pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex-studio)")
 
 from tests import pictures
 from tests.browser import Served, chromium, end_resident

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
+pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex-studio)")
 
 from oiiotex_studio.api.images import from_array
 from oiiotex_studio.live.hub import Hub
+from oiiotex_studio.live.option import _photos
 from oiiotex_studio.live.pages import Page
 from oiiotex_studio.live.photos.opening import OpenPhoto, hub_of, materials_of
 from oiiotex_studio.live.photos.strip import PhotoStrip
@@ -24,7 +25,6 @@ from oiiotex.engine.core.image import Image
 from oiiotex.engine.errors import Error, MemoryBudgetError
 from oiiotex.engine.session import Session
 from oiiotex.oiiotool.cli.language.parse import parse
-from oiiotex.oiiotool.cli.running.living import _photos
 from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 from tests.faults import full_disk
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import oiiotex_studio
 import OpenImageIO as oiio
 import pytest
 from oiiotex_studio.library.asset import run_line
@@ -158,19 +159,20 @@ WRITES = re.compile(
 )
 # Rooms that no line of a recipe reaches, or that keep what is the user's cache; of modules: standard streams, scratch,
 # a temporary folder.
-ROOMS = ("library/", "recipes/", "farm/", "live/", "service/", "opencl/")
-ELSEWHERE = (*ROOMS, "cli/running/streams.py", "core/scratch.py", "materials/shaded.py")
+ROOMS = ("library/", "recipes/", "farm/", "live/", "oiiotool/service/", "engine/opencl/")
+ELSEWHERE = (*ROOMS, "oiiotool/cli/running/streams.py", "engine/core/scratch.py", "materials/shaded.py")
 
 
 def test_whoever_opens_a_file_does_it_where_the_folder_is_looked_at():
-    package = Path(oiiotex.__file__).parent
     found = set()
-    for path in package.rglob("*.py"):
-        name, text = path.relative_to(package).as_posix(), path.read_text()
-        if WRITES.search(text) and not name.startswith(ELSEWHERE):
-            found.add(name)
-            assert name == "io/atomic.py" or re.search(r"from \.+(io\.)?atomic import", text), name
-    assert {"io/atomic.py", "io/checkpoint.py", "cli/files/output.py", "run.py"} <= found
+    for package in (Path(oiiotex.__file__).parent, Path(oiiotex_studio.__file__).parent):
+        for path in package.rglob("*.py"):
+            name, text = path.relative_to(package).as_posix(), path.read_text()
+            if WRITES.search(text) and not name.startswith(ELSEWHERE):
+                found.add(name)
+                door = r"from \.+((engine\.)?io\.)?atomic import|from \.+api\.files import"
+                assert name == "engine/io/atomic.py" or re.search(door, text), name
+    assert {"engine/io/atomic.py", "engine/io/checkpoint.py", "oiiotool/cli/files/output.py", "engine/run.py"} <= found
 
 
 # --- all that leads there ---

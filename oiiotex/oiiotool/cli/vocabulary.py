@@ -3,10 +3,16 @@
 
 from __future__ import annotations
 
+import functools
+from typing import TYPE_CHECKING
+
 from ... import filters
 from ...engine.deferred import Shelf
 from .. import host
-from .language.parse import FURTHER, Language, Refused
+from .language.parse import FURTHER, Language, Option, Refused, names_of
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 REFUSED = (
     Refused("--capture", 0, "OpenImageIO's wheel is built without OpenCV; save the camera's image to a file"),
@@ -35,7 +41,7 @@ _OPTIONS: dict[str, dict[str, str]] = {  # by heading and module, in the order o
         " --hardwarn",
         "printing.inventory": "--list-formats --buildinfo --colorconfiginfo",
     },
-    "Viewing": {"files.viewing": "--tev", "running.living": "--texlive"},
+    "Viewing": {"files.viewing": "--tev"},
     "Control flow": {
         "language.control": "--set --if --else --endif --while --endwhile --for --endfor --evaloff --evalon"
         " --oiioattrib",
@@ -48,7 +54,7 @@ _OPTIONS: dict[str, dict[str, str]] = {  # by heading and module, in the order o
         "language.each": "--each",
         "language.sequences": "--frames --framepadding --views --wildcardoff --wildcardon --skip-bad-frames"
         " --parallel-frames",
-        "running.shares": "--share --join --farm --openjd",
+        "running.shares": "--share --join --openjd",
     },
 }
 _SHELVES = tuple(
@@ -60,4 +66,29 @@ _WORDS = {shelf.heading: "texture" for shelf in filters.SHELVES} | {FURTHER: "te
 _WORDS |= {shelf.heading: shelf.attribute.lower() for shelf in host.SHELVES}
 _WORDS |= {heading: heading.replace(",", "").split()[0].lower() for heading in _OPTIONS}
 
-LANGUAGE = Language((*filters.SHELVES, *host.SHELVES, *_SHELVES), REFUSED, filters.further, _WORDS)
+
+@functools.cache
+def added() -> tuple[Option, ...]:
+    """The options of other distributions."""
+    from ...python.declared_entries import installed
+
+    names = {name for shelf in (*filters.SHELVES, *host.SHELVES, *_SHELVES) for name in shelf.names}
+
+    def checked(entry: EntryPoint) -> Option:
+        option = entry.load()
+        if not isinstance(option, Option) or option.name != f"--{entry.name}":
+            raise TypeError(f"expected an Option named --{entry.name}")
+        if not names.isdisjoint(names_of(option)):
+            raise TypeError(f"option '{option.name}' already exists")
+        if option.heading not in _OPTIONS:
+            raise TypeError(f"heading must be one of {', '.join(_OPTIONS)}")
+        option.parameters()  # finds invalid declarations
+        names.update(names_of(option))
+        return option
+
+    return installed("option", checked)
+
+
+LANGUAGE = Language(
+    (*filters.SHELVES, *host.SHELVES, *_SHELVES), REFUSED, filters.further, added, ("--farm", "--texlive"), _WORDS
+)

@@ -3,6 +3,7 @@
 
 from oiiotex.engine.color.config import as_float
 from oiiotex.engine.color.display import Shown, shown_by, usual_view, views
+from oiiotex.engine.color.srgb import decoded, encoded, lab_of_linear
 from oiiotex.engine.core.attributes import PARAMETERS, TAG
 from oiiotex.engine.core.demand import resized
 from oiiotex.engine.core.image import Image, Part, channels_of, from_array, tagged
@@ -12,3 +13,4 @@ from oiiotex.engine.io.paint_palette import write_indexed
 from oiiotex.engine.io.reading import read
 from oiiotex.engine.io.writing import write
 from oiiotex.engine.session import Session
+from oiiotex.engine.session.resources import Resources

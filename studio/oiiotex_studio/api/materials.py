@@ -1,23 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Materials: kinds of maps by file names, MaterialX, USD and Blender documents, preview renders."""
+"""Materials: label maps, handedness of normals, atlases of Wang tiles, pictures of tiles."""
 
+from oiiotex.engine.core.label_map import holds_ids, label_maps, opened_level
 from oiiotex.surfaces.capture.convention import convention_of
+from oiiotex.surfaces.charts.drawing import shown_pixels
+from oiiotex.surfaces.charts.tile_preview import HORIZON, area_means, plane_in_perspective, repeated
 from oiiotex.synthesis.wang.atlas import atlas_side, first_tile
-from oiiotex.synthesis.wang.plane import index_image
+from oiiotex.synthesis.wang.plane import CELLS, index_image
 from oiiotex.synthesis.wang.viewer import SHADERS, shader, viewer_page
-
-from ..materials.documents import (
-    BLENDER,
-    Described,
-    blender_catalog,
-    has_materialx,
-    materialx_faults,
-    usd_faults,
-    write_materialx,
-    write_usd,
-)
-from ..materials.label_colors import label_colors
-from ..materials.naming import COLORS, PACKED, PACKED_ROLES, ROLES, Name, read_name
-from ..materials.preview import LIT, Looks, lab_of_srgb, photo_linear, save, srgb_of, values, vectors
-from ..materials.shaded import shaded_sphere
-from ..materials.wang_documents import WangMaterial, write_wang_materialx

@@ -57,7 +57,7 @@ def cluster(address: str) -> Iterator[tuple[Client, int]]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise Error("Dask is not installed: pip install oiiotex[farm]") from error
+        raise Error("Dask is not installed: pip install oiiotex-studio[farm]") from error
     logging.getLogger("distributed").setLevel(logging.ERROR)  # the cluster has its own log
     with contextlib.ExitStack() as stack:
         try:

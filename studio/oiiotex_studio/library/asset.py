@@ -21,12 +21,15 @@ from oiiotex import __version__
 from oiiotex.engine.deferred import np, oiio
 from oiiotex.engine.errors import Error, MemoryBudgetError, one_line, within
 
-from ..api import materials
 from ..api.files import Allowed, hash_of, owned, read_as, remove_folder, writing_only_below
 from ..api.images import TAG, Image, Session, read
 from ..api.lines import LANGUAGE, Frame, Task, parse, work
 from ..api.lines import Job as LineJob
-from ..api.materials import label_colors
+from ..api.materials import atlas_side
+from ..materials import preview
+from ..materials.documents import Described, write_materialx, write_usd
+from ..materials.label_colors import label_colors
+from ..materials.shaded import shaded_sphere
 from ..recipes.found import MapFile, Material, Question, extract, link_or_copy, with_convention
 from ..recipes.lines import SOURCE, ProductStep, source_name, steps_of
 from ..recipes.recipe import LibraryRecipe
@@ -164,7 +167,7 @@ class _Making:
             measures["labels"] = len(labels)
         meters = self._meters_a_pixel(tile, steps)
         hand, lattice = self._hand(), bool(steps_px)
-        described = materials.Described(
+        described = Described(
             material.name, dict(tile.outputs), self._space(maps["color"]), hand, lattice, relief=material.facts.height_m
         )
         wang, side = self._documents(described, self._textures(tile.outputs), meters), 1
@@ -173,10 +176,10 @@ class _Making:
         resources, shaded = _session(job).resources, None
         if recipe.deliver.shader:
             document, size_m = self.folder / f"{material.name}.mtlx", wang.size_m if wang else (1.0, 1.0)
-            shaded = materials.shaded_sphere(document, maps, resources, materials.LIT, size_m, side)
-        looks = materials.Looks.of(maps, resources, hand, side, wang and wang.plane)
+            shaded = shaded_sphere(document, maps, resources, preview.LIT, size_m, side)
+        looks = preview.Looks.of(maps, resources, hand, side, wang and wang.plane)
         for name, picture in looks.pictures(recipe.deliver.shape, lattice, self._photo(), shaded).items():
-            materials.save(picture, self.folder / name)
+            preview.save(picture, self.folder / name)
         reasons += [
             f"{limit}: {measures[limit.measure]:.4g}"
             for limit in recipe.limits
@@ -274,28 +277,26 @@ class _Making:
             _write_texture(self.folder / path, self.folder / textures[role])
         return textures
 
-    def _documents(
-        self, described: materials.Described, textures: dict[str, str], meters: tuple[float, ...]
-    ) -> WangFiles | None:
+    def _documents(self, described: Described, textures: dict[str, str], meters: tuple[float, ...]) -> WangFiles | None:
         """Write documents for renderers, those of Wang tiles if the recipe asks for them."""
         deliver = self.job.recipe.deliver
         if deliver.wang:
             spec = read(self.folder / described.maps["color"]).first.spec
-            side = max(1, materials.atlas_side(spec))
+            side = max(1, atlas_side(spec))
             size = [n * length / side for n, length in zip((spec.width, spec.height), meters, strict=False)]
             width, height = size or (1.0, spec.height / spec.width)  # of an unknown size: one unit wide
             maps, name, relief, hand = described.maps, described.name, described.relief, described.hand
             return write_wang(maps, self.folder, name, _SEED, (width, height), relief, hand, textures)
         if deliver.materialx:
-            materials.write_materialx(replace(described, maps=textures), self.folder)
+            write_materialx(replace(described, maps=textures), self.folder)
         if deliver.usd:
-            materials.write_usd(described, self.folder)
+            write_usd(described, self.folder)
         return None
 
     def _photo(self) -> np.ndarray:
         """The photo in the height of a card."""
         photo, file = self._source("color"), self.maps["color"]
-        return materials.photo_linear(photo, self.job.recipe.space("color", file.floats), _session(self.job).resources)
+        return preview.photo_linear(photo, self.job.recipe.space("color", file.floats), _session(self.job).resources)
 
     # --- description ---
 
@@ -317,10 +318,10 @@ class _Making:
             result = json.loads(report.read_text())["results"][0]
             measures, lattice = result["measures"], result.get("lattice", [])
         if "normal" in maps:
-            lengths = np.linalg.norm(materials.vectors(maps["normal"]), axis=-1)
+            lengths = np.linalg.norm(preview.vectors(maps["normal"]), axis=-1)
             measures["normal_length"] = float(np.abs(lengths - 1).mean())
         if "height" in maps:
-            measures["height_steps"] = _steps(materials.values(maps["height"])[..., 0])
+            measures["height_steps"] = _steps(preview.values(maps["height"])[..., 0])
         return measures, lattice
 
     def _labels(self, steps: Sequence[ProductStep], color: Image) -> list[tuple[str, float, list[float]]]:

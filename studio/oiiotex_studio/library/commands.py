@@ -294,7 +294,7 @@ def _export(given: argparse.Namespace, words: list[str]) -> int:
 
 def _wang(given: argparse.Namespace, words: list[str]) -> int:
     from ..api.files import checked_name
-    from ..api.materials import PACKED, ROLES
+    from ..materials.naming import PACKED, ROLES
     from .wang import deliver_wang
 
     size = _LENGTHS.fullmatch(given.size)

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from oiiotex.engine.errors import Error, ParameterError, one_line
 
-from ..api import materials
 from ..api.files import copy_folder, owned, remove_folder, temporary_beside
+from ..materials.documents import BLENDER, blender_catalog
 from .asset import SCHEMA, read_sidecar
 from .catalog import SIDECAR, Asset, Catalog
 
@@ -52,19 +52,19 @@ def export(catalog: Catalog, target: Path, chosen: Sequence[Asset], done: Callab
             done(asset.name)
     except OSError as error:
         raise Error(f"{target}: {error.strerror or error}") from error
-    _write(target / materials.BLENDER, blender)
+    _write(target / BLENDER, blender)
     _write(target / INDEX, json.dumps({"schema": EXPORT_SCHEMA, "assets": index}, indent=1) + "\n")
     return count
 
 
 def write_blender(catalog: Catalog, folder: Path) -> None:
     """Write Blender's list of catalogs, with one per first tag and one for untagged assets; other entries are kept."""
-    _write(folder / materials.BLENDER, _blender_text(catalog, folder))
+    _write(folder / BLENDER, _blender_text(catalog, folder))
 
 
 def blender_list(folder: Path) -> str:
     """The content of Blender's list of catalogs in a folder; '' if there is none."""
-    path = folder / materials.BLENDER
+    path = folder / BLENDER
     if not os.path.lexists(path):
         return ""
     with contextlib.suppress(OSError, UnicodeDecodeError):
@@ -77,7 +77,7 @@ def blender_list(folder: Path) -> str:
 def _blender_text(catalog: Catalog, folder: Path) -> str:
     first = (one_line(next(iter(tags))).replace(":", "-") for tags in catalog.tags().values())  # a line per catalog
     paths = {f"Materials/{tag}" for tag in first} | {"Materials"}
-    return materials.blender_catalog(paths, blender_list(folder))
+    return blender_catalog(paths, blender_list(folder))
 
 
 def _write(path: Path, text: str) -> None:

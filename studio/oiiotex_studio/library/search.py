@@ -82,7 +82,7 @@ def _lab(option: str, text: str) -> tuple[float, ...]:
     match = _HEX.fullmatch(text)
     if not match:
         raise ParameterError(f"{option} {text}: expected RRGGBB")
-    from ..api.materials import lab_of_srgb
+    from ..materials.preview import lab_of_srgb
 
     return tuple(lab_of_srgb([int(match[1][n : n + 2], 16) / 255 for n in (0, 2, 4)]))
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from oiiotex.engine.errors import Error
 
-from ..api import materials
 from ..api.files import owned, remove_folder
+from ..materials.documents import has_materialx, materialx_faults, usd_faults
 from .asset import read_sidecar
 from .catalog import PLACES, SIDECAR, Catalog
 from .digests import faults
@@ -24,7 +24,7 @@ def check(catalog: Catalog) -> Iterator[str]:
     Folders that are not in the catalog are not errors: a run was killed, or a newer asset has replaced them.
     """
     yield from catalog.faults()
-    materialx = materials.has_materialx()
+    materialx = has_materialx()
     for asset in catalog.assets().values():
         if not asset.folder:
             continue
@@ -39,10 +39,10 @@ def check(catalog: Catalog) -> Iterator[str]:
         if (sidecar["name"], sidecar["key"], sidecar["status"]) != asset[:3]:
             yield f"{folder / SIDECAR} does not match the catalog"
         for document in sorted(folder.glob("*.mtlx")) if materialx else ():
-            yield from dict.fromkeys(materials.materialx_faults(document))
+            yield from dict.fromkeys(materialx_faults(document))
         stage = folder / f"{asset.name}.usda"
         if stage.is_file():
-            yield from dict.fromkeys(materials.usd_faults(stage))
+            yield from dict.fromkeys(usd_faults(stage))
 
 
 def orphans(catalog: Catalog) -> list[Path]:

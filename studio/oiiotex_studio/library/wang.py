@@ -15,6 +15,9 @@ from oiiotex.engine.errors import Error
 from ..api import materials
 from ..api.files import temporary_beside
 from ..api.images import PARAMETERS, TAG, Image, Session, from_array, read, write
+from ..materials.documents import Described, write_usd
+from ..materials.preview import srgb_of
+from ..materials.wang_documents import WangMaterial, write_wang_materialx
 
 _PAGE = 1024  # px; longest side of the atlas in the web page
 
@@ -115,12 +118,12 @@ def write_wang(
     index, plane = str(beside("color", "index").with_suffix(".png")), materials.index_image(side * side, seed)
     write(from_array(plane), folder / index)
     space = maps["color"].first.spec.get_string_attribute(TAG)
-    described = materials.Described(name, tiles, space, "opengl", lattice=True, tile_m=size_m, relief=relief)
-    material = materials.WangMaterial(
+    described = Described(name, tiles, space, "opengl", lattice=True, tile_m=size_m, relief=relief)
+    material = WangMaterial(
         described.identifier, textures or atlases, index, side, space, hand, size_m, relief if "height" in maps else 0.0
     )
-    materials.write_wang_materialx(material, folder / f"{name}.mtlx")
-    materials.write_usd(described, folder)
+    write_wang_materialx(material, folder / f"{name}.mtlx")
+    write_usd(described, folder)
     for shader in materials.SHADERS:
         (folder / shader).write_text(materials.shader(shader))
     _write_page(maps["color"], name, side, folder, folder / index)
@@ -163,7 +166,7 @@ def _write_page(color: Image, name: str, side: int, folder: Path, index: Path) -
     picture, spec = folder / "atlas.png", color.first.spec
     step = -(-max(spec.width, spec.height) // _PAGE)
     size = [side * max(1, n // side // step) for n in (spec.height, spec.width)]
-    texels = materials.srgb_of(color.first, Session().resources, size)
+    texels = srgb_of(color.first, Session().resources, size)
     write(from_array(np.rint(255 * texels).astype(np.uint8)), picture)
     aspect = spec.width / spec.height
     (folder / f"{name}.html").write_text(materials.viewer_page(name, picture, index, side, aspect))

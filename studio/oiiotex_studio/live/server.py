@@ -69,7 +69,7 @@ def serve(
         import uvicorn.server
         import websockets  # noqa: F401 - uvicorn looks for it
     except ImportError as error:
-        raise Error(f"{error.name} is not installed: pip install oiiotex[live]") from error
+        raise Error(f"{error.name} is not installed: pip install oiiotex-studio") from error
     token = token_for(host, token)
     listening = _listening(host, port)
     strip = _strip(photos, words, session, graph, document, pixel_type)

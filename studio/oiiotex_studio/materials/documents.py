@@ -135,7 +135,7 @@ def materialx() -> Any:
     try:
         import MaterialX
     except ImportError as error:
-        advice = "run pip install oiiotex[library], or set materialx = false in the recipe"
+        advice = "run pip install oiiotex-studio[library], or set materialx = false in the recipe"
         raise Error(f"MaterialX is not installed: {advice}") from error
     return MaterialX
 

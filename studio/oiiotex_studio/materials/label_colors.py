@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-from oiiotex.engine.color.srgb import lab_of_linear
-from oiiotex.engine.core.image import Image
-from oiiotex.engine.core.label_map import holds_ids, label_maps, opened_level
 from oiiotex.engine.deferred import np
-from oiiotex.engine.session.resources import Resources
 
+from ..api.images import Image, Resources, lab_of_linear
+from ..api.materials import holds_ids, label_maps, opened_level
 from .preview import linear_of
 
 

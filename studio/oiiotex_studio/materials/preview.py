@@ -10,17 +10,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from oiiotex.engine.color.config import as_float
-from oiiotex.engine.color.srgb import decoded, encoded, lab_of_linear
-from oiiotex.engine.core.attributes import TAG
-from oiiotex.engine.core.demand import resized
-from oiiotex.engine.core.image import Image, Part, channels_of, from_array, tagged
 from oiiotex.engine.deferred import np, oiio
 from oiiotex.engine.errors import Error, present
-from oiiotex.engine.session.resources import Resources
-from oiiotex.surfaces.charts.drawing import shown_pixels
-from oiiotex.surfaces.charts.tile_preview import HORIZON, area_means, plane_in_perspective, repeated
 
+from ..api.images import (
+    TAG,
+    Image,
+    Part,
+    Resources,
+    as_float,
+    channels_of,
+    decoded,
+    encoded,
+    from_array,
+    lab_of_linear,
+    resized,
+    tagged,
+)
+from ..api.materials import HORIZON, area_means, plane_in_perspective, repeated, shown_pixels
 from .documents import ROUGHNESS
 
 CARD = 160  # px; height of a card in the report

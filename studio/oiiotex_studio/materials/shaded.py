@@ -16,13 +16,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from oiiotex.engine.color.srgb import decoded, encoded
-from oiiotex.engine.core.image import Image
 from oiiotex.engine.deferred import np, oiio
 from oiiotex.engine.errors import Error, one_line, present
-from oiiotex.engine.machine import program, start, start_python
-from oiiotex.engine.session.resources import Resources
 
+from ..api.images import Image, Resources, decoded, encoded
+from ..api.lines import program, start, start_python
 from .documents import loaded_libraries, materialx
 from .naming import COLORS
 from .preview import GROUND, LIGHTS, SKY, linear_of, reduced, values

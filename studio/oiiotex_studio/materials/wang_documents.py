@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from oiiotex.engine.errors import Error
-from oiiotex.engine.io.atomic import written
-from oiiotex.synthesis.wang.plane import CELLS
 
+from ..api.files import written
+from ..api.materials import CELLS
 from .documents import (
     ROUGHNESS,
     SPACES,

@@ -20,7 +20,8 @@ from oiiotex.engine.errors import Error, ParameterError
 from ..api.files import checked_name
 from ..api.images import Image
 from ..api.lines import nearest
-from ..api.materials import PACKED, PACKED_ROLES, Name, convention_of, read_name
+from ..api.materials import convention_of
+from ..materials.naming import PACKED, PACKED_ROLES, Name, read_name
 from .recipe import Facts, LibraryRecipe, facts_beside
 
 LIBRARY = "library.sqlite"  # a folder with this file is a library

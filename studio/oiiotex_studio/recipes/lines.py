@@ -19,7 +19,7 @@ from ..api.files import OUTSIDE, OutsideError, writing_only_below
 from ..api.images import from_array
 from ..api.lines import LANGUAGE, parse, split_modifiers
 from ..api.lines import Step as WrittenStep
-from ..api.materials import COLORS, ROLES
+from ..materials.naming import COLORS, ROLES
 from .found import MapFile
 from .recipe import Deliver, LibraryRecipe
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from oiiotex.engine.errors import Error, ParameterError
 
 from ..api.files import Allowed, Limit, checked_name, read_as
-from ..api.materials import COLORS, ROLES
+from ..materials.naming import COLORS, ROLES
 
 _MOST_BYTES = 4 << 20
 _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)

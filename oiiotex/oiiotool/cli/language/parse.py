@@ -35,6 +35,8 @@ class Option:
     writes: bool = False  # writes the file of its last argument
     control: bool = False  # controls steps: runs even where steps are skipped
     aliases: tuple[str, ...] = ()
+    heading: str = "Run settings"  # of help: where an option of another distribution is listed
+    spread: Callable[..., int] | None = None  # a setting that runs all frames elsewhere: see frame_runs
 
     @functools.cached_property
     def name(self) -> str:
@@ -92,6 +94,8 @@ class Language:
     shelves: tuple[Shelf, ...]  # of ops and options, in the order of help; imported when a line names one of them
     refused: tuple[Refused, ...] = ()
     further: Callable[[], tuple[type[Op], ...]] = tuple  # ops of other packages: importing them tells their names
+    added: Callable[[], tuple[Option, ...]] = tuple  # options of other distributions
+    studio: tuple[str, ...] = ()  # options that oiiotex-studio adds
     words: Mapping[str, str] = field(default_factory=dict)  # by heading: the word by which --help prints the group
 
     @functools.cached_property
@@ -114,6 +118,9 @@ class Language:
         for shelf in self.shelves:
             if word in ("all", self.words.get(shelf.heading)):
                 headings[shelf.heading] = (*headings.get(shelf.heading, ()), *shelf.declarations)
+        for option in self.added():
+            if word in ("all", self.words.get(option.heading)):
+                headings[option.heading] = (*headings.get(option.heading, ()), option)
         if word in ("all", self.words.get(FURTHER)) and self.further():
             headings[FURTHER] = self.further()
         return headings
@@ -138,11 +145,16 @@ class Language:
                 return place
             if place is not None:
                 return next(one for one in place.declarations if spelling in names_of(one))
-        others = {spelling: op for op in self.further() for spelling in names_of(op)}
-        for spelling in spellings:
-            if spelling in others:
-                return others[spelling]
-        raise ParameterError(f"unknown option '{name}'{nearest(f'--{bare}', [*self._places, *others])}")
+        others: dict[str, type[Op] | Option] = {}
+        for declarations in (self.added, self.further):
+            others |= {spelling: one for one in declarations() for spelling in names_of(one)}
+            for spelling in spellings:
+                if spelling in others:
+                    return others[spelling]
+        if f"--{bare}" in self.studio:
+            raise ParameterError(f"--{bare} requires oiiotex-studio", hint="pip install ./studio in a checkout")
+        near = nearest(f"--{bare}", [*self._places, *self.studio, *others])
+        raise ParameterError(f"unknown option '{name}'{near}")
 
     def takes(self, word: str) -> int:
         """The number of arguments of an option; 0 for other words."""
@@ -166,6 +178,7 @@ class CommandLine:
 
     settings: dict[str, tuple[str, ...]]
     steps: tuple[Step, ...]
+    spread: Callable[..., int] | None = None  # of the setting that has one
 
     @property
     def reports(self) -> bool:
@@ -185,6 +198,7 @@ def parse(words: list[str], language: Language) -> CommandLine:
     """Parse a command line; raises a ParameterError for everything that is wrong without running it."""
     settings: dict[str, tuple[str, ...]] = {}
     steps: list[Step] = []
+    spread: Callable[..., int] | None = None
     left = iter(words)
     for word in left:
         if not word.startswith("-") or word == "-":
@@ -202,12 +216,13 @@ def parse(words: list[str], language: Language) -> CommandLine:
             if modifiers:
                 raise ParameterError(f"{word}: {name} takes no modifiers")
             settings[step.option.name] = step.arguments
+            spread = step.option.spread or spread
             continue
         if step.option is not None and step.option.throughout:
             settings[step.option.name] = step.arguments
         _check_early(step, modifiers)
         steps.append(step)
-    return CommandLine(settings, tuple(steps))
+    return CommandLine(settings, tuple(steps), spread)
 
 
 def _step(word: str, declaration: type[Op] | Option, left: Iterator[str]) -> Step:

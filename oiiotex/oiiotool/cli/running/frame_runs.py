@@ -34,11 +34,9 @@ def run_frames(command: CommandLine, words: list[str]) -> int:
     if workers > 1:
         session.change(budget=session.settings.budget // workers)
     tasks, status = _checked(todo, session, command)
-    if "--farm" in command.settings:
-        from .farming import spread
-
+    if command.spread is not None:
         with _progress(session, command) as display:
-            return max(status, spread(command, words, tasks, session, display))
+            return max(status, command.spread(command, words, tasks, session, display))
     with _progress(session, command) as display:
         if workers > 1:
             from .parallel import run_in_parallel

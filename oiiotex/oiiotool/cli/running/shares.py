@@ -26,7 +26,6 @@ from ..language.parse import settings_of, without
 OPTIONS = settings_of(
     ("--share I/N", "Compute share I of N of the output, in FILE.parts; assemble FILE with --join"),
     ("--join", "Write FILE from the shares of the same line in FILE.parts, and compute missing ones"),
-    ("--farm ENGINE", "Distribute frames or shares: dask=tcp://HOST:PORT, dask=local:N, openjd=FILE[,SHARES]"),
     ("--openjd", "Print progress and failures in the format of Open Job Description"),
 )
 _SPREAD = {"share": 1, "join": 0, "farm": 1, "openjd": 0}  # options and their numbers of arguments

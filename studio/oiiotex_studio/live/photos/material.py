@@ -10,8 +10,8 @@ from typing import Any
 from oiiotex.engine.deferred import np
 
 from ...api.images import as_float
-from ...api.materials import srgb_of
 from ...api.service import BRUSH, Client, image_of
+from ...materials.preview import srgb_of
 from ..hub import Hub, MaterialMap, reduced
 from ..lines import output_name
 from ..pages import Page

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ....engine.core.image import Image
-from ....engine.core.parameters import param
-from ....engine.errors import ParameterError
-from ..language.parse import CommandLine, Option, parse
-from ..stack.chain import Chain
+from oiiotex.engine.errors import ParameterError
+
+from ..api.images import Image
+from ..api.lines import LANGUAGE, Chain, CommandLine, Option, param, parse, require_device
 
 
 @dataclass(frozen=True)
@@ -30,8 +29,6 @@ def show(chain: Chain, given: LiveModifiers) -> None:
     """Open a page in the browser to tune, paint and zoom the images on the stack or a graph."""
     if given.graph is not None and chain.stack:
         raise ParameterError("graph conflicts with an image on the stack: remove one of them")
-    from ..vocabulary import LANGUAGE  # imports this module
-
     words = list(chain.session.settings.words)
     end = next(n for n, word in enumerate(words) if word.lstrip("-").split(":")[0] == "texlive")
     photos, throughout = _photos(chain.stack, words[:end], parse(words[:end], LANGUAGE))
@@ -40,11 +37,9 @@ def show(chain: Chain, given: LiveModifiers) -> None:
             raise ParameterError(f"{step.word} after --texlive never runs: save results on the page")
     if not chain.acts():
         return
-    from oiiotex_studio.live.server import serve
+    from .server import serve
 
-    from ....engine.opencl.device_choice import choose
-
-    choose(chain.session.settings.device_name, chain.session.settings.threads)  # none works: said before a page opens
+    require_device(chain.session.settings.device_name, chain.session.settings.threads)  # before a page opens
     pixel_type = str(chain.settings["-d"][0]) if "-d" in chain.settings else ""
     serve(
         photos, throughout, chain.session, host=given.host, port=given.port, token=given.token,
@@ -79,4 +74,4 @@ def _photos(
     return list(zip(stack, lines, strict=True)), tuple(throughout)
 
 
-OPTIONS = (Option("--texlive", show, LiveModifiers),)
+OPTION = Option("--texlive", show, LiveModifiers, heading="Viewing")

@@ -9,15 +9,27 @@ import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, as_completed
 
-from ....engine.core.access import InBands, Whole
-from ....engine.errors import Error, ParameterError
-from ....engine.session import Session
-from ..language.parse import CommandLine
-from ..language.sequences import Frame, frame_numbers
-from .parallel import WorkerDied, worker_processes
-from .progress import Display
-from .shares import Shares, line_of
-from .tasks import Job, Task, run_task, skip, work
+from oiiotex.engine.errors import Error, ParameterError
+
+from ..api.images import Session
+from ..api.lines import (
+    CommandLine,
+    Display,
+    Frame,
+    InBands,
+    Job,
+    Option,
+    Shares,
+    Task,
+    Whole,
+    WorkerDied,
+    frame_numbers,
+    line_of,
+    run_task,
+    skip,
+    work,
+    worker_processes,
+)
 
 _SHARES_A_WORKER = 4  # small shares, so that a slow worker delays the others less
 _LEAST_MEMORY = 2048  # MB that a task of a job template requests, without --cache
@@ -52,7 +64,7 @@ def _require_shares(command: CommandLine) -> None:
 def _on_dask(
     address: str, command: CommandLine, words: Sequence[str], tasks: list[Task], session: Session, display: Display
 ) -> int:
-    from oiiotex_studio.farm import dask_cluster
+    from . import dask_cluster
 
     line = line_of(words)
     apart = len(tasks) > 1 or "--each" in command.settings  # a job for each frame, not for shares of one
@@ -110,7 +122,7 @@ def _result(future: Future[_Answer], job: Job) -> _Answer:
 def _write_template(
     place: str, command: CommandLine, words: Sequence[str], tasks: Sequence[Task], session: Session
 ) -> None:
-    from oiiotex_studio.farm.openjd import frame_template, place_of, share_template, write_template
+    from .openjd import frame_template, place_of, share_template, write_template
 
     path, shares = place_of(place)
     line = list(line_of(words))
@@ -123,3 +135,10 @@ def _write_template(
     else:
         template = share_template(path.stem, line, shares, memory)
     write_template(path, template, own)
+
+
+OPTION = Option(
+    "--farm ENGINE",
+    text="Distribute frames or shares: dask=tcp://HOST:PORT, dask=local:N, openjd=FILE[,SHARES]",
+    spread=spread,
+)
