@@ -21,7 +21,7 @@ from oiiotex.engine.core.op import Space
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.io.reading import read
 from oiiotex.engine.session import Session
-from oiiotex.synthesis.multiscale import candidate_sets
+from oiiotex.synthesis.multiscale import candidate_sets, infinite_plane
 from oiiotex.synthesis.multiscale.candidate_sets import DISC, Stacks, basis_of, neighborhoods, project
 from oiiotex.synthesis.multiscale.graph import Graph
 from oiiotex.synthesis.multiscale.infinite_plane import opened
@@ -65,7 +65,7 @@ def exact(dims: int | None):
 def spreads(path: Path, session: Session, dims: int, jitter: str, search: object) -> list[float]:
     """Of the levels, relative to the exemplar."""
     what = mock.patch.object(candidate_sets, "_level", search or candidate_sets._level)
-    with what, mock.patch("oiiotex.synthesis.multiscale.infinite_plane.analysis_folder", lambda: None):
+    with what, mock.patch.object(infinite_plane, "analysis_folder", lambda: None):
         how = {"side": SIDE, "dims": dims, "correct": True, "literal": True, "space": Space.LAB}
         image = read(path, session.resources.cache)
         plane = opened(session.resources, session.progress, Graph.loop("photo", 1), (image,), str(path), **how)

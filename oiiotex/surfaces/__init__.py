@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What surrounds a texture: captured materials, meshes, shots, and charts of results."""
+"""Photos to materials, meshes, shots and charts: what surrounds a texture."""
