@@ -13,7 +13,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 PACKAGE = HERE.parents[1] / "oiiotex"
-LINK = ("errors.py", "deferred.py", "service/messages.py")
+LINK = ("engine/errors.py", "engine/deferred.py", "oiiotool/service/messages.py")
 
 
 def build(target: Path) -> None:
@@ -21,7 +21,7 @@ def build(target: Path) -> None:
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in sorted((HERE / "oiiotex_blender").glob("*.*")):
             archive.write(path, path.name)
-        for folder in ("link", "link/service"):
+        for folder in ("link", "link/engine", "link/oiiotool", "link/oiiotool/service"):
             archive.writestr(f"{folder}/__init__.py", "")
         for name in LINK:
             archive.write(PACKAGE / name, f"link/{name}")

@@ -7,10 +7,10 @@ from typing import Any, Literal, overload
 
 from OpenImageIO import ROI, ImageBuf
 
-from ..core.op import Op
-from ..deferred import Shelf
-from ..python_types import Array, FileName, ImageLike, Picture
-from ..session import Session
+from ..engine.core.op import Op
+from ..engine.deferred import Shelf
+from ..engine.session import Session
+from ..python.python_types import Array, FileName, ImageLike, Picture
 
 SHELVES: tuple[Shelf, ...]
 OURS: tuple[type[Op], ...]

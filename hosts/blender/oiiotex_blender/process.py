@@ -10,8 +10,8 @@ import socket
 import subprocess
 import threading
 
-from .link.errors import Error
-from .link.service.messages import Link
+from .link.engine.errors import Error
+from .link.oiiotool.service.messages import Link
 
 _START = 60  # s; timeout for the start of the process
 _PROGRAM = "import sys; from oiiotex.oiiotool.cli.main import main; sys.exit(main())"
