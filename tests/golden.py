@@ -35,14 +35,15 @@ class Case:
     mesh: Callable[[], str] | None = None  # the text of mesh.obj
 
     @property
-    def synthesis(self) -> bool:
-        """Whether it chooses pixels; else it computes them, and the result holds to a tolerance."""
-        return any(word.startswith(_SYNTHESES) for word in self.words)
-
-    @property
-    def labels(self) -> bool:
-        """Whether its result is ids or a mask: compared as they are or under other numbers, never by tolerance."""
-        return self.words[-1].startswith(("--texsuperpixel", "--texlabel", "--texdecompose", "--texdominant"))
+    def kind(self) -> str:
+        """How its result is compared: a synthesis chooses pixels, labels are ids under any numbers, and a mask and what
+        is computed hold as they are."""
+        if any(word.startswith(_SYNTHESES) for word in self.words):
+            return "synthesis"
+        if self.words[-1].startswith("--texdominant"):
+            return "mask"
+        ids = self.words[-1].startswith(("--texsuperpixel", "--texlabel", "--texdecompose"))
+        return "labels" if ids else "computed"
 
 
 def _with_hole() -> np.ndarray:

@@ -15,6 +15,7 @@ import pytest
 from oiiotex.engine import machine
 from oiiotex.engine.opencl import device_choice, runtime
 from tests.conftest import oiiotex
+from tools.docs.stubs import stub_text
 
 ROOT = Path(__file__).parents[2]
 
