@@ -16,13 +16,15 @@ log = logging.getLogger("oiiotex")
 Declared = TypeVar("Declared")
 
 
-def installed(what: str, checked: Callable[[EntryPoint], Declared]) -> tuple[Declared, ...]:
-    """What all distributions declare in the group of filters or options, by name.
+def installed(what: str, checked: Callable[[EntryPoint], Declared], name: str = "") -> tuple[Declared, ...]:
+    """What all distributions declare in the group of filters or options, by name; only the entry of `name` if given.
 
     `checked` loads an entry and returns its declaration. Where it raises, the entry is skipped with a warning.
     """
     declared: list[Declared] = []
     for entry in sorted(entry_points(group=f"oiiotex.{what}s"), key=lambda entry: entry.name):
+        if name not in ("", entry.name):
+            continue
         try:
             declared.append(checked(entry))
         except Exception as error:  # foreign code may raise anything; the program must start anyway

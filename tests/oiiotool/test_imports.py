@@ -37,7 +37,7 @@ PYOPENCLS = {
 # rooms: packages of a floor, or modules that lie there alone; those of the command line are one level deeper
 CLI = {f"oiiotool.cli.{name}" for name in ("language", "main", "printing", "running", "vocabulary")}
 WORDS = CLI | {"engine.core", "engine.deferred", "engine.errors", "engine.stats"}
-NOT_FOUND = WORDS | {"python.installed_filters"}  # where a name may be a filter's of another package
+NOT_FOUND = WORDS | {"python.declared_entries"}  # where a name may be a filter's of another package
 HOST = NOT_FOUND | {"oiiotool.host", "engine.io", "engine.machine", "engine.session"}
 FILTER = HOST - {"oiiotool.host"} | {
     f"engine.{name}" for name in ("color", "opencl", "scan")

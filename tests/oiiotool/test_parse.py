@@ -221,9 +221,9 @@ def test_options_of_other_distributions_are_looked_up_by_name_only():
     asked = []
     far = Option("--far PLACE", lambda *_: None, text="elsewhere", heading="Viewing")
 
-    def added():
-        asked.append(True)
-        return (far,)
+    def added(name):
+        asked.append(name)
+        return (far,) if name in ("", "far") else ()
 
     shelf = Shelf("Viewing", "oiiotex.oiiotool.cli.files.viewing", ("--tev",), "OPTIONS")
     language = Language((shelf,), added=added, studio=("--far", "--page"), words={"Viewing": "viewing"})
@@ -241,7 +241,7 @@ def test_a_setting_of_another_distribution_runs_the_frames():
     def spread(*_):
         return 0
 
-    language = Language((), added=lambda: (Option("--far PLACE", text="elsewhere", spread=spread),))
+    language = Language((), added=lambda name: (Option("--far PLACE", text="elsewhere", spread=spread),))
     line = parse(["--far", "away", "a.png"], language)
     assert (line.settings, line.spread) == ({"--far": ("away",)}, spread)
     assert parse(["a.png"], language).spread is None

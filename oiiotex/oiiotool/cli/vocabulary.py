@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ... import filters
 from ...engine.deferred import Shelf
 from .. import host
-from .language.parse import FURTHER, Language, Option, Refused, names_of
+from .language.parse import ADDED, FURTHER, Language, Option, Refused
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -68,8 +68,8 @@ _WORDS |= {heading: heading.replace(",", "").split()[0].lower() for heading in _
 
 
 @functools.cache
-def added() -> tuple[Option, ...]:
-    """The options of other distributions."""
+def added(name: str) -> tuple[Option, ...]:
+    """The option of a name (without dashes) that another distribution adds; all that others add for ''."""
     from ...python.declared_entries import installed
 
     names = {name for shelf in (*filters.SHELVES, *host.SHELVES, *_SHELVES) for name in shelf.names}
@@ -78,15 +78,15 @@ def added() -> tuple[Option, ...]:
         option = entry.load()
         if not isinstance(option, Option) or option.name != f"--{entry.name}":
             raise TypeError(f"expected an Option named --{entry.name}")
-        if not names.isdisjoint(names_of(option)):
-            raise TypeError(f"option '{option.name}' already exists")
-        if option.heading not in _OPTIONS:
-            raise TypeError(f"heading must be one of {', '.join(_OPTIONS)}")
+        if option.name in names or option.aliases:
+            raise TypeError(f"option '{option.name}' already exists, or has aliases")
+        if option.heading not in ADDED:
+            raise TypeError(f"heading must be one of {', '.join(ADDED)}")
         option.parameters()  # finds invalid declarations
-        names.update(names_of(option))
+        names.add(option.name)
         return option
 
-    return installed("option", checked)
+    return installed("option", checked, name)
 
 
 LANGUAGE = Language(

@@ -17,6 +17,7 @@ from ....engine.errors import Error, ParameterError
 
 MOST_THREADS, MOST_MB = 4096, 1 << 40
 FURTHER = "Texture filters of other packages"
+ADDED = ("Viewing", "Run settings")  # where help lists the options of other distributions
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ class Language:
     shelves: tuple[Shelf, ...]  # of ops and options, in the order of help; imported when a line names one of them
     refused: tuple[Refused, ...] = ()
     further: Callable[[], tuple[type[Op], ...]] = tuple  # ops of other packages: importing them tells their names
-    added: Callable[[], tuple[Option, ...]] = tuple  # options of other distributions
+    added: Callable[[str], tuple[Option, ...]] = lambda name: ()  # options of other distributions: of a name, or all
     studio: tuple[str, ...] = ()  # options that oiiotex-studio adds
     words: Mapping[str, str] = field(default_factory=dict)  # by heading: the word by which --help prints the group
 
@@ -118,9 +119,10 @@ class Language:
         for shelf in self.shelves:
             if word in ("all", self.words.get(shelf.heading)):
                 headings[shelf.heading] = (*headings.get(shelf.heading, ()), *shelf.declarations)
-        for option in self.added():
-            if word in ("all", self.words.get(option.heading)):
-                headings[option.heading] = (*headings.get(option.heading, ()), option)
+        if word == "all" or word in map(self.words.get, ADDED):
+            for option in self.added(""):
+                if word in ("all", self.words.get(option.heading)):
+                    headings[option.heading] = (*headings.get(option.heading, ()), option)
         if word in ("all", self.words.get(FURTHER)) and self.further():
             headings[FURTHER] = self.further()
         return headings
@@ -145,12 +147,12 @@ class Language:
                 return place
             if place is not None:
                 return next(one for one in place.declarations if spelling in names_of(one))
-        others: dict[str, type[Op] | Option] = {}
-        for declarations in (self.added, self.further):
-            others |= {spelling: one for one in declarations() for spelling in names_of(one)}
-            for spelling in spellings:
-                if spelling in others:
-                    return others[spelling]
+        for option in self.added(bare) if bare else ():
+            return option
+        others = {spelling: op for op in self.further() for spelling in names_of(op)}
+        for spelling in spellings:
+            if spelling in others:
+                return others[spelling]
         if f"--{bare}" in self.studio:
             raise ParameterError(f"--{bare} requires oiiotex-studio", hint="pip install ./studio in a checkout")
         near = nearest(f"--{bare}", [*self._places, *self.studio, *others])
