@@ -42,8 +42,10 @@ def test_the_built_wheels_find_config_kernels_and_page(sites, tmp_path, photo):
     for name, package in (("core", "oiiotex"), ("studio", "oiiotex_studio")):
         assert python("-c", f"import {package}; print({package}.__file__)").startswith(str(sites / name))
     assert "[[product]]" in python("-m", "oiiotex_studio.library.main", "recipe")
-    page = "from importlib import resources as r; print(*[p.name for p in (r.files('oiiotex_studio.live') / 'page').iterdir()])"
-    assert {"index.html", "main.js", "style.css"} <= set(python("-c", page).split())
+    page = (
+        "from importlib import resources as r; print((r.files('oiiotex_studio.live') / 'page' / 'main.js').is_file())"
+    )
+    assert python("-c", page) == "True\n"
     line = "--texstationarize:size=64x64:iterations=2:measure=moments:order=4"  # which reads a table of the package
     done = oiiotex(photo, line, "-o", "tile.png", cwd=tmp_path, env=environment)
     assert done.returncode == 0, done.stderr
