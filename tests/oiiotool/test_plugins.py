@@ -137,7 +137,8 @@ OPTIONS = """
 from oiiotex.oiiotool.cli.language.parse import Option
 def say(chain, word):
     "Say a word"
-    print("it says", word)
+    if chain.acts():
+        print("it says", word)
 SAY, TAKEN = Option("--say WORD", say, heading="Viewing"), Option("--flip", say)
 """
 

@@ -10,6 +10,7 @@ import tarfile
 import tomllib
 from pathlib import Path
 
+import oiiotex_studio
 import pytest
 
 import oiiotex
@@ -19,6 +20,7 @@ from tools.platforms import PLATFORMS, TESTS
 ROOT = Path(__file__).parents[2]
 PAPERS = ("SECURITY", "GOVERNANCE", "CODE_OF_CONDUCT", "ROADMAP", "ADOPTERS", "RELEASE", "CONTRIBUTING")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+STUDIO = tomllib.loads((ROOT / "studio" / "pyproject.toml").read_text())["project"]
 TARGETS = set(re.findall(r"^([a-z][\w-]*):", (ROOT / "Makefile").read_text(), re.MULTILINE))
 
 
@@ -36,7 +38,8 @@ def test_a_paper_names_files_and_targets_that_exist(name):
 def test_versions_agree():
     plugin = tomllib.loads((ROOT / "hosts" / "openimageio" / "pyproject.toml").read_text())
     version = oiiotex.__version__
-    assert plugin["project"]["version"] == version
+    assert plugin["project"]["version"] == oiiotex_studio.__version__ == version
+    assert STUDIO["dependencies"][0].startswith(f"oiiotex>={version},<")  # released together
     assert f"oiiotex=={version}" in plugin["project"]["dependencies"]
     assert set(plugin["project"]["dependencies"]) & set(plugin["build-system"]["requires"])  # the same OpenImageIO
     quoted = {"conda-forge/recipe.yaml": r'version: "(.+)"', "rez/package.py": r'version = "(.+)"',
@@ -59,7 +62,7 @@ def test_the_conda_recipe_requires_what_the_wheel_does():
 def test_every_dependency_has_a_tested_version_that_its_bound_allows():
     pins = dict(re.findall(r"^([\w.-]+)==([\w.]+)", (ROOT / "constraints.txt").read_text(), re.MULTILINE))
     pins = {licenses.normalized(name): version for name, version in pins.items()}
-    for line in PROJECT["dependencies"]:
+    for line in (*PROJECT["dependencies"], *STUDIO["dependencies"][1:]):
         name, bound = re.fullmatch(r"([\w-]+)>=([\d.]+)", line).groups()
         numbers = [[int(n) for n in re.findall(r"\d+", text)] for text in (pins[licenses.normalized(name)], bound)]
         assert numbers[0] >= numbers[1], name
@@ -67,9 +70,11 @@ def test_every_dependency_has_a_tested_version_that_its_bound_allows():
 
 def test_every_dependency_is_in_the_table_of_licenses():
     table = licenses.PAGE.read_text()
-    for line in PROJECT["dependencies"]:
-        name = re.match(r"[\w-]+", line)[0]
-        assert re.search(rf"^\| {name} \| .+ \| .+ \| oiiotex \|$", table, re.MULTILINE | re.IGNORECASE), name
+    for project, first in ((PROJECT, 0), (STUDIO, 1)):
+        for line in project["dependencies"][first:]:
+            name = re.match(r"[\w-]+", line)[0]
+            row = rf"^\| {name} \| .+ \| .+ \| {project['name']} \|$"
+            assert re.search(row, table, re.MULTILINE | re.IGNORECASE), name
 
 
 def test_links_of_the_readme_are_absolute_on_pypi():

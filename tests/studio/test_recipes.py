@@ -224,3 +224,8 @@ def test_lines_get_files_kinds_and_folders(photos):
     )
     assert steps[1].words == ("tile/color.exr", "--flip", "-o", "again/$x.png")
     assert steps[1].takes == ("tile",)
+
+
+def test_the_library_makes_powers_of_two_by_default():
+    line = next(line for line in commented_recipe().splitlines() if line.startswith("line = ") and "$maps" in line)
+    assert ":size=pow2:" in line

@@ -6,7 +6,6 @@ from __future__ import annotations
 import logging
 
 import pytest
-from oiiotex_studio.recipes.recipe import commented_recipe
 
 from oiiotex import filters
 from oiiotex.engine.core.parameters import Size, SizeRule, parse_modifiers
@@ -57,8 +56,3 @@ def test_pow2_is_kept_on_a_lattice_with_a_warning_where_that_is_visible(caplog):
         assert (tile.spec().width, tile.spec().height) == (128, 128)
         made[period] = [r.getMessage() for r in caplog.records if r.levelno == logging.WARNING]
     assert "128x128 px stretch" in made["19.3"][0] and not made["none"]
-
-
-def test_the_library_makes_powers_of_two_by_default():
-    line = next(line for line in commented_recipe().splitlines() if line.startswith("line = ") and "$maps" in line)
-    assert ":size=pow2:" in line
