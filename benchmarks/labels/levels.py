@@ -27,7 +27,7 @@ from benchmarks.shared.measures import data_folder
 from oiiotex import filters
 from oiiotex.analysis.labels.features import features_of, small_lab
 from oiiotex.analysis.labels.scales import LabelMaps, LabelSettings, label_levels
-from oiiotex.analysis.segmentation.superpixel_subtextures import superpixel_subtextures
+from oiiotex.analysis.segmentation.subtextures import superpixel_subtextures
 from oiiotex.analysis.superpixels.hierarchy import hierarchy
 from oiiotex.analysis.superpixels.superpixels import superpixels
 from oiiotex.engine.color.lab import lens_of

@@ -158,7 +158,7 @@ class Label(OnePart, InLab, ScanThenMap):
         self.require_single()
         names = None if self.names is None else LabelNames(self.names)
         from ..analysis.labels.scales import LabelSettings, label_maps  # scipy is not loaded before it is needed
-        from ..analysis.segmentation.superpixel_subtextures import superpixel_subtextures
+        from ..analysis.segmentation.subtextures import superpixel_subtextures
 
         lens = lens_of(self.source, session.resources, self.working_space)
         settings = LabelSettings(

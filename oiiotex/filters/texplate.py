@@ -145,8 +145,7 @@ class Plate(Whole):
     def _motion(self, numbers: list[int], regions: dict[int, np.ndarray], display: Window, session: Session) -> Shot:
         """From each frame to a common plane."""
         from ..surfaces.motion.frame_files import siblings
-        from ..surfaces.motion.frame_motion import FrameMotion, read_shot
-        from ..surfaces.motion.given_motion import after, of_st_map
+        from ..surfaces.motion.frame_motion import FrameMotion, after, of_st_map, read_shot
 
         given = numbers[0]
         if self.motion is None:

@@ -21,9 +21,8 @@ from oiiotex.oiiotool.service.texture_file import read_texture_file
 from oiiotex.oiiotool.service.textures import OpenTexture
 from oiiotex.synthesis.exemplar.heights import large_steps
 from oiiotex.synthesis.wang.atlas import atlas_edges, atlas_numbers, first_tile
-from oiiotex.synthesis.wang.cut import depths, joined
 from oiiotex.synthesis.wang.plane import CELLS, index_image, plane_of
-from oiiotex.synthesis.wang.tiles import COUNTS, edges_of
+from oiiotex.synthesis.wang.tiles import COUNTS, depths, edges_of, joined
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex

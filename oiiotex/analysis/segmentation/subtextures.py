@@ -3,7 +3,8 @@
 
 By default, textons are from a filter bank, an oversegmentation is merged (`region_merging`), and before and after that
 the subtextures compete for pixels by their texton distributions. The paper groups samples by clique partitioning and
-compares the histogram of each pixel with those of the samples around it.
+compares the histogram of each pixel with those of the samples around it. `superpixel_subtextures` gives each superpixel
+the subtexture that covers most of it.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ from ...engine.core.elementary import logarithm
 from ...engine.core.image import Part
 from ...engine.core.label_map import LabelMap
 from ...engine.session.resources import Resources
+from ..labels.features import SmallLab
 from ..labels.filter_bank import Texture, blurred_layers, texture_of
 from ..labels.potts import members, winners
 from ..labels.products import gram, product
-from ..superpixels.superpixels import label_spec
+from ..superpixels.superpixels import Superpixels, label_spec
 from .region_merging import fine_regions, merged
 from .textons import (
     FULL,
@@ -309,3 +311,27 @@ def facts_of(labels: Part, split: Decomposition, settings: DecompositionSettings
         "groups": split.groups,
         "settings": dict(vars(settings)),
     }
+
+
+def superpixel_subtextures(
+    superpixels: Superpixels, small: SmallLab, resources: Resources, count: int | None = None
+) -> np.ndarray:
+    """Subtexture of each superpixel, (n,) int64 from 0.
+
+    Parameters
+    ----------
+    small : SmallLab
+        The reduced image: the original is not read again.
+    count : int, optional
+        Maximum number of subtextures.
+    """
+    height, width = small.ids.shape
+    pixels = LabPixels(small.lab, small.ids > 0, small.factor, None, width, height)
+    labels = decomposed(pixels, DecompositionSettings(count=count), resources, texture=small.texture).labels.astype(
+        np.int64
+    )
+    table = np.zeros((superpixels.count + 1, int(labels.max()) + 1), np.int64)
+    np.add.at(table, (small.ids.ravel(), labels.ravel()), 1)
+    table[np.arange(superpixels.count) + 1, labels[small.places[:, 0], small.places[:, 1]]] += 1
+    table[:, 0] = -1
+    return np.unique(table[1:].argmax(1), return_inverse=True)[1].reshape(-1)

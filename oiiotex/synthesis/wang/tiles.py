@@ -8,6 +8,9 @@ the same, and tiles are as stationary as MJH17 makes them (its section 5.4 sugge
 
 LD06: Lagae, Dutré, An Alternative for Wang Tiles: Colored Edges versus Colored Corners, ACM Transactions on Graphics
 25(4), 2006. With two corner colors, corners differ, and an edge is one of four instead of two.
+
+EF01: Efros, Freeman, Image Quilting for Texture Synthesis and Transfer, SIGGRAPH 2001, section 2.1: a minimum-error cut
+ends each strip. A straight line would show wherever the inside does not continue the strip.
 """
 
 from __future__ import annotations
@@ -92,8 +95,6 @@ def wang_tiles(
     ImageError
         The tile is too small for its strips.
     """
-    from .cut import joined  # not needed for help
-
     if min(width, height) < 4 * strip:
         raise ImageError(
             f"tiles of {width}x{height} px are too small for border strips of {strip} px",
@@ -176,3 +177,52 @@ def edged(tile: Part, name: str, edges: str) -> Part:
         spec.attribute(EDGES, edges)
 
     return replace(tile.respecced(mark), name=name)
+
+
+def depths(errors: np.ndarray) -> np.ndarray:
+    """Where to cut, from the errors of a cut before each column of a band: (rows,) int.
+
+    Parameters
+    ----------
+    errors : (rows, columns) float
+        Neighboring rows are cut at most one column apart; the first and the last row before column 0.
+
+    Returns
+    -------
+    (rows,) int
+        The number of columns before the cut.
+    """
+    rows, columns = errors.shape
+    cost, steps = np.full(columns, np.inf), np.zeros((rows, columns), np.int8)
+    cost[0] = errors[0, 0]
+    for y in range(1, rows):
+        around = np.stack([np.r_[np.inf, cost[:-1]], cost, np.r_[cost[1:], np.inf]])
+        best = around.argmin(axis=0)
+        steps[y] = best - 1
+        cost = around[best, np.arange(columns)] + errors[y]
+    cut = np.zeros(rows, np.int64)
+    for y in range(rows - 1, 0, -1):
+        cut[y - 1] = cut[y] + steps[y, cut[y]]
+    return cut
+
+
+def joined(inside: np.ndarray, strip: np.ndarray, lab: np.ndarray, lab_strip: np.ndarray, band: int) -> np.ndarray:
+    """A tile whose left strip extends into its inside up to a minimum-error cut.
+
+    Parameters
+    ----------
+    inside, strip : (height, width) uint32
+        Sources of the tile and of the texture along the edge, from the strip's inner border on, along the edge.
+    lab, lab_strip : (height, width, 3) float32
+        Their colors.
+    band : int
+        Maximum depth of the strip beyond its border, px.
+    """
+    # before the first column, both are the strip by constraint: the step there counts as that of the first column, or
+    # the cut would follow the border at half the price
+    gap = ((lab[:, :band] - lab_strip[:, :band]) ** 2).sum(-1)
+    cut = depths(gap + np.pad(gap, ((0, 0), (1, 0)), "edge")[:, :-1])
+    kept = np.arange(band) < cut[:, None]
+    out = inside.copy()
+    out[:, :band] = np.where(kept, strip[:, :band], inside[:, :band])
+    return out
