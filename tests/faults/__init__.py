@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What happens when disks fill up, writers are killed and inputs are broken. Here: the program as a process, waiting for
-what it does, and the line it ends with."""
+"""What happens when disks fill up, writers are killed and inputs are broken. Shared: the program as a process, waiting
+for what it does, and the line it ends with."""
 
 from __future__ import annotations
 
