@@ -21,7 +21,7 @@ demo: $(VENV)/demo
 
 test: $(VENV)/test
 	@$(BIN)/python -m tools.device
-	$(BIN)/python -m pytest $(WORKERS) -m "not slow"
+	$(BIN)/python -m pytest $(WORKERS) -m "not slow" --ignore=tests/repository
 
 budget: $(VENV)/test  # renew tests/budget.toml, CPU seconds of test files
 	$(BIN)/python -m pytest $(WORKERS) -m "not slow" --budget
@@ -30,9 +30,10 @@ test-all: $(VENV)/test  # with the slow sweeps
 	@$(BIN)/python -m tools.device
 	$(BIN)/python -m pytest $(WORKERS)
 
-lint: $(VENV)/test
+lint: $(VENV)/test  # style, types, and what the checkout must hold to: docs, words, structure, papers
 	$(BIN)/python -m pip install -qq -e ".[lint]"
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+	$(BIN)/python -m pytest tests/repository -m "not slow"
 
 docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m tools.docs.pages
