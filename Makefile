@@ -22,7 +22,7 @@ demo: $(VENV)/demo
 
 test: $(VENV)/test
 	@$(BIN)/python -m tools.device
-	$(BIN)/python -m pytest $(WORKERS) -m "not slow"
+	$(BIN)/python -m pytest $(WORKERS) -m "not slow" --ignore=tests/repository
 
 budget: $(VENV)/test  # renew tests/budget.toml, CPU seconds of test files
 	$(BIN)/python -m pytest $(WORKERS) -m "not slow" --budget
@@ -34,10 +34,11 @@ test-all: $(VENV)/test  # with the slow sweeps
 core: $(VENV)/test  # the core's wheel passes the core's tests without the studio
 	$(BIN)/python -m tools.core_alone
 
-lint: $(VENV)/test
+lint: $(VENV)/test  # style, types, and what the checkout must hold to: docs, words, structure, papers
 	$(BIN)/python -m pip install -qq -e ".[lint]"
 	$(BIN)/python -m tools.docs.stubs  # the types that mypy sees
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+	$(BIN)/python -m pytest tests/repository -m "not slow"
 
 docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m tools.docs.pages

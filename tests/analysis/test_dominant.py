@@ -22,6 +22,7 @@ from oiiotex.surfaces.charts import dominant_chart
 from tests import pictures
 from tests.analysis.test_labels import buffer
 from tests.conftest import load, oiiotex, save
+from tests.refusals import refused
 
 DRAWN = (0, 2, 3, 4)  # composites that need no photos
 
@@ -161,7 +162,7 @@ def test_a_plain_image_is_all_dominant():
 def test_images_smaller_than_the_patch():
     for shape in ((1, 1, 3), (2, 9, 3), (4, 4, 3), (1, 60, 3)):
         assert mask_of(np.random.default_rng(0).random(shape)).shape == shape[:2]
-    with pytest.raises(errors.ImageError, match=r"patch=15: exceeds .*, 9x8"):
+    with refused(errors.ImageError, parameter="patch", value=15, problem="exceeds ImageBuf, 9x8"):
         mask_of(np.zeros((8, 9, 3)), patch=15)
 
 
@@ -185,7 +186,7 @@ def test_a_mask_with_holes_says_where_to_look():
     np.testing.assert_array_equal(found, alpha)  # as holes in alpha
     with pytest.raises(errors.ImageError, match="mask selects no pixel"):
         mask_of(picture, mask=buffer(0 * mask, ("Y",)))
-    with pytest.raises(errors.ImageError, match="mask is 8x8, but the exemplar is 125x94"):
+    with pytest.raises(errors.ImageError, match=r"mask .*8x8.* 125x94"):
         mask_of(picture, mask=buffer(mask[:8, :8], ("Y",)))
 
 
@@ -209,9 +210,11 @@ def test_a_mask_follows_pixels_better_than_dilated_patches(n):
 def test_paper_is_ldr09_by_the_letter():
     op = filters.op_named("dominant")(source=None, paper=True)
     assert (op.rule, op.mode, op.step) == ("paper", "diffusion", 1)
-    with pytest.raises(errors.ParameterError, match="step=2: conflicts with paper=1: expected step=1"):
+    with refused(errors.ParameterError, parameter="step", value=2, problem="conflicts with paper=1", expected="step=1"):
         filters.op_named("dominant")(source=None, paper=True, step=2)
-    with pytest.raises(errors.ParameterError, match="preset=clean: conflicts with paper=1: expected no preset"):
+    with refused(
+        errors.ParameterError, parameter="preset", value="clean", problem="conflicts with paper=1", expected="no preset"
+    ):
         filters.op_named("stationarize")(exemplar=None, paper=True, preset="clean")
     # figure 6: diffusion tells dirt from a weave, Euclidean distances do not (of most composites the letter keeps all)
     _, picture, truth = composite(10, 0)

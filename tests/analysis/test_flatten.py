@@ -20,6 +20,7 @@ from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import save
 from tests.reference import drift as reference
+from tests.refusals import refused
 
 
 def lab_of(image: np.ndarray, space: str = "lin_rec709_scene") -> np.ndarray:
@@ -216,9 +217,9 @@ def test_values_beyond_all_light_do_not_break_it():
 def test_all_that_is_broken_is_counted_before_anything_is_written():
     broken = pictures.bricks(300, 40, 1)
     broken[[3, 150, 299], 5, 0], broken[200, 6, 1] = np.nan, np.inf
-    with pytest.raises(errors.ImageError, match="3 NaN and 1 Inf"):
+    with refused(errors.ImageError, counts=[3, 1]):
         filters.flatten(linear(broken), radius=16)
-    with pytest.raises(errors.ImageError, match="3 NaN and 1 Inf"):
+    with refused(errors.ImageError, counts=[3, 1]):
         filters.flatten(linear(broken), radius=16, data=True)
 
 

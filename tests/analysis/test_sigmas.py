@@ -22,6 +22,7 @@ from oiiotex.synthesis.exemplar.sigma_scale import SigmaTiles, distance, perceiv
 from tests import pictures
 from tests.analysis.test_deviation import lab_of
 from tests.any_filter import buffer, pixels
+from tests.refusals import refused
 
 
 @pytest.fixture(autouse=True)
@@ -146,20 +147,20 @@ def test_what_goes_wrong_says_what_is_allowed(fails, photo):
     for value in (-0.1, 1.01):
         with pytest.raises(errors.ParameterError, match=rf"amount={value}: .* from 0 to 1"):
             filters.stationarize(image, amount=value)
-    with pytest.raises(errors.ParameterError, match=r"amount=0\.5: conflicts with sigma=8"):
+    with refused(errors.ParameterError, parameter="amount", value=0.5, problem="conflicts with sigma=8"):
         filters.stationarize(image, amount=0.5, sigma=8)
-    with pytest.raises(errors.ParameterError, match=r"n=2: .* from 3 to 32"):
+    with refused(errors.ParameterError, parameter="n", value=2, expected="an integer from 3 to 32"):
         filters.sigmas(image, n=2)
     broken = pictures.bricks(40, 40, 1)
     broken[3, 5, 0] = np.nan
     for call in (filters.sigmas, lambda b: filters.stationarize(b, amount=0.5)):
-        with pytest.raises(errors.ImageError, match="1 NaN and 0 Inf"):
+        with refused(errors.ImageError, counts=[1, 0]):
             call(buffer(broken))
 
 
 def test_sigmamap_and_amount_do_not_go_together():
     sigmas = buffer(np.full((64, 80, 1), 8.0), space="data", names=("Y",))
-    with pytest.raises(errors.ParameterError, match=r"amount=0\.5: conflicts with sigmamap"):
+    with refused(errors.ParameterError, parameter="amount", value=0.5, problem="conflicts with sigmamap"):
         filters.stationarize(photo(), amount=0.5, sigmamap=sigmas)
 
 

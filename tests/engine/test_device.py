@@ -17,6 +17,7 @@ from oiiotex.engine.opencl.device import Device
 from oiiotex.engine.opencl.source import kernel_source
 from oiiotex.engine.session import Session
 from oiiotex.engine.stats import Stats
+from tests.refusals import refused
 
 
 def test_a_device_is_chosen_by_number_kind_or_name(monkeypatch):
@@ -27,7 +28,7 @@ def test_a_device_is_chosen_by_number_kind_or_name(monkeypatch):
     monkeypatch.setenv("OIIOTEX_DEVICE", first.kind)
     assert devices.choose() == first
     monkeypatch.setenv("OIIOTEX_DEVICE", "abacus")
-    with pytest.raises(DeviceError, match="no device 'abacus'; available: 0 = "):
+    with pytest.raises(DeviceError, match="'abacus'; available: 0"):
         devices.choose()
     assert devices.choose("0") == first  # the option wins over the environment
     with pytest.raises(DeviceError, match="no device '99'"):
@@ -39,9 +40,9 @@ def test_a_checker_is_never_the_default():
 
 
 def test_buffers_are_refused_before_they_are_taken(device):
-    with pytest.raises(MemoryBudgetError, match=r"a test needs 3 MB of memory; the budget is 2 MB"):
+    with refused(MemoryBudgetError, task="a test", budget=2 << 20):
         Buffers(device, {"a": 1 << 20, "b": 1 << 20}, 2 << 20, "a test", held=1 << 20)
-    with pytest.raises(DeviceError, match=r"a test needs \d+ MB; .* allows at most \d+ MB"):
+    with pytest.raises(DeviceError, match=r"a test .*MB; .*MB"):
         Buffers(device, {"a": 1 << 50}, 1 << 60, "a test")
 
 

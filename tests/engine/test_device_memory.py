@@ -27,6 +27,7 @@ from oiiotex.synthesis.patchmatch.constraints import Constraints
 from oiiotex.synthesis.patchmatch.recipe import Recipe, geometry_at
 from tests import pictures
 from tests.analysis.test_superpixels import image_of, resources_of
+from tests.refusals import refused
 
 PHOTO = pictures.stained(pictures.pebbles(48, 56, seed=4))
 RUNS = {
@@ -185,15 +186,15 @@ def test_an_image_stays_on_a_device_that_has_the_memory_for_it(memory, largest, 
 
 
 def test_budgets_of_host_and_device_are_two_figures():
-    with pytest.raises(DeviceError, match=r"a test needs 9 MB; .* allows at most 7 MB"):
+    with pytest.raises(DeviceError, match=r"test .*9 MB; .*7 MB"):
         Buffers(gpu(8 << 20, 9 << 20), {"a": 9 << 20}, 64 << 30, "a test")
     device = gpu(8 << 20, 8 << 20)
     with Buffers(device, {"a": 3 << 20}, 1 << 20, "a test"):  # the host's budget is smaller
         assert device.taken == 3 << 20
-        with pytest.raises(DeviceError, match=r"a test needs 5 MB; .* allows at most 4 MB"):
+        with pytest.raises(DeviceError, match=r"test .*5 MB; .*4 MB"):
             Buffers(device, {"a": 5 << 20}, 1 << 20, "a test")
     assert device.taken == 0
-    with pytest.raises(MemoryBudgetError, match="a test needs 2 MB of memory; the budget is 1 MB"):
+    with refused(MemoryBudgetError, task="a test", budget=1 << 20):
         Buffers(device, {"a": 1}, 1 << 20, "a test", held=2 << 20)
     assert device.memory_budget(1 << 20) == 7 << 20
     shared = devices.open_device()
@@ -222,7 +223,7 @@ def test_a_small_sigma_over_a_large_tile_is_held_in_bands(device, measure, gigab
     for plan, budget in ((small, 600 << 20), (large, 3 << 30)):
         assert sum(plan.layout.values()) + plan.on_host <= budget
     assert small.layout["field"] < large.layout["field"] == 4 * 4096**2  # then the tile's own rows are not banded
-    with pytest.raises(MemoryBudgetError, match=r"a tile needs \d+ MB of memory; the budget is 64 MB"):
+    with refused(MemoryBudgetError, task="a tile", budget=64 << 20):
         Buffers(device, planned(64 << 20).layout, 64 << 20, "a tile")
 
 
@@ -236,10 +237,10 @@ def test_what_takes_much_says_it(caplog, monkeypatch, device):
 def test_what_does_not_fit_an_int_is_an_error_and_does_not_wrap(device):
     run = device.program("patchmatch", PATCH=11, CHANNELS=3, LATTICE=0, PIECES=0)
     for shape, numbers in (((8, 1 << 31), (8, 8)), ((8, 8), (8, 1 << 31)), ((8, 8), (8, -(1 << 31) - 1))):
-        with pytest.raises(DeviceError, match=r"patchmatch_hold would count to -?2147483\d+, beyond 2\^31"):
+        with pytest.raises(DeviceError, match=r"patchmatch_hold .*-?2147483\d+.* 2\^31"):
             run("hold", shape, None, None, *numbers)
     assert offset_table(np.array([0, (1 << 31) - 1])).dtype == np.int32
-    with pytest.raises(DeviceError, match="a table has 2147483648 entries"):
+    with pytest.raises(DeviceError, match=r"table .*2147483648"):
         offset_table(np.array([0, 1 << 31]))
 
 
@@ -260,7 +261,7 @@ def test_whatever_says_that_memory_is_missing_is_known(scarce, code):
 
 def test_more_texels_than_can_be_named_are_refused(device):
     many = np.broadcast_to(np.True_, (2049, 1024, 1024))
-    with pytest.raises(DeviceError, match=r"2148532224 texels in all levels are beyond 2\^31"):
+    with pytest.raises(DeviceError, match=r"2148532224 texels.* 2\^31"):
         candidate_sets.analyze(device, candidate_sets.Stacks(None, many, many, many, ()), 16, True, 1, None, None)
 
 

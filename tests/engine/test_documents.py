@@ -119,7 +119,7 @@ def test_a_fifo_is_refused_and_not_waited_for(tmp_path, photo):
 def test_arrays_are_refused_by_what_they_say_before_they_are_unpacked(tmp_path):
     path = tmp_path / "plan.npz"
     np.savez_compressed(path, facts=np.zeros(1 << 23, np.uint8))
-    with pytest.raises(ImageError, match="needs 9 MB of memory; the budget is 1 MB"):
+    with pytest.raises(ImageError, match=r"9 MB.* 1 MB"):
         read_arrays(path, 1 << 20)
     lying = path.read_bytes()
     directory = lying.index(b"PK\1\2")

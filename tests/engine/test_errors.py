@@ -26,6 +26,7 @@ from oiiotex.engine.session import Session
 from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.conftest import save
+from tests.refusals import refused
 
 ROOT = Path(__file__).parents[2]
 PHOTO = np.rint(255 * pictures.stained(pictures.bricks(48, 56, seed=1))).astype(np.uint8)
@@ -204,3 +205,14 @@ def test_the_facts_of_an_error_say_it_again():
         "expected": "an even one", "hint": "paper=1", "text": "synth: size=3: odd: expected an even one; paper=1",
     }  # fmt: skip
     assert str(of_facts(facts)) == facts["text"]
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [{"parameter": "sides"}, {"value": 4}, {"expected": "an odd one"}, {"parameter": "size", "hint": "paper=True"}],
+)
+def test_a_refusal_of_other_fields_is_another(fields):
+    with pytest.raises(AssertionError), refused(ParameterError, **fields):
+        raise ParameterError(parameter="size", value=3, expected="an even one", hint=modifier(paper=True))
+    with refused(ParameterError, parameter="size", value=3, expected="an even one", hint="paper=1"):
+        raise ParameterError(parameter="size", value=3, expected="an even one", hint=modifier(paper=True))

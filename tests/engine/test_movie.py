@@ -20,6 +20,7 @@ from oiiotex.engine.session import Session
 from oiiotex.filters import texzoom
 from tests import pictures
 from tests.any_filter import buffer, pixels
+from tests.refusals import refused
 
 PHOTO = buffer(pictures.bricks(64, 64, seed=1))
 ZOOM = {"size": (49, 32), "side": 64, "speed": 0.25, "frames": 3}
@@ -81,7 +82,7 @@ def test_no_ffmpeg_of_the_current_folder_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for path in ("", ".", f".{os.pathsep}nowhere"):
         monkeypatch.setenv("PATH", path)
-        with pytest.raises(errors.ImageError, match=r"requires ffmpeg, which is not in \$PATH"):
+        with pytest.raises(errors.ImageError, match=r"ffmpeg.* \$PATH"):
             write_movie(Path("z.mp4"), FRAMES, 24)
     assert not (tmp_path / "PWNED").exists()
 
@@ -95,7 +96,7 @@ def test_ffmpeg_itself_takes_what_it_is_told(tmp_path):
 
 def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch):
     monkeypatch.setattr(texzoom.Zoom, "opened", None)
-    with pytest.raises(errors.ImageError, match=r"expected \.gif or \.mp4"):
+    with refused(errors.ImageError, expected=".gif or .mp4"):
         filters.zoom(PHOTO, movie=tmp_path / "z.avi")
     monkeypatch.setenv("PATH", "")
     with pytest.raises(errors.ImageError, match="ffmpeg"):
@@ -105,7 +106,7 @@ def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch
 def test_limits_of_a_movie_are_said(tmp_path):
     with pytest.raises(errors.ParameterError, match=r"frame 1000 is at"):
         filters.zoom(PHOTO, movie=tmp_path / "z.gif", **{**ZOOM, "frames": 1000})
-    with pytest.raises(errors.ImageError, match=r"a GIF of 200 frames needs \d+ MB of memory"):
+    with refused(errors.ImageError, task="a GIF of 200 frames", budget=64 << 20):
         small = Session(budget=64 << 20)
         filters.zoom(PHOTO, movie=tmp_path / "z.gif", frames=200, size=(640, 480), side=64, speed=0.001, session=small)
     assert not list(tmp_path.iterdir())

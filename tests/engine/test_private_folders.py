@@ -152,7 +152,7 @@ def test_a_simulator_is_used_only_where_it_is_named(monkeypatch):
     simulator = DeviceInfo(0, "other", "Oclgrind Simulator", "Oclgrind", "1.2", 1 << 27, handle)
     monkeypatch.setattr(devices, "devices", lambda threads=0: [simulator])
     monkeypatch.delenv("OIIOTEX_DEVICE", raising=False)
-    with pytest.raises(NoDeviceError, match="Oclgrind Simulator, which must be named by --device"):
+    with pytest.raises(NoDeviceError, match=r"Oclgrind Simulator.* --device"):
         devices.choose()
     assert devices.choose("oclgrind") is simulator
     with pytest.raises(DeviceError, match="no device 'gpu'"):

@@ -239,10 +239,10 @@ def test_the_name_is_changed_in_the_wheels_build_alone(monkeypatch):
     struct = Struct(b"generic")
     with monkeypatch.context() as patch:
         patch.setattr(opencl_cpu, "_LIBRARY_BYTES", 1)
-        with pytest.raises(LookupError, match=r"only the PoCL 3\.0 of PyPI"):
+        with pytest.raises(LookupError, match=r"PoCL 3\.0"):
             opencl_cpu.name_cpu(handle(struct.address), "znver2")
     monkeypatch.setattr(opencl_cpu, "_wheels_library_is_loaded", lambda: True)
-    with pytest.raises(LookupError, match=r"only the PoCL 3\.0 of PyPI"):
+    with pytest.raises(LookupError, match=r"PoCL 3\.0"):
         opencl_cpu.name_cpu(handle(struct.address, platform="OpenCL 3.0 PoCL 3.0"), "znver2")
     opencl_cpu.name_cpu(handle(struct.address), "znver2")
     assert ctypes.string_at(struct.words[80]) == b"znver2"

@@ -68,7 +68,7 @@ def test_an_exemplar_that_32_bits_do_not_address_is_refused():
     require_addressable((65536, 65536))
     wide = buffer(np.random.default_rng(0).random((16, 65600, 3)))
     for op in (filters.quilt, filters.cut, filters.patchmatch):
-        with pytest.raises(errors.ImageError, match="65600x16 px: expected sides of at most 65536 px"):
+        with pytest.raises(errors.ImageError, match=r"65600x16.* 65536 px"):
             op(wide, size=(64, 64))
 
 

@@ -16,6 +16,7 @@ from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.conftest import load, save
 from tests.peer import OIIOTOOL, assert_same_file, same
+from tests.refusals import refused
 
 pytestmark = pytest.mark.skipif(not OIIOTOOL.exists(), reason="no oiiotool")
 
@@ -210,9 +211,9 @@ def test_ops_without_number_do_not_nest_without_end(folder, tmp_path):
 
 
 def test_a_while_that_does_not_end_is_refused(tmp_path):
-    with pytest.raises(Error, match="is still true after 10 iterations; raise --maxloop"):
+    with pytest.raises(Error, match=r"10 iterations.*--maxloop"):
         run(shlex.split("--maxloop 10 --while 1 --set i 1 --endwhile"), tmp_path)
-    with pytest.raises(Error, match="expected at most 100000 iterations; raise --maxloop"):
+    with pytest.raises(Error, match=r"100000 iterations.*--maxloop"):
         run(shlex.split("--for i 1e12 --endfor"), tmp_path)
     assert run(shlex.split("--set i 0 --maxloop 10 --while '{i < 10}' --set i '{i+1}' --endwhile"), tmp_path) == 0
 
@@ -220,7 +221,7 @@ def test_a_while_that_does_not_end_is_refused(tmp_path):
 def test_reading_at_once_respects_the_budget(folder, tmp_path):
     line = f"--cache 1 {folder}/a.png --resize 700x700 -o big.tif big.tif -o small.tif"
     assert run(shlex.split(line), tmp_path) == 0
-    with pytest.raises(Error, match="now=1 needs 6 MB of memory; the budget is 1 MB"):
+    with refused(Error, task="now=1", budget=1 << 20):
         run(shlex.split("--cache 1 -i:now=1 big.tif -o small.tif"), tmp_path)
 
 
@@ -305,5 +306,5 @@ def test_ids_move_with_pixels_and_are_never_mixed(folder, tmp_path):
 
 
 def test_an_output_does_not_wait_for_an_image(folder, tmp_path):
-    with pytest.raises(Error, match="the stack is empty"):
+    with refused(Error, expected="an image"):
         run(["-o", "x.png", str(folder / "a.png")], tmp_path)

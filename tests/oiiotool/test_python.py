@@ -26,6 +26,7 @@ from oiiotex.python.signatures import forms, signature
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, save
+from tests.refusals import refused
 from tools.docs.stubs import stub_text
 
 ROOT = Path(__file__).parents[2]
@@ -59,7 +60,7 @@ def test_results_are_arrays_for_others_and_pil_images_are_taken():
     clear = Image.fromarray(np.dstack([PHOTO, np.full(PHOTO.shape[:2], 128, np.uint8)]))
     premultiplied = np.asarray(filters.warp(clear, np.zeros((4, 4, 2), np.float32)))
     assert (premultiplied[..., :3] <= 128).all() and (premultiplied[..., 3] == 128).all()
-    with pytest.raises(TypeError, match=r'mode CMYK; call its convert\("RGB"\)'):
+    with pytest.raises(TypeError, match=r"mode CMYK.*convert"):
         filters.flatten(Image.fromarray(PHOTO).convert("CMYK"))
 
 
@@ -91,7 +92,7 @@ def test_arrays_that_are_no_photos_are_refused_with_a_hint(array, says):
 
 def test_dask_arrays_are_refused_with_a_hint():
     array = pytest.importorskip("dask.array").from_array(PHOTO)
-    with pytest.raises(TypeError, match=r"an array in memory, not a dask Array; call its compute\(\), or give a file"):
+    with pytest.raises(TypeError, match=r"dask Array.*compute\(\)"):
         filters.flatten(array)
 
 
@@ -179,16 +180,16 @@ def test_masks_are_arrays_files_or_names_of_parts(tmp_path):
     ]
     for other in made[1:]:
         np.testing.assert_array_equal(made[0], other)
-    with pytest.raises(
-        errors.ParameterError, match=r"mask='no': expected a part of the image \(part0\) or an existing file"
+    with refused(
+        errors.ParameterError, parameter="mask", value="no", expected="a part of the image (part0) or an existing file"
     ):
         filters.stationarize(PHOTO, mask="no", colorspace=SRGB)
 
 
 def test_an_optional_exemplar_may_be_none(tmp_path):
-    with pytest.raises(TypeError, match=r"synth: takes 1 image \(exemplar\), not 0"):
+    with pytest.raises(TypeError, match=r"^synth: .*1 image.* 0$"):
         filters.synth(None)
-    with pytest.raises(TypeError, match=r"zoom: takes 1 image \(exemplar\), not 2"):
+    with pytest.raises(TypeError, match=r"^zoom: .*1 image.* 2$"):
         filters.zoom(PHOTO, PHOTO)
 
 

@@ -110,7 +110,7 @@ def test_what_does_not_fit_a_device_of_its_own_memory_is_said_before_the_work(fo
         self.own_memory, self.memory, self.largest = True, 18 << 20, 18 << 20
 
     monkeypatch.setattr(Device, "_measure", small)
-    with pytest.raises(Error, match=r"a tile of 16384x16384 .* needs \d+ MB; .* allows at most 16 MB"):
+    with pytest.raises(Error, match=r"tile .*16384x16384 .* 16 MB"):
         run(shlex.split("photo.png --texstationarize:size=16384x16384 -o t.exr"), folder)
     with pytest.raises(Worked):
         run(shlex.split("photo.png --texstationarize:size=64x64 -o t.exr"), folder)

@@ -270,7 +270,7 @@ def test_tiles_that_lost_their_edges_or_differ_in_color_space_are_refused(folder
     with pytest.raises(ImageError, match=r"set\.exr: 16 tiles without edge colors .*; write the set as EXR"):
         OpenTexture(read_texture_file(name).text(), session)
     name = wall(folder, photo=None, tiles=wang_set(folder, 3, [], ("lin_rec709_scene", "srgb_rec709_scene")))
-    with pytest.raises(ImageError, match=r"part 'tile1' must have the size, type and color space"):
+    with pytest.raises(ImageError, match=r"part 'tile1' .*size"):
         OpenTexture(read_texture_file(name).text(), session)
 
 
@@ -279,7 +279,7 @@ def test_color_is_not_guessed_and_a_changed_photo_is_no_longer_the_same(folder, 
         OpenTexture(read_texture_file(wall(folder)).text(), session)
     file = read_texture_file(wall(folder, photo="tagged.exr"))
     os.utime(folder / "tagged.exr", ns=(1, 1))
-    with pytest.raises(ImageError, match=r"tagged\.exr has changed since it was opened; open it again"):
+    with pytest.raises(ImageError, match=r"tagged\.exr .*changed"):
         OpenTexture(file.text(), session)
 
 

@@ -259,7 +259,7 @@ def test_a_mesh_that_is_no_surface_is_refused_in_one_line(case, tmp_path):
 def test_what_is_missing_or_does_not_fit_is_said(tmp_path, monkeypatch):
     cube, sphere = mesh_file("cube", tmp_path), mesh_file("sphere", tmp_path)
     photo = buffer(PHOTO)
-    with pytest.raises(errors.ImageError, match=r"nowhere\.obj cannot be read as a mesh"):
+    with pytest.raises(errors.ImageError, match=r"nowhere\.obj .*mesh"):
         filters.atlas(photo, mesh=tmp_path / "nowhere.obj")
     with pytest.raises(errors.ParameterError, match=r"a pixel of the photo .* expected 0.5 to 2"):
         filters.atlas(photo, mesh=cube, scale=100.0)
@@ -357,5 +357,5 @@ def test_tiles_that_do_not_fit_are_said(tmp_path):
     with pytest.raises(errors.ParameterError, match=r"udim=.*2x1.*: requires UVs, which sphere.ply"):
         filters.atlas(buffer(PHOTO), mesh=sphere, size=(64, 64), udim=(2, 1))
     (tmp_path / "between.obj").write_text(PLANE.replace("vt 1 0", "vt 1.5 0").replace("vt 1 1", "vt 1.5 1"))
-    with pytest.raises(errors.ImageError, match=r"2 triangles that span several UDIM tiles"):
+    with pytest.raises(errors.ImageError, match=r"2 triangles .*UDIM"):
         filters.atlas(buffer(PHOTO), mesh=tmp_path / "between.obj", size=(64, 64), udim=(2, 1))

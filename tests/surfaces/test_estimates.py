@@ -18,6 +18,7 @@ from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import oiiotex, save
 from tests.reference import reliefs
+from tests.refusals import refused
 
 SIDE = 192
 RELIEFS = {"hills": reliefs.hills(SIDE, 1), "stones": reliefs.stones(SIDE, 1), "courses": reliefs.courses(SIDE)}
@@ -95,7 +96,7 @@ def test_invert_turns_the_relief_over_and_bright_joints_are_not_guessed():
     assert correlation(height_of(photo, overcast=True), height_of(photo, overcast=True, invert=True)) < -0.999
     y, x = np.mgrid[:SIDE, :SIDE] % 24
     mortar = np.where((x < 6) | (y < 6), 0.6, 0.15) + np.random.default_rng(1).normal(0, 0.01, (SIDE, SIDE))
-    with pytest.raises(errors.ImageError, match=r"bright joints.*overcast=True if dark is deep, also invert=True"):
+    with pytest.raises(errors.ImageError, match=r"joints.*overcast=True.*invert=True"):
         filters.estimateheight(gray(mortar))
     assert correlation(height_of(mortar, overcast=True, invert=True), -mortar) > 0.5
     with pytest.raises(errors.ImageError, match="two materials"):
@@ -132,7 +133,7 @@ def test_what_contradicts_itself_or_does_not_fit_is_refused():
     photo = gray(np.ones((64, 64)))
     with pytest.raises(errors.ParameterError, match="conflicts with overcast=True"):
         filters.estimateheight(photo, light=90.0, overcast=True)
-    with pytest.raises(errors.ImageError, match=r"heights of 64x64 needs \d+ MB"):
+    with refused(errors.ImageError, task="heights of 64x64", budget=262144):
         filters.estimateheight(photo, session=Session(budget=1 << 18))
 
 

@@ -78,14 +78,14 @@ def test_tiles_of_one_notation_become_another(tiles):
 
 def test_a_tile_beyond_ten_columns_has_no_udim_number(tiles):
     assert [number for number, _ in tiled("wide.<UVTILE>.tif", "-o", "o.<uvtile>.tif")] == [1001, None]
-    with pytest.raises(ParameterError, match="u10 v0 has no UDIM number"):
+    with pytest.raises(ParameterError, match=r"u10 v0 .*UDIM"):
         tiled("wide.<UVTILE>.tif", "-o", "o.<UDIM>.tif")
 
 
 def test_a_second_input_gives_its_counterparts(tiles):
     assert tiled("t.<UDIM>.tif", "m.<UDIM>.tif", "--mul")[2] == (1011, "t.1011.tif m.1011.tif --mul")
     assert tiled("n.<UDIM>.tif", "t.<UDIM>.tif", "--mul") == [(1001, "n.1001.tif t.1001.tif --mul")]
-    with pytest.raises(ParameterError, match=r"'n.1002.tif' is missing: expected it alongside 't.1002.tif'"):
+    with pytest.raises(ParameterError, match=r"'n.1002.tif'.* 't.1002.tif'"):
         tiled("t.<UDIM>.tif", "-i", "n.<UDIM>.tif", "--mul")
 
 

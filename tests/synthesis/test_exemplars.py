@@ -100,7 +100,7 @@ def test_yaml_says_the_same(tmp_path, yaml):
 def test_yaml_wants_a_package_that_may_not_be_there(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "yaml", None)
     (tmp_path / "g.yml").write_text("exemplars: [{id: a, file: a.png}]")
-    with pytest.raises(ImageError, match="PyYAML is not installed; pip install pyyaml, or use JSON"):
+    with pytest.raises(ImageError, match=r"PyYAML .*pip install pyyaml"):
         read_graph(tmp_path / "g.yml")
 
 
@@ -158,7 +158,7 @@ def test_what_cannot_be_read_is_said(tmp_path):
 def test_edges_over_more_octaves_than_stacks_overlap_are_refused():
     graph = parsed(document(json.loads(json.dumps(CHAIN))))
     graph.require_levels(5, "g.json")
-    with pytest.raises(ImageError, match=r"edge a -> b: r=2 is more than r_max = L - 3 = 1 of exemplars .* 16 px"):
+    with pytest.raises(ImageError, match=r"a -> b: r=2 .*16 px"):
         graph.require_levels(4, "g.json")
 
 

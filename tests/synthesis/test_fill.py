@@ -31,6 +31,7 @@ from oiiotex.synthesis.quality.seam_measures import seam_ratio
 from tests import pictures
 from tests.any_filter import buffer, ids, pixels
 from tests.conftest import load, oiiotex, save
+from tests.refusals import refused
 
 PHOTO = pictures.stained(pictures.pebbles(96, 112, 3))
 STAIN = (((np.indices((96, 112))[1] - 73) / 27) ** 2 + ((np.indices((96, 112))[0] - 38) / 20) ** 2 < 1)[..., None]
@@ -218,7 +219,7 @@ def test_a_label_of_the_photo_is_replaced_from_a_label_of_the_source():
     np.testing.assert_array_equal(columns[:, :41], x[:, :41])
     with pytest.raises(errors.ParameterError, match="sourcelabel=9: not in"):
         filters.fill(buffer(PHOTO), labels=labels, label=2, sourcelabel=9, **QUICK)
-    with pytest.raises(errors.ParameterTypeError, match=r"takes 2 images \(exemplar, region\), not 1"):
+    with pytest.raises(errors.ParameterTypeError, match=r"2 images.* 1$"):
         filters.fill(buffer(PHOTO), None)
 
 
@@ -238,7 +239,7 @@ def test_an_object_of_a_cryptomatte_is_replaced():
     whole = pixels(made())
     for name in ("chair", f"{hashed('chair'):08x}"):
         np.testing.assert_array_equal(pixels(filters.fill(buffer(PHOTO), mattes=mattes, matte=name, **QUICK)), whole)
-    with pytest.raises(errors.ParameterError, match="matte='chiar': expected a name such as chair"):
+    with refused(errors.ParameterError, parameter="matte", value="chiar", expected="a name such as chair"):
         filters.fill(buffer(PHOTO), mattes=mattes, matte="chiar")
     with pytest.raises(errors.ImageError, match="has no Cryptomatte channels; name its file with mattes="):
         filters.fill(buffer(PHOTO), matte="chair")
@@ -331,7 +332,7 @@ def test_a_good_fill_passes_and_a_bad_one_is_called_bad(tmp_path, caplog):
     assert fine["measures"]["border"] < 1.5 < visible["measures"]["border"]
     assert fine["measures"]["step"] < visible["measures"]["step"] and fine["measures"]["repeat"] >= 1
     assert good["passed"] and not poor["passed"] and "cost" not in fine["measures"]
-    with pytest.raises(errors.ParameterError, match="cost is not measured for this result"):
+    with refused(errors.ParameterError, parameter="fail", value="cost>3"):
         made(fail=["cost>3"])
 
 

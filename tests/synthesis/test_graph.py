@@ -14,6 +14,7 @@ from oiiotex.engine import errors
 from oiiotex.synthesis.multiscale.graph import Edge, read_graph
 from tests import pictures
 from tests.conftest import load, oiiotex, run_in, save
+from tests.refusals import refused
 
 SRGB = "srgb_rec709_scene"
 
@@ -119,7 +120,7 @@ def test_what_is_wrong_is_said(folder, names, values, message):
 def test_a_graph_names_files_that_hold_what_was_seen(folder):
     done = oiiotex("moss.png", "--mulc", "0.5", "--texgraph:json=never.json", "-o", "never.png", cwd=folder)
     assert done.returncode == 1 and "moss.png differs from its file, which the graph names" in done.stderr
-    with pytest.raises(errors.ImageError, match="is not a file that the graph can name; write it to a file first"):
+    with refused(errors.ImageError, subject="ImageBuf"):
         filters.graph(oiio.ImageBufAlgo.resize(photo(folder, "moss.png"), roi=oiio.ROI(0, 32, 0, 32)),
                       json=folder / "never.json")  # fmt: skip
     assert not (folder / "never.json").exists()

@@ -55,7 +55,7 @@ def test_overscan_and_parts_come_along():
     assert list(made) == ["joined", "st"]
     assert Window.data(made["st"].spec()) == Window(-5, 0, 70, 50)
     np.testing.assert_array_equal(made["st"].get_pixels(oiio.FLOAT)[:, :70], wide)
-    with pytest.raises(errors.ImageError, match=r"has parts beauty: expected beauty,st, as"):
+    with pytest.raises(errors.ImageError, match=r"parts beauty: .*beauty,st"):
         filters.join({"beauty": over, "st": over}, {"beauty": rest})
 
 

@@ -27,6 +27,7 @@ from oiiotex.synthesis.quilting.guide_map import meaning_of, read_table
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
+from tests.refusals import refused
 from tests.synthesis.test_labelgrowth import ids_buffer
 
 SIDE = 160
@@ -211,7 +212,7 @@ def test_repetition_of_a_painted_label_is_reported_and_capped(tmp_path):
     assert measured[1.0]["label_repeat"] < 1.5, measured
     with pytest.raises(errors.QualityError, match="label_repeat"):
         filters.paint(given, ids_buffer(painted), patch=16, reuse=1e9, fail=["label_repeat>0.1"])
-    with pytest.raises(errors.ParameterError, match="label_repeat is not measured"):
+    with refused(errors.ParameterError, parameter="fail", value="label_repeat>3"):
         filters.quilt(given["photo"], patch=16, fail=["label_repeat>3"])
 
 
@@ -259,28 +260,29 @@ def test_what_is_wrong_is_said(palette, tmp_path):
         filters.paint(photo(), stray, table=table, patch=16)
     fine = painted(disc(inner=3, outer=0), facts["finer"])
     oiio.ImageBufAlgo.render_box(fine, 100, 100, 110, 110, (1, 0, 1), True)
-    with pytest.raises(errors.ImageError, match=r"fine painting has colors .*: 255,0,255 \(\d+ px, first at 100,100\)"):
+    with pytest.raises(errors.ImageError, match=r"fine painting.*: 255,0,255 .*100,100"):
         filters.paint(photo(), ids_buffer(disc()), fine=fine, table=table, patch=16)
     with pytest.raises(errors.ParameterError, match="fine contains colors"):
         filters.paint(photo(), ids_buffer(disc()), fine=fine, patch=16)
     with pytest.raises(errors.ParameterError, match=r"fine: requires label\.0"):
         filters.paint(photo(), ids_buffer(disc()), fine=ids_buffer(disc()), level=1, patch=16)
     (tmp_path / "bad.json").write_text('{"labels": 3}')
-    with pytest.raises(errors.ImageError, match=r"bad\.json.: cannot be read"):
+    with refused(errors.ImageError, parameter="table", value=str(tmp_path / "bad.json")):
         filters.paint(photo(), stray, table=tmp_path / "bad.json")
     facts["labels"][0]["id"] = 9
     (tmp_path / "more.json").write_text(json.dumps(facts))
-    with pytest.raises(errors.ImageError, match=r"more\.json.*: unknown label \[9, 9\]"):
+    with pytest.raises(errors.ImageError, match=r"table=.*more\.json.*: .*\[9, 9\]"):
         filters.paint(photo(), stray, table=tmp_path / "more.json")
     filters.paint(photo(), ids_buffer(disc()), patch=16, plan=tmp_path / "a.npz")
-    with pytest.raises(errors.ImageError, match="260x240 px with patches of 16 px: expected 100x90 px"):
+    with refused(errors.ImageError, parameter="previous", value=str(tmp_path / "a.npz")) as caught:
         filters.paint(photo(), ids_buffer(disc()), size=(100, 90), previous=tmp_path / "a.npz")
+    assert caught.value.problem.startswith("260x240 px") and caught.value.expected.startswith("100x90 px")
     filters.quilt(photo(), patch=16, plan=tmp_path / "q.npz")
-    with pytest.raises(errors.ImageError, match=r"a plan of filters\.paint"):
+    with refused(errors.ImageError, parameter="previous", expected="a plan of filters.paint"):
         filters.paint(photo(), ids_buffer(disc()), previous=tmp_path / "q.npz")
     with pytest.raises(errors.ImageError, match="no label parts"):
         filters.paint(buffer(PHOTO), ids_buffer(disc()))
-    with pytest.raises(errors.ImageError, match=r"a palette of 160x160 needs \d+ MB"):
+    with refused(errors.ImageError, task="a palette of 160x160", budget=1 << 20):
         filters.palette(photo(), session=Session(budget=1 << 20))
 
 

@@ -16,6 +16,7 @@ from oiiotex.filters.texstationarize import Stationarize
 from tests import pictures
 from tests.any_filter import buffer
 from tests.lattices import regular
+from tests.refusals import refused
 
 
 def test_each_side_becomes_the_nearest_power_of_two():
@@ -29,7 +30,7 @@ def test_size_is_a_size_or_pow2(op):
     assert parse_modifiers(op, {"size": "pow2"}) == {"size": SizeRule.POW2}
     assert parse_modifiers(op, {"size": "64x32"}) == {"size": Size(64, 32)}
     for wrong in ("pow3", "", "64", "4x64"):
-        with pytest.raises(ParameterError, match="pow2 or WIDTHxHEIGHT from 5 to 65536 px"):
+        with refused(ParameterError, parameter="size", value=wrong, expected="pow2 or WIDTHxHEIGHT from 5 to 65536 px"):
             parse_modifiers(op, {"size": wrong})
     (size,) = (p for p in op.parameters() if p.name == "size")
     assert size.check("pow2") == "pow2"

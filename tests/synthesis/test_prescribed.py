@@ -18,6 +18,7 @@ from oiiotex.synthesis.projections import histograms
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.reference.projections import projected_by
+from tests.refusals import refused
 from tests.synthesis.test_histograms import lab_like
 
 PHOTO = pictures.stained(pictures.pebbles(96, 112, 3))
@@ -59,7 +60,7 @@ def test_weights_that_are_none_are_refused(value, said):
 
 
 def test_weights_of_another_size_are_refused():
-    with pytest.raises(errors.ImageError, match="weight is 4x3, but the exemplar is 112x96"):
+    with pytest.raises(errors.ImageError, match=r"weight .*4x3.* 112x96"):
         used(np.ones((3, 4)))
 
 
@@ -130,9 +131,9 @@ def test_sigmas_that_are_none_are_refused(value, said):
 
 
 def test_a_map_of_sigmas_must_fit_the_result_and_stand_alone():
-    with pytest.raises(errors.ImageError, match="sigmamap is 112x96, but the result is 64x50"):
+    with pytest.raises(errors.ImageError, match=r"sigmamap .*112x96.* 64x50"):
         made(sigmamap=sigmas(np.full((96, 112), 8.0)), size=(64, 50))
-    with pytest.raises(errors.ImageError, match="sigmamap is uint8: expected a float image with sigma in pixels"):
+    with pytest.raises(errors.ImageError, match=r"sigmamap .*uint8: .*float"):
         made(sigmamap=buffer(np.ones((96, 112, 1)), oiio.UINT8))
-    with pytest.raises(errors.ParameterError, match=r"sigma=8[.]0: conflicts with sigmamap"):
+    with refused(errors.ParameterError, parameter="sigma", value=8.0, problem="conflicts with sigmamap"):
         made(sigmamap=sigmas(np.full((96, 112), 8.0)), sigma=8.0)

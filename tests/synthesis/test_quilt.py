@@ -181,7 +181,7 @@ def test_what_is_wrong_with_a_table_is_said(table, said, tmp_path):
 
 def test_a_plan_of_another_size_is_refused(tmp_path):
     filters.quilt(buffer(PHOTO), size=(64, 64), plan=tmp_path / "p.npz")
-    with pytest.raises(errors.ImageError, match=r"requires an exemplar of 160x144, but .* is 100x144"):
+    with pytest.raises(errors.ImageError, match=r"160x144.* 100x144"):
         filters.quilt(buffer(PHOTO[:, :100]), plan=tmp_path / "p.npz", render=True)
 
 

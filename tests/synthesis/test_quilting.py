@@ -261,7 +261,7 @@ def test_wide_grids_are_the_same_from_any_order_of_waves():
 
 
 def test_a_tile_smaller_than_a_patch_is_refused():
-    with pytest.raises(ImageError, match="the tile is 15 px wide: expected at least 16 px"):
+    with pytest.raises(ImageError, match=r"15 px.* 16 px"):
         Grid(15, 40, True, False, patch=16, overlap=4)
 
 

@@ -19,6 +19,7 @@ from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.conftest import data_folder, load, run_in, save
 from tests.engine.test_sizes import peak_of
+from tests.refusals import refused
 
 SRGB = "srgb_rec709_scene"
 
@@ -262,5 +263,11 @@ def test_paper_is_hrrg08_by_the_letter(folder):
     for jitter, is_the_same in ((0.6, True), ((0, 0.6, 0.1), False)):  # the letter jitters all levels
         other = filters.synth(photo, size=(40, 30), seed=2, paper=True, jitter=jitter).get_pixels(oiio.FLOAT)
         assert np.array_equal(six, other) == is_the_same
-    with pytest.raises(errors.ParameterError, match="components=12: conflicts with paper=True: expected components=6"):
+    with refused(
+        errors.ParameterError,
+        parameter="components",
+        value=12,
+        problem="conflicts with paper=True",
+        expected="components=6",
+    ):
         filters.synth(photo, components=12, paper=True)

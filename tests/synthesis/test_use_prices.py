@@ -165,7 +165,7 @@ def test_what_was_lost_is_said_and_warned_of(caplog, monkeypatch):
     filters.stationarize(photo, seed=1, iterations=1)
     assert "texture is lost: 80 % of the photo is texture, 60 % of the tile" in caplog.text
     monkeypatch.setattr(stationarize, "lost_texture", lambda *_: Lost(0.8, 0.3))
-    with pytest.raises(ImageError, match=r"too much of the texture is lost.*filters.dominant"):
+    with pytest.raises(ImageError, match=r"texture .*lost.*filters.dominant"):
         filters.stationarize(photo, seed=1, iterations=1)
     monkeypatch.setattr(stationarize, "lost_texture", lambda *_: Lost(0.95, 0.3))
     filters.stationarize(photo, seed=1, iterations=1)

@@ -27,6 +27,7 @@ from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex
 from tests.reference.wang import border_steps, sample_wang
+from tests.refusals import refused
 
 PHOTO = pictures.stained(pictures.pebbles(96, 112, 3))
 HEIGHTS = (0.5 + np.sin(np.arange(96) / 9)[:, None] * np.cos(np.arange(112) / 11) / 4)[..., None]  # unlike the colors
@@ -68,7 +69,7 @@ def test_an_atlas_has_the_tiles_of_the_set_and_all_maps_together(atlas):
 
 @pytest.mark.parametrize("variants", [1, 8, 20])
 def test_a_set_that_does_not_fill_a_square_is_refused(variants):
-    with pytest.raises(errors.Error, match=r"pack=.atlas.: requires variants=4, 16 or 64"):
+    with refused(errors.Error, parameter="pack", value="atlas", problem="requires variants=4, 16 or 64"):
         filters.stationarize(buffer(PHOTO), pack="atlas", **SMALL | {"variants": variants})
 
 
