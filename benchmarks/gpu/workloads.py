@@ -110,7 +110,7 @@ def _analysis(session: Session, side: int) -> Work:
 def _superpixel(session: Session, side: int) -> Work:
     """With its hierarchy, which small pictures would not have by themselves."""
     source = _large(side)
-    return lambda: filters.superpixel(source, finest=max(5.0, side / 64), sigma=max(20.0, side / 16), session=session)
+    return lambda: filters.superpixel(source, sigmamin=max(5.0, side / 64), sigma=max(20.0, side / 16), session=session)
 
 
 def _slic(session: Session, side: int) -> Work:
@@ -129,7 +129,7 @@ def _slic(session: Session, side: int) -> Work:
 def _labeled(session: Session) -> Any:
     halves = pictures.bricks(128, 96, 1), pictures.moss(128, 96, 2)
     pixels = (255 * np.concatenate(halves, 1) + 0.5).astype(np.uint8)
-    return filters.label(buffer_of(pixels), keep=True, session=session)
+    return filters.label(buffer_of(pixels), photo=True, session=session)
 
 
 def _composite(session: Session, side: int) -> Work:
@@ -139,7 +139,7 @@ def _composite(session: Session, side: int) -> Work:
 
 def _palette(session: Session, side: int) -> Work:
     source = _labeled(session)
-    return lambda: filters.palette(source, side=32, session=session)
+    return lambda: filters.palette(source, panel=32, session=session)
 
 
 def _paint(session: Session, side: int) -> Work:

@@ -56,7 +56,7 @@ def pick_labels():
         return None
     out = os.path.splitext(photo)[0] + "_labels.exr"
     try:
-        run([os.environ.get("OIIOTEX", "oiiotex"), photo, "--texlabel:cryptomatte=1:single=1", "-o", out])
+        run([os.environ.get("OIIOTEX", "oiiotex"), photo, "--texlabel:cryptomatte=1:onepart=1", "-o", out])
     except RuntimeError as error:
         nuke.message(str(error))
         return None

@@ -21,7 +21,7 @@ from ..engine.errors import ImageError
 from ..engine.session import Session
 
 # parameters in which crops of one image may differ
-_APART = ("chunk", "window", "resume", "graph", "stmap", "report", "fail")
+_APART = ("chunk", "window", "resume", "graph", "st", "report", "fail")
 _SHARE = re.compile(r"(?:^|:)chunk=(\d+)/(\d+)(?:$|:)")
 
 

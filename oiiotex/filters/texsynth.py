@@ -57,7 +57,7 @@ class Synth(Multiscale, Structured):
             "transfer",
             Kind.COORDINATES,
             "Color offset added to each copied pixel: L, a and b of CIE Lab in R, G and B. Only with graph.",
-            asked_by="stmap",
+            asked_by="st",
         ),
         REPORT,
     )
@@ -71,7 +71,7 @@ class Synth(Multiscale, Structured):
     chunk: str | None = param(
         None, example="1/4", advanced=True, help="Chunk I of N of the rows of the result, as I/N, for a render farm."
     )
-    level: int | None = param(
+    lod: int | None = param(
         None,
         example="2",
         ge=0,
@@ -80,7 +80,7 @@ class Synth(Multiscale, Structured):
         help="Resolution. At level N, the root exemplar (without `graph`, the photo) is 2^N pixels wide. Reduce it"
         " for a preview.",
     )
-    tile: str = param(
+    tiles: str = param(
         "none",
         choices=("none", "xy"),
         help="Axes along which the result tiles. xy requires size, with sides that are multiples of 2^level pixels.",
@@ -91,7 +91,7 @@ class Synth(Multiscale, Structured):
         help="Save a checkpoint after each finished piece next to the output, in the folder OUTPUT.parts. Run the"
         " same command again to resume.",
     )
-    stmap: bool | Path = param(
+    st: bool | Path = param(
         False,
         example="st.exr",
         advanced=True,
@@ -109,21 +109,21 @@ class Synth(Multiscale, Structured):
     def compute(self, session: Session) -> dict[str, Any]:
         """The texture and its source coordinates."""
         resources, progress = session.resources, session.progress
-        asked, wrap = self._asked_window(), (self.tile == "xy",) * 2
+        asked, wrap = self._asked_window(), (self.tiles == "xy",) * 2
         # checks the limits before the work
         quality = Quality(op=self, resources=resources, progress=progress, wrap=wrap, copies=self.graph is None)
         plane = self.opened(resources, progress)
         first = plane.root.first
-        level = plane.finest + plane.graph.depth() if self.level is None else self.level
+        level = plane.finest + plane.graph.depth() if self.lod is None else self.lod
         display, window = self._windows(first.spec, asked)
         around = self._around(level, display)
         in_step = self._in_step(plane, level, around, session)
-        how: dict[str, Any] = {"seed": self.seed, "lock": self.lock, "jitter": self.jitter}
+        how: dict[str, Any] = {"seed": self.seed, "lock": self.keeplayout, "jitter": self.jitter}
         settings = plane.settings(**how, around=around, around_level=level, in_step=in_step)
         maker = self.maker(plane, settings, resources)
         key = plane.key(settings, level) if self.resume or self.chunk else ""
         states = States(resources, maker, level, window, display or window, key if self.resume else "")
-        spec = texture_spec(first.spec, states.display, states.place, self.tile)
+        spec = texture_spec(first.spec, states.display, states.place, self.tiles)
         spec.attribute("oiiotex:level", level)
         spec.attribute(WINDOW, str(window))
         note(spec, "oiiotex:seed", settings.seed)
@@ -175,18 +175,18 @@ class Synth(Multiscale, Structured):
 
     def _around(self, level: int, display: Window | None) -> tuple[int, int] | None:
         """Period of the plane, in pixels of the level."""
-        if self.tile == "none":
+        if self.tiles == "none":
             return None
         if self.size is None or display is None:
-            raise ParameterError(f"{modifier(tile='xy')} requires size, the period of the texture")
+            raise ParameterError(f"{modifier(tiles='xy')} requires size, the period of the texture")
         if any(n % (1 << level) for n in self.size):
-            expected = f"multiples of {1 << level} px, for {modifier(tile='xy')} on level {level}"
+            expected = f"multiples of {1 << level} px, for {modifier(tiles='xy')} on level {level}"
             raise ParameterError(parameter="size", value=self.size, expected=expected)
         return display.width, display.height
 
     def _in_step(self, plane: Plane, level: int, around: tuple[int, int] | None, session: Session) -> InStep | None:
         """The lattice of the single exemplar, in px of its square; None with lock or paper."""
-        if self.graph is not None or self.lock or self.paper:
+        if self.graph is not None or self.keeplayout or self.paper:
             return None
         root = plane.exemplars[0]
         lattice = self.lattice_of(root.values, root.opaque, session.resources)

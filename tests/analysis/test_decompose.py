@@ -309,7 +309,7 @@ def test_parts_cryptomatte_json_and_the_view(tmp_path):
     picture, _ = quarters(96)
     save(picture, tmp_path / "photo.png")
     done = oiiotex(
-        "photo.png", "--texdecompose:keep=1:cryptomatte=manifest.json:json=facts.json", "-o", "all.exr", cwd=tmp_path
+        "photo.png", "--texdecompose:photo=1:cryptomatte=manifest.json:facts=facts.json", "-o", "all.exr", cwd=tmp_path
     )
     assert done.returncode == 0, done.stderr
     names = [oiio.ImageBuf(str(tmp_path / "all.exr"), n, 0).spec() for n in range(3)]

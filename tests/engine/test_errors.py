@@ -146,8 +146,8 @@ WRONG: dict[str, tuple[str, dict[str, object], str, str]] = {
     ),
     "inverse": ("lab:to=lin_rec709_scene", {"to": "lin_rec709_scene"}, "requires inverse=1", "requires inverse=True"),
     "labels": (
-        "quilt:label=1", {"label": 1}, "has no label parts; create them with --texlabel:keep=1",
-        "has no label parts; create them with filters.label(keep=True)",
+        "quilt:label=1", {"label": 1}, "has no label parts; create them with --texlabel:photo=1",
+        "has no label parts; create them with filters.label(photo=True)",
     ),
     "panels": ("preview:panels=no", {"panels": ["no"]}, "panels=no: expected ", "panels=('no',): expected "),
 }  # fmt: skip
@@ -175,7 +175,7 @@ def test_words_are_spelled_by_who_says_them():
     for text, line, python in (
         (modifier(mask=True), "mask=1", "mask=True"),
         (modifier(render=False, seed=3), "render=0:seed=3", "render=False, seed=3"),
-        (texture_filter("label", keep=True), "--texlabel:keep=1", "filters.label(keep=True)"),
+        (texture_filter("label", keep=True), "--texlabel:photo=1", "filters.label(photo=True)"),
         (texture_filter("warp"), "--texwarp", "filters.warp"),
     ):
         assert (spelled(f"<{text}>"), spelled(f"<{text}>", PYTHON)) == (f"<{line}>", f"<{python}>")

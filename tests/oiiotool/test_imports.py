@@ -99,7 +99,7 @@ def test_a_line_imports_what_it_names(photo, tmp_path, line, rooms, most):
 
 @pytest.mark.parametrize("measure", ["histogram", "moments:order=4", "steerable"])
 def test_a_tile_takes_no_more_than_its_measure_needs(photo, tmp_path, measure):
-    line = f"--texstationarize:size=32x32:iterations=1:contrast=0.7:measure={measure}"  # else the photo is looked at
+    line = f"--texstationarize:size=32x32:iterations=1:histogram=0.7:measure={measure}"  # else the photo is looked at
     modules = imported(photo, line, "-o", tmp_path / "tile.png")
     packages = {name.partition(".")[0] for name in modules} - set(sys.stdlib_module_names) - {"__main__"}
     foreign = {name for name in packages if not name.startswith(("_", "oiiotex", "sitecustomize"))}

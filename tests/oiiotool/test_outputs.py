@@ -194,21 +194,21 @@ def test_an_undeclared_output_is_a_mistake(monkeypatch):
 
 
 def test_a_plan_that_is_read_is_not_overwritten(tmp_path):
-    filters.quilt(buffer(PHOTO), size=(40, 40), plan=tmp_path / "p.npz")
+    filters.quilt(buffer(PHOTO), size=(40, 40), planfile=tmp_path / "p.npz")
     held = (tmp_path / "p.npz").read_bytes()
     with pytest.raises(errors.ParameterError, match="would overwrite plan, an input file"):
-        filters.quilt(buffer(PHOTO), plan=tmp_path / "p.npz", render=True, stmap=tmp_path / "p.npz")
+        filters.quilt(buffer(PHOTO), planfile=tmp_path / "p.npz", render=True, st=tmp_path / "p.npz")
     assert (tmp_path / "p.npz").read_bytes() == held
 
 
 def test_a_line_does_not_write_one_file_twice(tmp_path, photo):
-    words = [photo, "--texcut:stmap=st.exr:size=16x16"] * 2
+    words = [photo, "--texcut:st=st.exr:size=16x16"] * 2
     done = oiiotex(*words, cwd=tmp_path)
     assert done.returncode == 1 and "stmap=st.exr would overwrite a file written by an earlier op" in done.stderr
-    done = oiiotex(photo, "--nosoftwareattrib", "--texcut:stmap=st.exr:size=16x16", "-o", "a.exr", cwd=tmp_path)
+    done = oiiotex(photo, "--nosoftwareattrib", "--texcut:st=st.exr:size=16x16", "-o", "a.exr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert read(tmp_path / "st.exr").first.spec.get_string_attribute("oiiotex:filter") == ""
-    done = oiiotex(photo, "--texcut:stmap=st.exr:size=16x16", "-otex", "st.exr", cwd=tmp_path)
+    done = oiiotex(photo, "--texcut:st=st.exr:size=16x16", "-otex", "st.exr", cwd=tmp_path)
     assert done.returncode == 1 and "would overwrite a file written by an earlier op" in done.stderr
 
 

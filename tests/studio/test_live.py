@@ -377,7 +377,7 @@ def test_tiles_of_a_zoom_are_windows_of_a_line_twenty_levels_down(browser, folde
         words = []
         for number, (level, x, y) in enumerate(tuple(map(int, name.split("/"))) for name in tiles):
             window = f"256x256{256 * x:+d}{256 * y:+d}"
-            words += [f"--texsynth:graph=graph.json:level={level}:window={window}", "-o", f"tile{number}.exr"]
+            words += [f"--texsynth:graph=graph.json:lod={level}:window={window}", "-o", f"tile{number}.exr"]
         done = oiiotex(*words, cwd=folder)
         assert done.returncode == 0, done.stderr
         for number, pixels in enumerate(tiles.values()):

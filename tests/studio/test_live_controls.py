@@ -281,7 +281,7 @@ def test_values_under_the_pointer_and_false_color_are_those_of_the_files(page, f
         np.testing.assert_allclose(told, values[y, x, :3], rtol=1e-4)
     page.keyboard.press("r")
     wait(page, "document.querySelector('.ramp') !== null")
-    done = oiiotex("photo.exr", "--texstationarize:stmap=st.exr", "-o", "again.exr", cwd=folder)
+    done = oiiotex("photo.exr", "--texstationarize:st=st.exr", "-o", "again.exr", cwd=folder)
     assert done.returncode == 0, done.stderr
     spec = Image((from_array(load(folder / "photo.exr")).first,), "").first.spec
     uses, shown = region_uses(load(folder / "st.exr")[..., :2], spec)

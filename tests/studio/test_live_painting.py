@@ -273,7 +273,7 @@ def test_a_canvas_of_another_size_keeps_its_patches(tmp_path, spare):
     steps, photo = Steps(tmp_path, spare), test_painting.photo()
 
     def painted(ids: np.ndarray, name: str, **more: object) -> np.ndarray:
-        return filters.paint(photo, ids_buffer(ids), plan=tmp_path / name, **more).get_pixels(oiio.FLOAT)
+        return filters.paint(photo, ids_buffer(ids), planfile=tmp_path / name, **more).get_pixels(oiio.FLOAT)
 
     shown = painted(coarse, "000000.npz", patch=16)
     larger = np.full((200, 260), 1)
@@ -309,7 +309,7 @@ def test_a_painting_many_times_larger_is_sewn_around_the_patches_that_are_shown(
 
     def painted(name: str, **more: object) -> np.ndarray:
         path = tmp_path / name
-        filters.paint(photo, ids_buffer(coarse), fine=ids_buffer(fine), plan=path, **more)
+        filters.paint(photo, ids_buffer(coarse), fine=ids_buffer(fine), planfile=path, **more)
         return np.load(path)
 
     shown = painted("000000.npz", patch=16)

@@ -146,7 +146,7 @@ def test_a_blended_border_changes_color_alone_and_keeps_light_and_alpha():
     photo = buffer(np.concatenate([(PHOTO - PHOTO.min()) ** 4 * 60, alpha], -1), space="lin_rec709_scene")
     normal = buffer(np.random.default_rng(1).uniform(0, 1, (96, 112, 3)), space="data")
     both = [
-        filters.fill(photo, mask(STAIN), maps=[normal], kinds=("color", "normal"), blend=blend, **QUICK)
+        filters.fill(photo, mask(STAIN), maps=[normal], kinds=("color", "normal"), fade=blend, **QUICK)
         for blend in (0.0, 4.0)
     ]
     plain, blended = ([pixels(one) for one in made] for made in both)
@@ -198,7 +198,7 @@ def test_all_maps_come_from_the_same_pixels():
     source = {"color": buffer(OTHER), "normal": buffer(normal, space="data")}
     own = buffer(np.full((96, 112, 3), 0.5), space="data")
     found = filters.fill(
-        buffer(PHOTO), mask(STAIN), maps=[own], kinds=("color", "data"), source=source, adapt=0.0, blend=0.0, **QUICK
+        buffer(PHOTO), mask(STAIN), maps=[own], kinds=("color", "data"), source=source, matchlight=0.0, fade=0.0, **QUICK
     )
     both = np.concatenate([pixels(one)[HOLE] for one in found], -1)
     known = {p.tobytes() for p in np.concatenate([OTHER, normal], -1).astype(np.float32).reshape(-1, 6)}
@@ -212,12 +212,12 @@ def test_all_maps_come_from_the_same_pixels():
 def test_a_label_of_the_photo_is_replaced_from_a_label_of_the_source():
     x = np.indices((96, 112))[1]
     labels = ids(1 + (x > 40) + (x > 80).astype(int))
-    found = pixels(filters.fill(buffer(PHOTO), labels=labels, label=2, sourcelabel=3, stmap=True, **QUICK)["st"])
+    found = pixels(filters.fill(buffer(PHOTO), labels=labels, replace=2, label=3, st=True, **QUICK)["st"])
     columns = np.floor(found[..., 0] * 112).astype(int)
     assert (columns[:, 41:81] > 80).all()
     np.testing.assert_array_equal(columns[:, :41], x[:, :41])
     with pytest.raises(errors.ParameterError, match="sourcelabel=9: not in"):
-        filters.fill(buffer(PHOTO), labels=labels, label=2, sourcelabel=9, **QUICK)
+        filters.fill(buffer(PHOTO), labels=labels, replace=2, label=9, **QUICK)
     with pytest.raises(errors.ParameterTypeError, match=r"takes 2 images \(exemplar, region\), not 1"):
         filters.fill(buffer(PHOTO), None)
 

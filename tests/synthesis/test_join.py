@@ -126,7 +126,7 @@ def farm(tmp_path_factory):
     made = tmp_path_factory.mktemp("farm")
     save(pictures.pebbles(32, 40, 1), made / "photo.png", space="srgb_rec709_scene")
     for name, more in (("whole", ""), *((f"share{n}", f":chunk={n}/3") for n in (1, 2, 3))):
-        words = ("photo.png", f"--texsynth:size=70x48:stmap=1{more}", "-d", "float", "-o", f"{name}.exr")
+        words = ("photo.png", f"--texsynth:size=70x48:st=1{more}", "-d", "float", "-o", f"{name}.exr")
         run_in(made, *words)
     return made
 

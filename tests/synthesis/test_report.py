@@ -35,16 +35,16 @@ LOSSES = {"textured", "textured_photo", "regular", "regular_photo"}  # the photo
 LABELS = {"labels": quarters(), "patch": 16}
 MADE = {  # what is measured beside what always is, and how it is made
     "stationarize": (COPIES | SEAMS | LOSSES, lambda **more: filters.stationarize(buffer(PHOTO), **QUICK, **more)),
-    "patchmatch": (COPIES | ACROSS, lambda **more: filters.patchmatch(buffer(PHOTO), **QUICK, tile="x", **more)),
-    "quilt": (COPIES | SEAMS, lambda **more: filters.quilt(buffer(PHOTO), size=(80, 64), tile="xy", **more)),
+    "patchmatch": (COPIES | ACROSS, lambda **more: filters.patchmatch(buffer(PHOTO), **QUICK, tiles="x", **more)),
+    "quilt": (COPIES | SEAMS, lambda **more: filters.quilt(buffer(PHOTO), size=(80, 64), tiles="xy", **more)),
     "cut": (COPIES | SEAMS, lambda **more: filters.cut(buffer(PHOTO), size=(60, 60), **more)),
-    "composite": (COPIES, lambda **more: filters.composite(buffer(PHOTO), size=(80, 72), tries=1, **LABELS, **more)),
+    "composite": (COPIES, lambda **more: filters.composite(buffer(PHOTO), size=(80, 72), restarts=1, **LABELS, **more)),
     "paint": (COPIES | PAINTED, lambda **more: filters.paint(buffer(PHOTO), quarters(), **LABELS, **more)),
     "synth": (
         COPIES | SEAMS,
-        lambda **more: filters.synth(buffer(PHOTO), size=(64, 64), tile="xy", side=64, **more),
+        lambda **more: filters.synth(buffer(PHOTO), size=(64, 64), tiles="xy", exemplarside=64, **more),
     ),
-    "zoom": (set(), lambda **more: filters.zoom(buffer(PHOTO), size=(64, 48), side=64, **more)),
+    "zoom": (set(), lambda **more: filters.zoom(buffer(PHOTO), size=(64, 48), exemplarside=64, **more)),
 }
 
 
@@ -160,9 +160,9 @@ def test_variants_and_parts_of_a_set_are_reported_one_by_one(tmp_path):
 
 def test_a_limit_beyond_is_a_quality_error_that_holds_the_result(tmp_path):
     with pytest.raises(errors.QualityError) as caught:
-        filters.quilt(buffer(PHOTO), tile="xy", fail=["seam>0.01", "copied<0.001"], report=tmp_path / "r.json")
+        filters.quilt(buffer(PHOTO), tiles="xy", fail=["seam>0.01", "copied<0.001"], report=tmp_path / "r.json")
     assert re.search(r"seam is [\d.]+: fail=seam>0.01$", str(caught.value))
-    np.testing.assert_array_equal(pixels(caught.value.result), pixels(filters.quilt(buffer(PHOTO), tile="xy")))
+    np.testing.assert_array_equal(pixels(caught.value.result), pixels(filters.quilt(buffer(PHOTO), tiles="xy")))
     document = json.loads((tmp_path / "r.json").read_text())
     assert document["passed"] is False and len(document["failed"]) == 1
     assert [(limit["limit"], limit["passed"]) for limit in document["limits"]] == [
@@ -210,7 +210,7 @@ def test_what_does_not_fit_is_refused_with_the_figure_and_v_goes_on_without(tmp_
 
 def test_the_exit_code_is_3_and_all_is_written(tmp_path):
     save(PHOTO, tmp_path / "photo.png")
-    op = "--texquilt:tile=xy:report=r.json:fail=seam>0.01,repeat>1000"
+    op = "--texquilt:tiles=xy:report=r.json:fail=seam>0.01,repeat>1000"
     done = oiiotex("photo.png", op, "-o", "tile.png", cwd=tmp_path)
     assert done.returncode == 3
     assert re.fullmatch(r"oiiotex FAIL: --texquilt : part0: seam is [\d.]+: fail=seam>0.01\n", done.stderr)
@@ -218,7 +218,7 @@ def test_the_exit_code_is_3_and_all_is_written(tmp_path):
     done = oiiotex("photo.png", op.replace("seam>0.01", "seam>1000"), "-o", "tile.png", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     frames = ("--frames", "1-2", "--parallel-frames", "--threads", "2")
-    done = oiiotex(*frames, "photo.png", "--texquilt:tile=xy:fail=seam>0.01", "-o", "tile.#.png", cwd=tmp_path)
+    done = oiiotex(*frames, "photo.png", "--texquilt:tiles=xy:fail=seam>0.01", "-o", "tile.#.png", cwd=tmp_path)
     assert done.returncode == 3 and (tmp_path / "tile.0002.png").exists()
 
 

@@ -79,7 +79,7 @@ def test_whole_octaves_are_windows_of_the_texture(folder):
             folder, "--frames", frame, "--texzoom:graph=loop.json:speed=0.5:center=20,30:size=80x60", "-o", "z.#.exr"
         )
         x, y = 20 * 2 ** (level - 6) - 40, 30 * 2 ** (level - 6) - 30
-        run_in(folder, f"--texsynth:graph=loop.json:level={level}:window=80x60{x:+d}{y:+d}", "-o", "w.exr")
+        run_in(folder, f"--texsynth:graph=loop.json:lod={level}:window=80x60{x:+d}{y:+d}", "-o", "w.exr")
         np.testing.assert_array_equal(load(folder / f"z.{frame:04d}.exr"), load(folder / "w.exr"))
 
 
@@ -126,9 +126,9 @@ def test_what_is_zoomed_into_stays_where_it_is(folder):
 
 
 def test_the_deepest_frames(folder):
-    deep = filters.zoom(photo(folder), level=60, size=(40, 30), center=(50.123, 9))
+    deep = filters.zoom(photo(folder), lod=60, size=(40, 30), center=(50.123, 9))
     assert len(np.unique(deep.get_pixels(oiio.UINT8).reshape(-1, 3), axis=0)) > 20
-    between = filters.zoom(photo(folder), level=59.5, size=(40, 30), center=(50.123, 9))
+    between = filters.zoom(photo(folder), lod=59.5, size=(40, 30), center=(50.123, 9))
     assert between.get_pixels(oiio.FLOAT).std() > 0.02
 
 

@@ -5,12 +5,12 @@
 
 `oiiotex` is the version of the format. `photo` is the exemplar, or `graph` an exemplar graph. All these files must be
 inside the document's folder or a folder in $OIIOTEX_TEXTURE_PATH (separated as in $PATH), with symbolic links resolved:
-an untrusted document cannot show other files of its reader. `size` is the size of the image, `level` the level of
---texsynth (default: the finest), `colorspace` the color space of an untagged photo. `autocc` derives color spaces from
+an untrusted document cannot show other files of its reader. `size` is the size of the image, `lod` the level of
+detail of --texsynth (default: the finest), `colorspace` the color space of an untagged photo. `autocc` derives color spaces from
 file names. `device` is as in --device. A query after the file name, such as `?seed=7&size=4096x4096`, overrides seed,
-size, level, colorspace or device.
+size, lod, colorspace or device.
 
-With `plan`, a file of --texquilt:plan, the texture is that quilt of the photo, or of another map of the same size. With
+With `plan`, a file of --texquilt:planfile, the texture is that quilt of the photo, or of another map of the same size. With
 `tiles` instead of a photo, a file of --texstationarize:variants, `seed` arranges these tiles over the plane.
 """
 
@@ -37,7 +37,7 @@ MOST_SIDE = 2**31 - 1024  # px: OpenImageIO uses 32-bit integers, and adds a til
 _TILES = (64, 128, 256, 512, 1024)  # px; tile sizes reported to hosts
 _MOST_TILES = 1 << 28  # per level: OpenImageIO's cache keeps a bit for each tile, with 32-bit indices
 _FILES = ("photo", "graph", "tiles", "plan")
-_QUERY = ("seed", "size", "level", "colorspace", "device")
+_QUERY = ("seed", "size", "lod", "colorspace", "device")
 _SIZE = re.compile(r"([1-9]\d{0,9})x([1-9]\d{0,9})", re.ASCII)
 
 
@@ -57,7 +57,7 @@ class _TextureDocument:
     size: str | None = None
     plan: _LinkedText | None = None
     seed: Seed | None = None
-    level: Annotated[int, Allowed(0, MOST_LEVEL)] | None = None
+    lod: Annotated[int, Allowed(0, MOST_LEVEL)] | None = None
     colorspace: _LinkedText | None = None
     autocc: bool = False
     device: _LinkedText | None = None
@@ -83,8 +83,8 @@ class TextureFile:
     stamp: tuple[int, ...]  # modification time (ns) and size of each file; a change makes another texture
     width: int  # px, 1 to 2^31 - 1024; 0 with a plan, which defines them
     height: int
-    seed: int | None = None  # of --texsynth, as is level
-    level: int | None = None
+    seed: int | None = None  # of --texsynth, as is lod
+    lod: int | None = None
     colorspace: str | None = None
     device: str | None = None
     autocc: bool = False
@@ -133,7 +133,7 @@ def _asked(query: str, where: str) -> dict[str, Any]:
         key, _, value = word.partition("=")
         if key not in _QUERY:
             raise ImageError(f"{where}: '?{word[:60]}': expected {', '.join(_QUERY)}")
-        values[key] = int(value) if key in ("seed", "level") and value.isascii() and value.isdigit() else value
+        values[key] = int(value) if key in ("seed", "lod") and value.isascii() and value.isdigit() else value
     return values
 
 

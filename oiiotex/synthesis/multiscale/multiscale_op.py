@@ -40,7 +40,7 @@ class Multiscale(InLab, Reported, AnyWindow):
         " several scales, and which one refines which.",
         example="graph.json",
     )
-    lock: bool | int = param(
+    keeplayout: bool | int = param(
         False,
         ge=0,
         le=MOST_LEVEL,
@@ -73,7 +73,7 @@ class Multiscale(InLab, Reported, AnyWindow):
         " repeats.",
         advanced=True,
     )
-    side: int = param(
+    exemplarside: int = param(
         256,
         choices=(16, 32, 64, 128, 256, 512, 1024),
         unit="px",
@@ -118,13 +118,13 @@ class Multiscale(InLab, Reported, AnyWindow):
             graph, images = self.single(self.exemplar.source), (self.exemplar,)
         else:
             raise ParameterError("no exemplar", expected="an image, or graph=FILE")
-        if self.lock:  # the root is reproduced only if its neighborhoods wrap, as its plane does
+        if self.keeplayout:  # the root is reproduced only if its neighborhoods wrap, as its plane does
             graph = replace(graph, wraps=tuple("periodic" if n == graph.root else w for n, w in enumerate(graph.wraps)))
         for given in images:
             for part in given.parts[1:]:
                 self.warn("part '%s' of %s is dropped", part.name, given.source)
         how: dict[str, Any] = {
-            "side": self.side,
+            "side": self.exemplarside,
             "dims": self.components,
             "correct": self.matchcolor,
             "literal": self.paper,

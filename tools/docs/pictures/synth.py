@@ -117,7 +117,7 @@ def crops() -> np.ndarray:
     whole = opened("photos/bark_flaky.jpg")
     with tempfile.TemporaryDirectory() as folder:
         graph = Path(folder) / "bark.json"
-        filters.graph(whole, json=graph, scales=4, side=128)
+        filters.graph(whole, graphfile=graph, scales=4, exemplarside=128)
         document = json.loads(graph.read_text())
         panes = [pixels(oiio.ImageBuf(str(Path(folder) / e["file"]))) for e in document["exemplars"]]
         rows = [beside(*panes, gap=4)]
