@@ -88,7 +88,7 @@ def row(name: str, picture: oiio.ImageBuf, seeds: int, session: Session) -> str:
     for seed in range(1, seeds + 1):
         plain = Stationarize(exemplar=image, seed=seed).recipe(*own_size)
         op = Stationarize(exemplar=image, seed=seed)
-        kept = InStep(lattice, lattice.on_torus(Domain(*size, True, True)), op.structure)
+        kept = InStep(lattice, lattice.on_torus(Domain(*size, True, True)), op.lattice)
         found["before"].append(made(plain))
         found["after"].append(made(replace(op.recipe(*size), in_step=kept)))
         found["patchmatch"].append(made(PatchMatch(exemplar=image, seed=seed).recipe(*own_size)))

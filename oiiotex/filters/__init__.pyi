@@ -30,15 +30,15 @@ def atlas(
     size: tuple[int, int] | None = None,
     udim: tuple[int, int] | None = None,
     scale: float | None = None,
-    unwrapped: FileName | None = None,
-    convention: Literal['opengl', 'directx'] = 'opengl',
+    obj: FileName | None = None,
+    normals: Literal['opengl', 'directx'] = 'opengl',
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: FileName | Literal[False] = False,
+    st: FileName | Literal[False] = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -57,7 +57,7 @@ def atlas(
     everywhere, regardless of the scale of each chart. All maps of a material are synthesized together
     (kinds=color,data,normal), and tangent-space normals rotate with the texture. Gutters of 8 px continue the
     texture beyond the border of each chart. A mesh without UVs is unwrapped by xatlas: render the result on the mesh
-    that unwrapped=FILE.obj writes. Requires `pip install oiiotex[atlas]`.
+    that obj=FILE.obj writes. Requires `pip install oiiotex[atlas]`.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def atlas(
     scale : float | None, default None
         Width of the photo on the surface, in units of the mesh. Expected: a number >= 1e-09. Default: a
         pixel of the photo is a pixel of the atlas.
-    unwrapped : FileName | None, default None
+    obj : FileName | None, default None
         File (.obj) for the mesh with the UV charts of the result.
     kinds : Sequence[str] | None, default None
         Kind of each map of a material: color, data, normal or height. The last images on the stack are
@@ -111,26 +111,26 @@ def atlas(
         A list of these if several images are made.
         - atlas: Atlas of pixels copied from the photo, one for each map. Normals are rotated. [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
-          with stmap]
-        - mesh: Mesh with the UV charts of the atlas. [.obj; with unwrapped]
+          with st]
+        - obj: Mesh with the UV charts of the atlas. [.obj; with obj]
 
     Other Parameters
     ----------------
     labels : ImageLike | None, default None
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
-    convention : Literal['opengl', 'directx'], default 'opengl'
+    normals : Literal['opengl', 'directx'], default 'opengl'
         Green channel of normal maps. opengl: up; directx: down.
     mapweights : float | Sequence[float] | None, default None
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
-    level : int | None, default None
+    labellevel : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
         Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
-    stmap : bool | FileName, default False
+    st : bool | FileName, default False
         Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
@@ -155,15 +155,15 @@ def atlas(
     size: tuple[int, int] | None = None,
     udim: tuple[int, int] | None = None,
     scale: float | None = None,
-    unwrapped: FileName | None = None,
-    convention: Literal['opengl', 'directx'] = 'opengl',
+    obj: FileName | None = None,
+    normals: Literal['opengl', 'directx'] = 'opengl',
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: Literal[True],
+    st: Literal[True],
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -182,15 +182,15 @@ def atlas(
     size: tuple[int, int] | None = None,
     udim: tuple[int, int] | None = None,
     scale: float | None = None,
-    unwrapped: FileName | None = None,
-    convention: Literal['opengl', 'directx'] = 'opengl',
+    obj: FileName | None = None,
+    normals: Literal['opengl', 'directx'] = 'opengl',
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -209,15 +209,15 @@ def atlas(
     size: tuple[int, int] | None = None,
     udim: tuple[int, int] | None = None,
     scale: float | None = None,
-    unwrapped: FileName | None = None,
-    convention: Literal['opengl', 'directx'] = 'opengl',
+    obj: FileName | None = None,
+    normals: Literal['opengl', 'directx'] = 'opengl',
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -231,9 +231,9 @@ def checkmaterial(
     /,
     *,
     kinds: Sequence[str] | None = None,
-    convention: Literal['opengl', 'directx'] = 'opengl',
-    fail: Literal['errors', 'warnings', 'none'] = 'errors',
-    json: FileName | None = None,
+    normals: Literal['opengl', 'directx'] = 'opengl',
+    failon: Literal['errors', 'warnings', 'none'] = 'errors',
+    facts: FileName | None = None,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -262,11 +262,11 @@ def checkmaterial(
         Kind of each map of a material: color, data, normal or height. The last images on the stack are
         used, one for each kind, in order. Maps other than color are tagged as data in the result.
         Default: one map: color.
-    convention : Literal['opengl', 'directx'], default 'opengl'
+    normals : Literal['opengl', 'directx'], default 'opengl'
         Expected green channel of normals. opengl: up; directx: down.
-    fail : Literal['errors', 'warnings', 'none'], default 'errors'
+    failon : Literal['errors', 'warnings', 'none'], default 'errors'
         Findings that set the exit code to 3. errors: errors only; warnings: both; none: neither.
-    json : FileName | None, default None
+    facts : FileName | None, default None
         File for findings and measures.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
@@ -285,7 +285,7 @@ def checkmaterial(
         A dict of parts by name if more than one part is requested.
         A list of these if several images are made.
         - map: Maps, unchanged. [pixels]
-        - report: Findings, and measures of each map. [JSON; with json]
+        - facts: Findings, and measures of each map. [JSON; with facts]
 
     Raises
     ------
@@ -296,7 +296,7 @@ def checkmaterial(
     --------
     >>> from oiiotex import filters
     >>> maps = ["roughness.png"]
-    >>> same = filters.checkmaterial("photo.png", maps=maps, kinds=["color", "data"], json="checks.json")
+    >>> same = filters.checkmaterial("photo.png", maps=maps, kinds=["color", "data"], facts="checks.json")
     """
 @overload
 def checkmaterial(
@@ -305,9 +305,9 @@ def checkmaterial(
     *,
     maps: Sequence[ImageLike] = (),
     kinds: Sequence[str] | None = None,
-    convention: Literal['opengl', 'directx'] = 'opengl',
-    fail: Literal['errors', 'warnings', 'none'] = 'errors',
-    json: FileName | None = None,
+    normals: Literal['opengl', 'directx'] = 'opengl',
+    failon: Literal['errors', 'warnings', 'none'] = 'errors',
+    facts: FileName | None = None,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -321,9 +321,9 @@ def checkmaterial(
     *,
     maps: Sequence[ImageLike] = (),
     kinds: Sequence[str] | None = None,
-    convention: Literal['opengl', 'directx'] = 'opengl',
-    fail: Literal['errors', 'warnings', 'none'] = 'errors',
-    json: FileName | None = None,
+    normals: Literal['opengl', 'directx'] = 'opengl',
+    failon: Literal['errors', 'warnings', 'none'] = 'errors',
+    facts: FileName | None = None,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -339,22 +339,22 @@ def composite(
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     size: tuple[int, int] | None = None,
-    tries: int = 4,
-    plan: FileName | None = None,
+    restarts: int = 4,
+    planfile: FileName | None = None,
     grown: Literal[False] = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
-    reuse: float = 1.0,
+    freeuses: float = 1.0,
     finerweight: float = 0.5,
     guideweight: float = 1.0,
-    keeplabels: Literal[False] = False,
-    level: int | None = None,
+    labelmaps: Literal[False] = False,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: FileName | Literal[False] = False,
+    st: FileName | Literal[False] = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -373,18 +373,18 @@ def composite(
     Parameters
     ----------
     exemplar : ImageLike
-        Photo. Where labels are used, with the label maps that `label` with `keep` creates.
+        Photo. Where labels are used, with the label maps that `label` with `photo` creates.
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
     size : tuple[int, int] | None, default None
         Size of the result. Expected: (width, height) from 8 to 4194304 px. Default: twice the
         exemplar's size.
-    plan : FileName | None, default None
-        File (.npz) for the plan, which `quilt` with `render` renders.
+    planfile : FileName | None, default None
+        File (.npz) for the plan, which `quilt` renders with `fromplan`.
     grown : bool, default False
         Append the grown label map as part 'grown'.
-    tile : Literal['none', 'x', 'y', 'xy'], default 'none'
+    tiles : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the result tiles.
     patch : int | None, default None
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
@@ -393,7 +393,7 @@ def composite(
     guideweight : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
-    keeplabels : bool, default False
+    labelmaps : bool, default False
         Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
@@ -416,10 +416,10 @@ def composite(
         - composite: Pixels copied from the photo, all channels together, in its color space and type.
           [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
-          with stmap]
+          with st]
         - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with
-          keeplabels]
-        - plan: Offsets and cuts. [.npz; with plan]
+          labelmaps]
+        - planfile: Offsets and cuts. [.npz; with planfile]
         - grown: Grown label map, a guide for `quilt` and `paint`. [32-bit ids; with grown]
         - report: Measures of the result, for programs. [JSON; with report]
 
@@ -428,7 +428,7 @@ def composite(
     labels : ImageLike | None, default None
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
-    tries : int, default 4
+    restarts : int, default 4
         Number of label maps to grow. The one closest to the original is used. Expected: an integer from
         1 to 64.
     report : FileName | None, default None
@@ -438,19 +438,19 @@ def composite(
         still written, but the exit code is 3.
     candidates : int, default 256
         Maximum number of candidate patches per place. Expected: an integer from 1 to 65536.
-    reuse : float, default 1.0
+    freeuses : float, default 1.0
         Number of times that a region of the exemplar may be copied before further copies are penalized,
         relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
     finerweight : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
-    level : int | None, default None
+    labellevel : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
         Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
-    stmap : bool | FileName, default False
+    st : bool | FileName, default False
         Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
@@ -462,7 +462,7 @@ def composite(
     Examples
     --------
     >>> from oiiotex import filters
-    >>> photo = filters.label("photo.png", keep=True)
+    >>> photo = filters.label("photo.png", photo=True)
     >>> texture = filters.composite(photo, size=(1024, 512))
     """
 @overload
@@ -473,22 +473,22 @@ def composite(
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     size: tuple[int, int] | None = None,
-    tries: int = 4,
-    plan: FileName | None = None,
+    restarts: int = 4,
+    planfile: FileName | None = None,
     grown: Literal[True],
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
-    reuse: float = 1.0,
+    freeuses: float = 1.0,
     finerweight: float = 0.5,
     guideweight: float = 1.0,
-    keeplabels: bool = False,
-    level: int | None = None,
+    labelmaps: bool = False,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -503,22 +503,22 @@ def composite(
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     size: tuple[int, int] | None = None,
-    tries: int = 4,
-    plan: FileName | None = None,
+    restarts: int = 4,
+    planfile: FileName | None = None,
     grown: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
-    reuse: float = 1.0,
+    freeuses: float = 1.0,
     finerweight: float = 0.5,
     guideweight: float = 1.0,
-    keeplabels: bool = False,
-    level: int | None = None,
+    labelmaps: bool = False,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: Literal[True],
+    st: Literal[True],
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -533,22 +533,22 @@ def composite(
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     size: tuple[int, int] | None = None,
-    tries: int = 4,
-    plan: FileName | None = None,
+    restarts: int = 4,
+    planfile: FileName | None = None,
     grown: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
-    reuse: float = 1.0,
+    freeuses: float = 1.0,
     finerweight: float = 0.5,
     guideweight: float = 1.0,
-    keeplabels: bool = False,
-    level: int | None = None,
+    labelmaps: bool = False,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -563,22 +563,22 @@ def composite(
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     size: tuple[int, int] | None = None,
-    tries: int = 4,
-    plan: FileName | None = None,
+    restarts: int = 4,
+    planfile: FileName | None = None,
     grown: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
-    reuse: float = 1.0,
+    freeuses: float = 1.0,
     finerweight: float = 0.5,
     guideweight: float = 1.0,
-    keeplabels: bool = False,
-    level: int | None = None,
+    labelmaps: bool = False,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -593,10 +593,10 @@ def content(
     *,
     labels: ImageLike | None = None,
     center: float | Sequence[float] | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     patch: int | None = None,
-    table: bool = False,
-    json: FileName | None = None,
+    keys: bool = False,
+    facts: FileName | None = None,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -609,7 +609,7 @@ def content(
     Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
     2016, section 6.1). Use this to see why a guide selects certain patches. The patch at `center` is outlined on the
     photo, and the centers of all patches with the same key are marked red (figure 10). The label histograms of the
-    patch at each level are printed (figure 9); json= writes them to a file. With `table`, a table shows a patch for
+    patch at each level are printed (figure 9); facts= writes them to a file. With `keys`, a table shows a patch for
     each key: rows are the first label, columns the second (figure 11). The result is an 8-bit sRGB image for
     display, not for measurement.
 
@@ -623,15 +623,15 @@ def content(
     center : float | Sequence[float] | None, default None
         Center X,Y of the patch, in the data window. Expected: a number or a sequence of numbers in px.
         Default: the center of the image.
-    level : int | None, default None
+    labellevel : int | None, default None
         Level of the label map: N of label.N. Expected: an integer >= 1. Default: the coarsest with
         several labels.
     patch : int | None, default None
         Side of a patch. Expected: an integer from 4 to 256 px. Default: the power of two nearest to the
         level's scale, from 16 to 256.
-    table : bool, default False
+    keys : bool, default False
         Draw the table of keys instead.
-    json : FileName | None, default None
+    facts : FileName | None, default None
         File for the key, histograms and the number of patches of each key.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
@@ -648,7 +648,7 @@ def content(
     -------
     ImageBuf
         - view: Photo with similar patches marked, or the table of keys. [8-bit sRGB picture]
-        - facts: Key, histograms at each level, number of patches of each key. [JSON; with json]
+        - facts: Key, histograms at each level, number of patches of each key. [JSON; with facts]
 
     Raises
     ------
@@ -658,7 +658,7 @@ def content(
     Examples
     --------
     >>> from oiiotex import filters
-    >>> labeled = filters.label("photo.png", keep=True)
+    >>> labeled = filters.label("photo.png", photo=True)
     >>> same = filters.content(labeled, center=(20, 30))
     """
 @overload
@@ -668,10 +668,10 @@ def content(
     *,
     labels: ImageLike | None = None,
     center: float | Sequence[float] | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     patch: int | None = None,
-    table: bool = False,
-    json: FileName | None = None,
+    keys: bool = False,
+    facts: FileName | None = None,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -687,17 +687,17 @@ def cut(
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     size: tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
     patch: int | None = None,
     passes: int = 1,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: FileName | Literal[False] = False,
-    structure: float = 0.5,
+    st: FileName | Literal[False] = False,
+    lattice: float = 0.5,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -715,13 +715,13 @@ def cut(
     Parameters
     ----------
     exemplar : ImageLike
-        Photo. Where labels are used, with the label maps that `label` with `keep` creates.
+        Photo. Where labels are used, with the label maps that `label` with `photo` creates.
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
     size : tuple[int, int] | None, default None
         Size of the result. Expected: (width, height) from 5 to 16384 px. Default: the exemplar's size.
-    tile : Literal['xy', 'x', 'y', 'none'], default 'xy'
+    tiles : Literal['xy', 'x', 'y', 'none'], default 'xy'
         Axes along which the result tiles.
     patch : int | None, default None
         Side of a patch. Increase it to preserve larger structures. Expected: an integer from 5 to 512
@@ -735,7 +735,7 @@ def cut(
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
-    structure : float, default 0.5
+    lattice : float, default 0.5
         Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
         does not hold complete repeats, the result gets the nearest size that does, unless size is set.
         0: repeats are not preserved. No effect on photos without regular repeats. Expected: a number
@@ -758,7 +758,7 @@ def cut(
         - cut: Pixels copied from the photo, all channels together, in its color space and type.
           [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
-          with stmap]
+          with st]
         - report: Measures of the result, for programs. [JSON; with report]
 
     Other Parameters
@@ -771,12 +771,12 @@ def cut(
     fail : Sequence[str] | None, default None
         Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is
         still written, but the exit code is 3.
-    level : int | None, default None
+    labellevel : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
         Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
-    stmap : bool | FileName, default False
+    st : bool | FileName, default False
         Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
@@ -788,7 +788,7 @@ def cut(
     Examples
     --------
     >>> from oiiotex import filters
-    >>> photo = filters.label("photo.png", keep=True)
+    >>> photo = filters.label("photo.png", photo=True)
     >>> tile = filters.cut(photo, label=1)
     """
 @overload
@@ -799,17 +799,17 @@ def cut(
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     size: tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
     patch: int | None = None,
     passes: int = 1,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: Literal[True],
-    structure: float = 0.5,
+    st: Literal[True],
+    lattice: float = 0.5,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -824,17 +824,17 @@ def cut(
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     size: tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
     patch: int | None = None,
     passes: int = 1,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
-    structure: float = 0.5,
+    st: bool | FileName = False,
+    lattice: float = 0.5,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -849,17 +849,17 @@ def cut(
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     size: tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
     patch: int | None = None,
     passes: int = 1,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
-    structure: float = 0.5,
+    st: bool | FileName = False,
+    lattice: float = 0.5,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -872,13 +872,13 @@ def decompose(
     source: Picture,
     /,
     *,
-    labels: int | None = None,
+    maxlabels: int | None = None,
     group: Literal['merging', 'cliques'] | None = None,
     threshold: float | None = None,
     radius: float | None = None,
     shift: float | None = None,
     features: Literal['bank', 'haar'] = 'bank',
-    bins: int | None = None,
+    textons: int | None = None,
     step: int | None = None,
     scales: int = 1,
     search: Literal['grid', 'meanshift'] = 'grid',
@@ -886,11 +886,11 @@ def decompose(
     assign: Literal['competition', 'neighbors'] = 'competition',
     invariant: bool = False,
     paper: bool = False,
-    keep: Literal[False] = False,
+    photo: Literal[False] = False,
     cryptomatte: Literal[False] = False,
-    names: FileName | None = None,
-    single: Literal[False] = False,
-    json: FileName | None = None,
+    palette: FileName | None = None,
+    onepart: bool = False,
+    facts: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -902,7 +902,7 @@ def decompose(
 
     Use it for mixed photos, such as grass and gravel: it gives few large regions, where `label` gives labels at
     several scales. Regions compete for pixels by their textons (clusters of local features). Pairs of regions that
-    are probably one texture are merged until no such pair is left; with `labels`, until that number of regions is
+    are probably one texture are merged until no such pair is left; with `maxlabels`, until that number of regions is
     left. The remaining subtextures then compete once more. The result is a label map with ids from 1, and 0 where
     alpha is 0. Images above a megapixel are analyzed at an integer fraction of their resolution.
 
@@ -914,12 +914,12 @@ def decompose(
     ----------
     source : ImageLike
         Image to segment.
-    labels : int | None, default None
+    maxlabels : int | None, default None
         Maximum number of subtextures. Expected: an integer from 1 to 50. Default: chosen by the filter.
     threshold : float | None, default None
         Probability, or with group=cliques similarity, above which regions become one texture. Increase
-        it for more subtextures. Not used if `labels` is set. Expected: a number from 0 to 1. Default:
-        0.32; with group=cliques, 0.76; with features=haar, 0.95.
+        it for more subtextures. Not used if `maxlabels` is set. Expected: a number from 0 to 1.
+        Default: 0.32; with group=cliques, 0.76; with features=haar, 0.95.
     radius : float | None, default None
         Radius of the area that is compared as one sample of texture. Increase it for coarse textures.
         Expected: a number from 1 to 512 px. Default: 48; with features=haar, 8.
@@ -929,13 +929,13 @@ def decompose(
     paper : bool, default False
         Settings of the paper (CZF02):
         features=haar:group=cliques:scales=3:search=meanshift:refine=0:assign=neighbors.
-    keep : bool, default False
+    photo : bool, default False
         Keep the photo as the first part, before the labels.
     cryptomatte : bool | FileName, default False
         Append Cryptomatte 1.2 as a part. A file name: also write the manifest to that file.
-    names : FileName | None, default None
+    palette : FileName | None, default None
         Table from `palette`, whose names are written to label parts and Cryptomatte.
-    json : FileName | None, default None
+    facts : FileName | None, default None
         File for the number and areas of subtextures.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
@@ -954,10 +954,10 @@ def decompose(
     -------
     ImageBuf | dict[str, ImageBuf]
         A dict of parts by name if more than one part is requested.
-        - photo: Photo, as the first part. [pixels; with keep]
+        - photo: Photo, as the first part. [pixels; with photo]
         - label.1: Label map: one channel in the image's windows. Write it to EXR or TIFF. [32-bit ids]
         - cryptomatte: Labels as Cryptomatte. [Cryptomatte 1.2; with cryptomatte]
-        - facts: Number and areas of subtextures, and settings. [JSON; with json]
+        - facts: Number and areas of subtextures, and settings. [JSON; with facts]
 
     Other Parameters
     ----------------
@@ -970,7 +970,7 @@ def decompose(
     features : Literal['bank', 'haar'], default 'bank'
         Features of the textons. bank: filter bank, recommended. haar: color and Haar wavelets, as in
         the paper. haar changes the defaults of other modifiers.
-    bins : int | None, default None
+    textons : int | None, default None
         Number of textons; with features=haar, of each kind (color and detail). Increase it to separate
         similar textures. Expected: an integer from 2 to 64. Default: 64; with features=haar, 8.
     step : int | None, default None
@@ -986,7 +986,7 @@ def decompose(
     assign : Literal['competition', 'neighbors'], default 'competition'
         Assignment of pixels to subtextures. competition: by textons; neighbors: by places, as in the
         paper.
-    single : bool, default False
+    onepart : bool, default False
         Output as one unnamed part with the channels of the image and of Cryptomatte, as Blender and
         Nuke expect. Requires cryptomatte.
 
@@ -1006,13 +1006,13 @@ def decompose(
     source: ImageLike,
     /,
     *,
-    labels: int | None = None,
+    maxlabels: int | None = None,
     group: Literal['merging', 'cliques'] | None = None,
     threshold: float | None = None,
     radius: float | None = None,
     shift: float | None = None,
     features: Literal['bank', 'haar'] = 'bank',
-    bins: int | None = None,
+    textons: int | None = None,
     step: int | None = None,
     scales: int = 1,
     search: Literal['grid', 'meanshift'] = 'grid',
@@ -1020,11 +1020,11 @@ def decompose(
     assign: Literal['competition', 'neighbors'] = 'competition',
     invariant: bool = False,
     paper: bool = False,
-    keep: Literal[True],
+    photo: Literal[True],
     cryptomatte: bool | FileName = False,
-    names: FileName | None = None,
-    single: Literal[False] = False,
-    json: FileName | None = None,
+    palette: FileName | None = None,
+    onepart: bool = False,
+    facts: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -1037,13 +1037,13 @@ def decompose(
     source: ImageLike,
     /,
     *,
-    labels: int | None = None,
+    maxlabels: int | None = None,
     group: Literal['merging', 'cliques'] | None = None,
     threshold: float | None = None,
     radius: float | None = None,
     shift: float | None = None,
     features: Literal['bank', 'haar'] = 'bank',
-    bins: int | None = None,
+    textons: int | None = None,
     step: int | None = None,
     scales: int = 1,
     search: Literal['grid', 'meanshift'] = 'grid',
@@ -1051,11 +1051,11 @@ def decompose(
     assign: Literal['competition', 'neighbors'] = 'competition',
     invariant: bool = False,
     paper: bool = False,
-    keep: bool = False,
+    photo: bool = False,
     cryptomatte: Literal[True],
-    names: FileName | None = None,
-    single: Literal[False] = False,
-    json: FileName | None = None,
+    palette: FileName | None = None,
+    onepart: bool = False,
+    facts: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -1068,13 +1068,13 @@ def decompose(
     source: ImageLike,
     /,
     *,
-    labels: int | None = None,
+    maxlabels: int | None = None,
     group: Literal['merging', 'cliques'] | None = None,
     threshold: float | None = None,
     radius: float | None = None,
     shift: float | None = None,
     features: Literal['bank', 'haar'] = 'bank',
-    bins: int | None = None,
+    textons: int | None = None,
     step: int | None = None,
     scales: int = 1,
     search: Literal['grid', 'meanshift'] = 'grid',
@@ -1082,11 +1082,11 @@ def decompose(
     assign: Literal['competition', 'neighbors'] = 'competition',
     invariant: bool = False,
     paper: bool = False,
-    keep: bool = False,
+    photo: bool = False,
     cryptomatte: bool | FileName = False,
-    names: FileName | None = None,
-    single: bool = False,
-    json: FileName | None = None,
+    palette: FileName | None = None,
+    onepart: bool = False,
+    facts: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -1099,13 +1099,13 @@ def decompose(
     source: ImageLike,
     /,
     *,
-    labels: int | None = None,
+    maxlabels: int | None = None,
     group: Literal['merging', 'cliques'] | None = None,
     threshold: float | None = None,
     radius: float | None = None,
     shift: float | None = None,
     features: Literal['bank', 'haar'] = 'bank',
-    bins: int | None = None,
+    textons: int | None = None,
     step: int | None = None,
     scales: int = 1,
     search: Literal['grid', 'meanshift'] = 'grid',
@@ -1113,11 +1113,11 @@ def decompose(
     assign: Literal['competition', 'neighbors'] = 'competition',
     invariant: bool = False,
     paper: bool = False,
-    keep: bool = False,
+    photo: bool = False,
     cryptomatte: bool | FileName = False,
-    names: FileName | None = None,
-    single: bool = False,
-    json: FileName | None = None,
+    palette: FileName | None = None,
+    onepart: bool = False,
+    facts: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -1138,10 +1138,10 @@ def dominant(
     mode: Literal['diffusion', 'euclidean', 'spectral'] = 'diffusion',
     paper: bool = False,
     strict: bool = False,
-    keep: Literal[False] = False,
+    photo: Literal[False] = False,
     types: Literal[False] = False,
     score: Literal[False] = False,
-    json: FileName | None = None,
+    facts: FileName | None = None,
     chart: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
@@ -1155,7 +1155,7 @@ def dominant(
     Patches are grouped by similarity, starting from the most typical one: heat diffuses from it through the large
     group of similar patches, but hardly to others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion
     Distance Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of
-    the patches, the mask is empty and a warning is printed; with `strict`, the run stops with an error. With `keep`
+    the patches, the mask is empty and a warning is printed; with `strict`, the run stops with an error. With `photo`
     the photo is the first part and the mask follows it as part 'dominant', which can guide a synthesis.
 
     Attributes record the patch side in px (oiiotex:patch), the size of the kernel (oiiotex:epsilon), the dimension of
@@ -1182,9 +1182,9 @@ def dominant(
         Settings of the paper (LDR09): rule=paper:mode=diffusion:step=1, without an estimate of noise.
     strict : bool, default False
         Error instead of a warning for a photo without a dominant texture.
-    keep : bool, default False
+    photo : bool, default False
         Keep the photo as the first part, before the mask.
-    json : FileName | None, default None
+    facts : FileName | None, default None
         JSON file with diagnostics: the curve by which the kernel size was chosen, thresholds and
         iterations.
     chart : FileName | None, default None
@@ -1207,12 +1207,12 @@ def dominant(
     -------
     ImageBuf | dict[str, ImageBuf]
         A dict of parts by name if more than one part is requested.
-        - photo: Photo, as the first part. [pixels; with keep]
+        - photo: Photo, as the first part. [pixels; with photo]
         - dominant: Mask: 1 in the dominant texture, in the image's windows. [0 or 1, 32-bit floats]
         - types: Type of the patch around each pixel (LDR09 section 4): 1 to 4 for types 0, I, II and
           III. [32-bit ids; with types]
         - score: Density, and the decimal logarithm of heat. [32-bit float values; with score]
-        - facts: Kernel curve, thresholds, iterations and proportions. [JSON; with json]
+        - facts: Kernel curve, thresholds, iterations and proportions. [JSON; with facts]
         - chart: Plots of the kernel curve, and of density against heat. [8-bit sRGB picture; with
           chart]
 
@@ -1251,10 +1251,10 @@ def dominant(
     mode: Literal['diffusion', 'euclidean', 'spectral'] = 'diffusion',
     paper: bool = False,
     strict: bool = False,
-    keep: Literal[True],
+    photo: Literal[True],
     types: bool = False,
     score: bool = False,
-    json: FileName | None = None,
+    facts: FileName | None = None,
     chart: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
@@ -1275,10 +1275,10 @@ def dominant(
     mode: Literal['diffusion', 'euclidean', 'spectral'] = 'diffusion',
     paper: bool = False,
     strict: bool = False,
-    keep: bool = False,
+    photo: bool = False,
     types: Literal[True],
     score: bool = False,
-    json: FileName | None = None,
+    facts: FileName | None = None,
     chart: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
@@ -1299,10 +1299,10 @@ def dominant(
     mode: Literal['diffusion', 'euclidean', 'spectral'] = 'diffusion',
     paper: bool = False,
     strict: bool = False,
-    keep: bool = False,
+    photo: bool = False,
     types: bool = False,
     score: Literal[True],
-    json: FileName | None = None,
+    facts: FileName | None = None,
     chart: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
@@ -1323,10 +1323,10 @@ def dominant(
     mode: Literal['diffusion', 'euclidean', 'spectral'] = 'diffusion',
     paper: bool = False,
     strict: bool = False,
-    keep: bool = False,
+    photo: bool = False,
     types: bool = False,
     score: bool = False,
-    json: FileName | None = None,
+    facts: FileName | None = None,
     chart: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
@@ -1347,10 +1347,10 @@ def dominant(
     mode: Literal['diffusion', 'euclidean', 'spectral'] = 'diffusion',
     paper: bool = False,
     strict: bool = False,
-    keep: bool = False,
+    photo: bool = False,
     types: bool = False,
     score: bool = False,
-    json: FileName | None = None,
+    facts: FileName | None = None,
     chart: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
@@ -1367,7 +1367,7 @@ def estimateao(
     *,
     radius: int = 32,
     relief: float | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -1390,7 +1390,7 @@ def estimateao(
     relief : float | None, default None
         Height that a value of 1 stands for. Expected: a number from 1e-06 to 1000000 px. Default: the
         attribute oiiotex:heightpx, else longer side / 32.
-    tile : Literal['none', 'x', 'y', 'xy'], default 'none'
+    tiled : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the heights tile.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
@@ -1427,7 +1427,7 @@ def estimateao(
     *,
     radius: int = 32,
     relief: float | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -1444,11 +1444,11 @@ def estimateheight(
     light: float | None = None,
     overcast: bool = False,
     elevation: float = 45.0,
-    invert: bool = False,
+    negate: bool = False,
     sigma: float | None = None,
     strength: float = 1.0,
-    convention: Literal['opengl', 'directx'] = 'opengl',
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    normals: Literal['opengl', 'directx'] = 'opengl',
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -1465,7 +1465,7 @@ def estimateheight(
 
     A photo cannot tell from which of two opposite sides the light comes. Light from above is assumed, or from the left
     if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side, or
-    `invert`. Two materials or paints of different lightness, such as stones and bright mortar, are refused without
+    `negate`. Two materials or paints of different lightness, such as stones and bright mortar, are refused without
     `light` or `overcast`: their depth cannot be seen. Dark joints are accepted.
 
     Heights are stored as 0 to 1; the attribute oiiotex:heightpx contains the height, in pixels, of the value 1.
@@ -1485,16 +1485,16 @@ def estimateheight(
     elevation : float, default 45.0
         Elevation of the light above the surface. Lower values give flatter relief. Expected: a number
         from 1 to 89 degrees.
-    invert : bool, default False
+    negate : bool, default False
         Swap raised and recessed parts. For overcast light, this means that bright is deep.
     sigma : float | None, default None
         Scale above which variation is taken as color or uneven light, not relief. Expected: a number
         from 1 to 1000000 px. Default: longer side / 8.
     strength : float, default 1.0
         Multiplier of the slopes in the normal map. Expected: a number from 0.01 to 100.
-    convention : Literal['opengl', 'directx'], default 'opengl'
+    normals : Literal['opengl', 'directx'], default 'opengl'
         Green channel of the normals. opengl: up; directx: down.
-    tile : Literal['none', 'x', 'y', 'xy'], default 'none'
+    tiled : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the photo tiles.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
@@ -1541,11 +1541,11 @@ def estimateheight(
     light: float | None = None,
     overcast: bool = False,
     elevation: float = 45.0,
-    invert: bool = False,
+    negate: bool = False,
     sigma: float | None = None,
     strength: float = 1.0,
-    convention: Literal['opengl', 'directx'] = 'opengl',
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    normals: Literal['opengl', 'directx'] = 'opengl',
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -1562,11 +1562,11 @@ def estimateheight(
     light: float | None = None,
     overcast: bool = False,
     elevation: float = 45.0,
-    invert: bool = False,
+    negate: bool = False,
     sigma: float | None = None,
     strength: float = 1.0,
-    convention: Literal['opengl', 'directx'] = 'opengl',
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    normals: Literal['opengl', 'directx'] = 'opengl',
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -1583,11 +1583,11 @@ def estimateheight(
     light: float | None = None,
     overcast: bool = False,
     elevation: float = 45.0,
-    invert: bool = False,
+    negate: bool = False,
     sigma: float | None = None,
     strength: float = 1.0,
-    convention: Literal['opengl', 'directx'] = 'opengl',
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    normals: Literal['opengl', 'directx'] = 'opengl',
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -1603,7 +1603,7 @@ def estimateroughness(
     *,
     sigma: float | None = None,
     middle: float = 0.6,
-    amount: float = 0.3,
+    spread: float = 0.3,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -1615,7 +1615,7 @@ def estimateroughness(
 
     Where a bumpy surface is smooth, it glitters: highlights lie next to dark reflections. The contrast of the
     finest detail is measured in linear light over a Gaussian of sigma. Places with more contrast than the whole
-    photo become smoother than `middle`, places with less become rougher, by at most `amount`. The estimate is weak
+    photo become smoother than `middle`, places with less become rougher, by at most `spread`. The estimate is weak
     (its page has figures): fine paint appears smooth, and a photo under an overcast sky contains almost no
     information. If a scan has a roughness map, use that instead. Memory does not grow with the photo.
 
@@ -1628,7 +1628,7 @@ def estimateroughness(
         at least 2.
     middle : float, default 0.6
         Roughness where the local contrast is average. Expected: a number from 0 to 1.
-    amount : float, default 0.3
+    spread : float, default 0.3
         Maximum deviation from middle. Expected: a number from 0 to 1.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
@@ -1668,7 +1668,7 @@ def estimateroughness(
     *,
     sigma: float | None = None,
     middle: float = 0.6,
-    amount: float = 0.3,
+    spread: float = 0.3,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -1680,34 +1680,34 @@ def estimateroughness(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike | None = None,
+    region: ImageLike,
     /,
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     source: ImageLike | None = None,
     mattes: ImageLike | None = None,
-    label: int | None = None,
+    replace: int | None = None,
     matte: str | None = None,
-    sourcelabel: int | None = None,
-    adapt: float | None = None,
+    matchlight: float | None = None,
     drift: FileName | Literal[False] = False,
-    cut: int = 0,
-    blend: float = 4.0,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    seamzone: int = 0,
+    fade: float = 4.0,
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
-    structure: float = 0.5,
+    lattice: float = 0.5,
     iterations: int = 30,
-    uniformity: float = 0.01,
+    equaluse: float = 0.01,
     relevel: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
-    level: int | None = None,
+    label: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: FileName | Literal[False] = False,
+    st: FileName | Literal[False] = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -1718,9 +1718,9 @@ def fill(
 
     PatchMatch finds patches that fit the surroundings, from coarse to fine levels (BSFG09: Barnes, Shechtman,
     Finkelstein, Goldman, PatchMatch, SIGGRAPH 2009; levels as in MJH17). Each filled pixel is a copy of one source
-    pixel with all channels. Close to the border, `blend` adjusts its color, so that no step is visible. With `source`,
+    pixel with all channels. Close to the border, `fade` adjusts its color, so that no step is visible. With `source`,
     the copies take lighting and color level from the surroundings. Pixels outside the region stay bit-identical,
-    except in the zone of `cut`.
+    except in the zone of `seamzone`.
 
     If some pixels of the region are already known, for example from the previous frame, paste them into the photo and
     mark only the rest: the fill continues them like all other pixels. To exclude them as a source, use `mask`.
@@ -1729,9 +1729,9 @@ def fill(
     ----------
     exemplar : ImageLike
         Photo; of the maps of a material, the first.
-    region : ImageLike | None
+    region : ImageLike
         Image that marks the pixels to replace (first channel above half its range, or a nonzero label
-        id). Not used with label or matte. On the stack, it comes after the maps.
+        id). Not used with replace or matte. On the stack, it comes after the maps.
     mask : ImageLike | None, default None
         Image that marks the valid source pixels, of the photo or of source (first channel above half
         its range, or a nonzero label id). A string is the name of a part of the first image, or a file
@@ -1742,24 +1742,22 @@ def fill(
     maps : Sequence[ImageLike], default ()
         Further maps, resynthesized from the same source pixels. A string is the name of a part of the
         first image, or a file name.
-    label : int | None, default None
+    replace : int | None, default None
         Id of a label to replace, from the photo's label maps. Expected: an integer >= 1.
     matte : str | None, default None
         Object to replace, from the photo's Cryptomatte: its name, or its id in hexadecimal. Pixels that
         it covers partly are also replaced.
-    sourcelabel : int | None, default None
-        Id of the label whose pixels are used as a source. Expected: an integer >= 1.
-    adapt : float | None, default None
+    matchlight : float | None, default None
         Fraction of the difference in lighting and color level that is corrected, including the step at
         the border. Set it to 1 for sky or plain walls. 0: every pixel is a verbatim copy. Expected: a
         number from 0 to 1. Default: 1 with source, else 0.
-    cut : int, default 0
+    seamzone : int, default 0
         Width of a zone around the region in which the fill's border follows a minimum-error seam
         (KSE03). Pixels in the zone may be replaced. 0: only the region is replaced. Expected: an
         integer from 0 to 256 px.
-    blend : float, default 4.0
-        Width over which the step at the border fades out into the fill. 0: none; without adapt, every
-        pixel is then a verbatim copy. Expected: a number from 0 to 256 px.
+    fade : float, default 4.0
+        Width over which the step at the border fades out into the fill. 0: none; without matchlight,
+        every pixel is then a verbatim copy. Expected: a number from 0 to 256 px.
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
         Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks
         or stones are cut. Expected: one of 5, 7, 9, 11, 13, 15, 17, 19, 21. Default: 11.
@@ -1767,6 +1765,9 @@ def fill(
         Kind of each map of a material: color, data, normal or height. The last images on the stack are
         used, one for each kind, in order. Maps other than color are tagged as data in the result.
         Default: one map: color; with data=1, data.
+    label : int | None, default None
+        Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
+        Expected: an integer >= 1.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
@@ -1788,7 +1789,7 @@ def fill(
         A list of these if several images are made.
         - fill: The photo with the region filled. One image for each of the maps, in order. [pixels]
         - st: Source coordinates of every pixel; with source, B is 1 where they refer to that photo.
-          [32-bit float coordinates; with stmap]
+          [32-bit float coordinates; with st]
         - drift: Correction of the copied pixels: Lab x gain + offset. Channels as in `flatten`. [32-bit
           float values; with drift]
         - report: Measures of the result, for programs. [JSON; with report]
@@ -1804,15 +1805,15 @@ def fill(
     drift : bool | FileName, default False
         Correction of the copied pixels. 1: append it as part 'drift'; a file name: write it to that
         file.
-    tile : Literal['none', 'x', 'y', 'xy'], default 'none'
+    tiled : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the photo tiles: the fill continues across these borders.
-    structure : float, default 0.5
+    lattice : float, default 0.5
         Strength with which the photo's regular repeats (tiles, courses, weaves) are continued. 0: not
         continued. No effect with source, or on photos without regular repeats. Expected: a number from
         0 to 1.
     iterations : int, default 30
         Number of iterations on the coarsest level. Expected: an integer from 1 to 1000.
-    uniformity : float, default 0.01
+    equaluse : float, default 0.01
         Strength with which all parts of the source are used equally often (MJH17 eq. 6). Expected: a
         number from 0 to 1.
     relevel : bool, default False
@@ -1827,12 +1828,12 @@ def fill(
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
-    level : int | None, default None
+    labellevel : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
         Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
-    stmap : bool | FileName, default False
+    st : bool | FileName, default False
         Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
@@ -1851,34 +1852,34 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike | None = None,
+    region: ImageLike,
     /,
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     source: ImageLike | None = None,
     mattes: ImageLike | None = None,
-    label: int | None = None,
+    replace: int | None = None,
     matte: str | None = None,
-    sourcelabel: int | None = None,
-    adapt: float | None = None,
+    matchlight: float | None = None,
     drift: Literal[True],
-    cut: int = 0,
-    blend: float = 4.0,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    seamzone: int = 0,
+    fade: float = 4.0,
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
-    structure: float = 0.5,
+    lattice: float = 0.5,
     iterations: int = 30,
-    uniformity: float = 0.01,
+    equaluse: float = 0.01,
     relevel: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
-    level: int | None = None,
+    label: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -1888,34 +1889,34 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike | None = None,
+    region: ImageLike,
     /,
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     source: ImageLike | None = None,
     mattes: ImageLike | None = None,
-    label: int | None = None,
+    replace: int | None = None,
     matte: str | None = None,
-    sourcelabel: int | None = None,
-    adapt: float | None = None,
+    matchlight: float | None = None,
     drift: bool | FileName = False,
-    cut: int = 0,
-    blend: float = 4.0,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    seamzone: int = 0,
+    fade: float = 4.0,
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
-    structure: float = 0.5,
+    lattice: float = 0.5,
     iterations: int = 30,
-    uniformity: float = 0.01,
+    equaluse: float = 0.01,
     relevel: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
-    level: int | None = None,
+    label: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: Literal[True],
+    st: Literal[True],
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -1925,7 +1926,7 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike | None = None,
+    region: ImageLike,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1933,27 +1934,27 @@ def fill(
     source: ImageLike | None = None,
     mattes: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
-    label: int | None = None,
+    replace: int | None = None,
     matte: str | None = None,
-    sourcelabel: int | None = None,
-    adapt: float | None = None,
+    matchlight: float | None = None,
     drift: bool | FileName = False,
-    cut: int = 0,
-    blend: float = 4.0,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    seamzone: int = 0,
+    fade: float = 4.0,
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
-    structure: float = 0.5,
+    lattice: float = 0.5,
     iterations: int = 30,
-    uniformity: float = 0.01,
+    equaluse: float = 0.01,
     relevel: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
-    level: int | None = None,
+    label: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -1963,7 +1964,7 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike | None = None,
+    region: ImageLike,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1971,27 +1972,27 @@ def fill(
     source: ImageLike | None = None,
     mattes: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
-    label: int | None = None,
+    replace: int | None = None,
     matte: str | None = None,
-    sourcelabel: int | None = None,
-    adapt: float | None = None,
+    matchlight: float | None = None,
     drift: bool | FileName = False,
-    cut: int = 0,
-    blend: float = 4.0,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    seamzone: int = 0,
+    fade: float = 4.0,
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
-    structure: float = 0.5,
+    lattice: float = 0.5,
     iterations: int = 30,
-    uniformity: float = 0.01,
+    equaluse: float = 0.01,
     relevel: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
-    level: int | None = None,
+    label: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -2006,9 +2007,9 @@ def flatten(
     *,
     mask: ImageLike | None = None,
     radius: float | None = None,
-    amount: float = 1.0,
-    contrast: float = 1.0,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    flattening: float = 1.0,
+    localcontrast: float = 1.0,
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     tone: Literal['photo', 'gray'] = 'photo',
     drift: FileName | Literal[False] = False,
     data: bool = False,
@@ -2034,12 +2035,12 @@ def flatten(
     radius : float | None, default None
         Radius of the disc. Smaller structures are kept. Reduce it if stains remain, increase it if the
         texture looks flat. Expected: a number from 1 to 1000000 px. Default: 0.2 x longer side.
-    amount : float, default 1.0
+    flattening : float, default 1.0
         Fraction of the low-frequency variation to remove. Expected: a number from 0 to 1.
-    contrast : float, default 1.0
+    localcontrast : float, default 1.0
         Fraction of the variation in local contrast to remove. Reduce it if dark joints become gray.
         Expected: a number from 0 to 1.
-    tile : Literal['none', 'x', 'y', 'xy'], default 'none'
+    tiled : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the image tiles. The result then tiles along the same axes.
     tone : Literal['photo', 'gray'], default 'photo'
         Overall color of the result. photo: the median of the photo's local levels; gray: middle gray (L
@@ -2079,7 +2080,7 @@ def flatten(
     Examples
     --------
     >>> from oiiotex import filters
-    >>> flat = filters.flatten("photo.png", amount=0.5)
+    >>> flat = filters.flatten("photo.png", flattening=0.5)
     """
 @overload
 def flatten(
@@ -2088,9 +2089,9 @@ def flatten(
     *,
     mask: ImageLike | None = None,
     radius: float | None = None,
-    amount: float = 1.0,
-    contrast: float = 1.0,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    flattening: float = 1.0,
+    localcontrast: float = 1.0,
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     tone: Literal['photo', 'gray'] = 'photo',
     drift: Literal[True],
     data: bool = False,
@@ -2107,9 +2108,9 @@ def flatten(
     *,
     mask: ImageLike | None = None,
     radius: float | None = None,
-    amount: float = 1.0,
-    contrast: float = 1.0,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    flattening: float = 1.0,
+    localcontrast: float = 1.0,
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     tone: Literal['photo', 'gray'] = 'photo',
     drift: bool | FileName = False,
     data: bool = False,
@@ -2126,9 +2127,9 @@ def flatten(
     *,
     mask: ImageLike | None = None,
     radius: float | None = None,
-    amount: float = 1.0,
-    contrast: float = 1.0,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    flattening: float = 1.0,
+    localcontrast: float = 1.0,
+    tiled: Literal['none', 'x', 'y', 'xy'] = 'none',
     tone: Literal['photo', 'gray'] = 'photo',
     drift: bool | FileName = False,
     data: bool = False,
@@ -2142,13 +2143,13 @@ def flatten(
 @overload
 def graph(
     *photos: ImageLike,
-    graph: FileName | None = None,
-    json: FileName | None = None,
+    draw: FileName | None = None,
+    graphfile: FileName | None = None,
     ratio: float | Sequence[float] | None = None,
     loop: int | None = None,
     scales: int = 1,
-    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
-    thumb: int = 128,
+    exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    panel: int = 128,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -2162,7 +2163,7 @@ def graph(
     A single photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of
     it, from the whole photo at reduced resolution to a crop at full resolution.
 
-    json=FILE writes the graph for `synth` and `zoom`. You can edit it; file names are relative to the graph. The
+    graphfile=FILE writes the graph for `synth` and `zoom`. You can edit it; file names are relative to the graph. The
     picture arranges exemplars by octave and labels edges with r (HRRG08: Han, Risser, Ramamoorthi, Grinspun,
     Multiscale Texture Synthesis, 2008, section 3.1, figures 8 and 9).
 
@@ -2170,9 +2171,9 @@ def graph(
     ----------
     *photos : ImageLike
         Photos, coarsest first. None are taken if graph is given.
-    graph : FileName | None, default None
+    draw : FileName | None, default None
         Existing graph to draw (JSON or YAML), instead of creating one.
-    json : FileName | None, default None
+    graphfile : FileName | None, default None
         File for the graph.
     ratio : float | Sequence[float] | None, default None
         Ratio between the pixel sizes of each photo and the next, or one ratio for all. Expected: a
@@ -2181,9 +2182,9 @@ def graph(
         Octaves after which the last exemplar continues in itself, which makes a zoom endless. 0: the
         zoom ends. Expected: an integer from 0 to 7. Default: 1 for one photo, else 0.
     scales : int, default 1
-        Number of exemplars at different scales to cut out of one photo. json writes them next to the
-        graph. Expected: an integer from 1 to 16.
-    side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
+        Number of exemplars at different scales to cut out of one photo. graphfile writes them next to
+        the graph. Expected: an integer from 1 to 16.
+    exemplarside : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
         Maximum side of an exemplar. Expected: one of 16, 32, 64, 128, 256, 512, 1024.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
@@ -2200,13 +2201,13 @@ def graph(
     -------
     ImageBuf
         - picture: Diagram of exemplars and edges. [8-bit sRGB picture]
-        - graph: Graph for `synth` and `zoom`. [JSON; with json]
+        - graphfile: Graph for `synth` and `zoom`. [JSON; with graphfile]
         - exemplar.N: Crop of the photo reduced N times, next to the graph; with scales. [pixels; with
-          json]
+          graphfile]
 
     Other Parameters
     ----------------
-    thumb : int, default 128
+    panel : int, default 128
         Side of an exemplar in the picture. Expected: an integer from 32 to 512 px.
 
     Raises
@@ -2217,19 +2218,19 @@ def graph(
     Examples
     --------
     >>> from oiiotex import filters
-    >>> drawing = filters.graph("photo.png", json="graph.json")
+    >>> drawing = filters.graph("photo.png", graphfile="graph.json")
     >>> texture = filters.synth(None, graph="graph.json", size=(256, 256))
     """
 @overload
 def graph(
     *photos: ImageLike,
-    graph: FileName | None = None,
-    json: FileName | None = None,
+    draw: FileName | None = None,
+    graphfile: FileName | None = None,
     ratio: float | Sequence[float] | None = None,
     loop: int | None = None,
     scales: int = 1,
-    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
-    thumb: int = 128,
+    exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    panel: int = 128,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -2387,22 +2388,22 @@ def label(
     features: Literal['textons', 'moments', 'gabor', 'quadtree'] = 'textons',
     cluster: Literal['nmf', 'kmeans', 'spectral'] = 'nmf',
     persistence: float = 0.95,
-    share: float = 0.5,
+    splitfraction: float = 0.5,
     coarsest: bool = True,
     materials: bool = False,
-    labels: int | None = None,
-    neighbors: int = 256,
-    tries: int = 0,
-    runs: int = 1,
-    minsize: int | None = None,
+    maxlabels: int | None = None,
+    maxneighbors: int = 256,
+    restarts: int = 0,
+    slicrestarts: int = 1,
+    minarea: int | None = None,
     seed: int = 0,
     paper: Literal[False, True, 'authors'] = False,
-    keep: Literal[True],
-    soft: bool = False,
+    photo: Literal[True],
+    membership: bool = False,
     cryptomatte: bool | FileName = False,
-    names: FileName | None = None,
-    single: Literal[False] = False,
-    json: FileName | None = None,
+    palette: FileName | None = None,
+    onepart: bool = False,
+    facts: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -2416,7 +2417,7 @@ def label(
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016). The
     result has a part for each scale, from label.1, the finest, to the coarsest. Each label of a level lies within one
     label of the next level, its parent. Ids are 1, 2, ... of type uint32, and 0 only where alpha is 0: write them to
-    EXR or TIFF. With `keep` the photo is the first part. Attributes of a part record its scale in px (oiiotex:rho), its
+    EXR or TIFF. With `photo` the photo is the first part. Attributes of a part record its scale in px (oiiotex:rho), its
     number of labels (oiiotex:labels) and their parents, in order (oiiotex:parents).
 
     Parameters
@@ -2431,23 +2432,23 @@ def label(
     materials : bool, default False
         Add a coarsest level of up to four materials, such as stone and mortar: superpixels are split by
         color and texture where these have two separate modes. If they do not, no level is added.
-    labels : int | None, default None
+    maxlabels : int | None, default None
         Maximum number of subtextures in the coarsest level. Expected: an integer from 1 to 50. Default:
         chosen by the filter.
     paper : Literal[False, True, 'authors'], default False
         Settings of the paper (LSA16):
-        features=moments:persistence=0.95:share=1:coarsest=0:neighbors=256:runs=10:minsize=25:tries=5,
+        features=moments:persistence=0.95:splitfraction=1:coarsest=0:maxneighbors=256:slicrestarts=10:minarea=25:restarts=5,
         the same persistence at all levels, and labels split wherever a coarser border crosses them.
         authors: the program that the authors published, which has at least two levels, and scales up to
         30 % of the longer side instead of 20 % of the shorter one.
-    keep : bool, default False
+    photo : bool, default False
         Keep the photo as the first part, before the labels.
     cryptomatte : bool | FileName, default False
         Append Cryptomatte 1.2 of all levels as a part. A file name: also write the manifest to that
         file.
-    names : FileName | None, default None
+    palette : FileName | None, default None
         Table from `palette`, whose names are written to label parts and Cryptomatte.
-    json : FileName | None, default None
+    facts : FileName | None, default None
         File for scales, number and areas of labels, and their tree.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
@@ -2466,13 +2467,14 @@ def label(
     -------
     ImageBuf | dict[str, ImageBuf]
         A dict of parts by name if more than one part is requested.
-        - photo: Photo, as the first part. [pixels; with keep]
+        - photo: Photo, as the first part. [pixels; with photo]
         - label.N: Label map at level N; 1 is the finest. [32-bit ids]
         - membership.N: Membership G at level N, a channel for each label. [32-bit float values; with
-          soft]
-        - fit.N: Fit F / max F at level N, a channel for each label. [32-bit float values; with soft]
+          membership]
+        - fit.N: Fit F / max F at level N, a channel for each label. [32-bit float values; with
+          membership]
         - cryptomatte: All levels as Cryptomatte. [Cryptomatte 1.2; with cryptomatte]
-        - facts: Scales, number and areas of labels, and their tree. [JSON; with json]
+        - facts: Scales, number and areas of labels, and their tree. [JSON; with facts]
 
     Other Parameters
     ----------------
@@ -2483,28 +2485,28 @@ def label(
         Clustering method. nmf (nonnegative matrix factorization) also finds the number of labels.
         kmeans and spectral are for comparison: they require scikit-learn and use the number that nmf
         finds.
-    share : float, default 0.5
+    splitfraction : float, default 0.5
         Fraction of a coarser level's superpixels that must contain several labels for that level to be
         added. Reduce it for more levels. The paper: 1. Expected: a number from 0.01 to 1.
-    neighbors : int, default 256
+    maxneighbors : int, default 256
         Maximum number of similar superpixels to which each one is linked. Reduce it to save time and
         memory. Expected: an integer from 8 to 4096.
-    tries : int, default 0
+    restarts : int, default 0
         Number of additional random starts, whose results are combined with the first (boosting).
         Increase it for more stable labels; time grows in proportion. Expected: an integer from 0 to
         100.
-    runs : int, default 1
+    slicrestarts : int, default 1
         Number of SLIC runs. The best one is used. The paper: 10. Expected: an integer from 1 to 1000.
-    minsize : int | None, default None
+    minarea : int | None, default None
         Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25. Expected:
         an integer >= 1 px. Default: sigma^2 / 4.
     seed : int, default 0
-        Seed of the random starts. No effect with tries=0 and runs=1. Expected: an integer from 0 to
-        4294967295.
-    soft : bool, default False
+        Seed of the random starts. No effect with restarts=0 and slicrestarts=1. Expected: an integer
+        from 0 to 4294967295.
+    membership : bool, default False
         Append soft label maps for each level N: membership.N is how much a pixel belongs to each label,
         fit.N how typical it is of the label (G and F / max F in LSA16).
-    single : bool, default False
+    onepart : bool, default False
         Output as one unnamed part with the channels of the image and of Cryptomatte, as Blender and
         Nuke expect. Requires cryptomatte.
 
@@ -2528,22 +2530,22 @@ def label(
     features: Literal['textons', 'moments', 'gabor', 'quadtree'] = 'textons',
     cluster: Literal['nmf', 'kmeans', 'spectral'] = 'nmf',
     persistence: float = 0.95,
-    share: float = 0.5,
+    splitfraction: float = 0.5,
     coarsest: bool = True,
     materials: bool = False,
-    labels: int | None = None,
-    neighbors: int = 256,
-    tries: int = 0,
-    runs: int = 1,
-    minsize: int | None = None,
+    maxlabels: int | None = None,
+    maxneighbors: int = 256,
+    restarts: int = 0,
+    slicrestarts: int = 1,
+    minarea: int | None = None,
     seed: int = 0,
     paper: Literal[False, True, 'authors'] = False,
-    keep: bool = False,
-    soft: bool = False,
+    photo: bool = False,
+    membership: bool = False,
     cryptomatte: Literal[True],
-    names: FileName | None = None,
-    single: Literal[False] = False,
-    json: FileName | None = None,
+    palette: FileName | None = None,
+    onepart: bool = False,
+    facts: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -2559,22 +2561,22 @@ def label(
     features: Literal['textons', 'moments', 'gabor', 'quadtree'] = 'textons',
     cluster: Literal['nmf', 'kmeans', 'spectral'] = 'nmf',
     persistence: float = 0.95,
-    share: float = 0.5,
+    splitfraction: float = 0.5,
     coarsest: bool = True,
     materials: bool = False,
-    labels: int | None = None,
-    neighbors: int = 256,
-    tries: int = 0,
-    runs: int = 1,
-    minsize: int | None = None,
+    maxlabels: int | None = None,
+    maxneighbors: int = 256,
+    restarts: int = 0,
+    slicrestarts: int = 1,
+    minarea: int | None = None,
     seed: int = 0,
     paper: Literal[False, True, 'authors'] = False,
-    keep: bool = False,
-    soft: bool = False,
+    photo: bool = False,
+    membership: bool = False,
     cryptomatte: bool | FileName = False,
-    names: FileName | None = None,
-    single: bool = False,
-    json: FileName | None = None,
+    palette: FileName | None = None,
+    onepart: bool = False,
+    facts: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -2590,22 +2592,22 @@ def label(
     features: Literal['textons', 'moments', 'gabor', 'quadtree'] = 'textons',
     cluster: Literal['nmf', 'kmeans', 'spectral'] = 'nmf',
     persistence: float = 0.95,
-    share: float = 0.5,
+    splitfraction: float = 0.5,
     coarsest: bool = True,
     materials: bool = False,
-    labels: int | None = None,
-    neighbors: int = 256,
-    tries: int = 0,
-    runs: int = 1,
-    minsize: int | None = None,
+    maxlabels: int | None = None,
+    maxneighbors: int = 256,
+    restarts: int = 0,
+    slicrestarts: int = 1,
+    minarea: int | None = None,
     seed: int = 0,
     paper: Literal[False, True, 'authors'] = False,
-    keep: bool = False,
-    soft: bool = False,
+    photo: bool = False,
+    membership: bool = False,
     cryptomatte: bool | FileName = False,
-    names: FileName | None = None,
-    single: bool = False,
-    json: FileName | None = None,
+    palette: FileName | None = None,
+    onepart: bool = False,
+    facts: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -2619,7 +2621,7 @@ def labelview(
     source: ImageLike,
     /,
     *,
-    side: int = 384,
+    panel: int = 384,
     columns: int = 3,
     opacity: float = 0.65,
     colorspace: str | None = None,
@@ -2639,7 +2641,7 @@ def labelview(
     ----------
     source : ImageLike
         Image with label parts, from `label` or `superpixel` with `keep`.
-    side : int, default 384
+    panel : int, default 384
         Longer side of a panel. Expected: an integer from 64 to 4096 px.
     columns : int, default 3
         Number of panels in a row. Expected: an integer from 1 to 16.
@@ -2669,14 +2671,14 @@ def labelview(
     Examples
     --------
     >>> from oiiotex import filters
-    >>> sheet = filters.labelview(filters.label("photo.png", keep=True))
+    >>> sheet = filters.labelview(filters.label("photo.png", photo=True))
     """
 @overload
 def labelview(
     source: ImageLike,
     /,
     *,
-    side: int = 384,
+    panel: int = 384,
     columns: int = 3,
     opacity: float = 0.65,
     colorspace: str | None = None,
@@ -2694,24 +2696,24 @@ def paint(
     *,
     labels: ImageLike | None = None,
     fine: ImageLike | None = None,
-    level: int | None = None,
-    table: FileName | None = None,
+    labellevel: int | None = None,
+    palette: FileName | None = None,
     tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
-    plan: FileName | None = None,
-    previous: FileName | None = None,
+    planfile: FileName | None = None,
+    fromplan: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
-    reuse: float = 1.0,
+    freeuses: float = 1.0,
     finerweight: float = 0.5,
     guideweight: float = 1.0,
-    keeplabels: Literal[False] = False,
+    labelmaps: Literal[False] = False,
     data: bool = False,
     seed: int = 0,
-    stmap: FileName | Literal[False] = False,
+    st: FileName | Literal[False] = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -2723,32 +2725,32 @@ def paint(
     Areas painted with label 3 are filled with the photo's texture of label 3, by guided quilting (`quilt`). An
     optional second painting, `fine`, overlays labels of the next finer level; where it is empty (black, id 0 or alpha
     0), the first painting applies (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
-    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE from `palette` maps colors to
-    labels; paintings of ids do not need it. To edit a result, write plan=FILE and pass it as previous=FILE to the next
+    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). palette=FILE from `palette` maps colors to
+    labels; paintings of ids do not need it. To edit a result, write planfile=FILE and pass it as fromplan=FILE to the next
     run: patches whose labels did not change are kept, so pixels elsewhere are bit-identical.
 
     Parameters
     ----------
     exemplar : ImageLike
-        Photo. Where labels are used, with the label maps that `label` with `keep` creates.
+        Photo. Where labels are used, with the label maps that `label` with `photo` creates.
     painting : ImageLike
-        Painting of any size: label ids, or colors that table maps to labels.
+        Painting of any size: label ids, or colors that `palette` maps to labels.
     fine : ImageLike | None, default None
         Painting of labels of the next finer level, overlaid on the first. A string is the name of a
         part of the first image, or a file name.
-    level : int | None, default None
+    labellevel : int | None, default None
         Level of the painted labels: N of label.N. Expected: an integer >= 1. Default: the table's
         level, else the coarsest with several labels.
-    table : FileName | None, default None
-        JSON table from `palette`, which maps colors to labels.
+    palette : FileName | None, default None
+        JSON table from `palette` (its facts), which maps colors to labels.
     size : tuple[int, int] | None, default None
         Size of the result. Expected: (width, height) from 8 to 4194304 px. Default: the painting's
         size.
-    plan : FileName | None, default None
-        File (.npz) to write for a later edit: the next run reads it with `previous`.
-    previous : FileName | None, default None
+    planfile : FileName | None, default None
+        File (.npz) to write for a later edit: the next run reads it with `fromplan`.
+    fromplan : FileName | None, default None
         Plan of an earlier run. Patches whose labels did not change are kept.
-    tile : Literal['none', 'x', 'y', 'xy'], default 'none'
+    tiles : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the result tiles.
     patch : int | None, default None
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
@@ -2757,7 +2759,7 @@ def paint(
     guideweight : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
-    keeplabels : bool, default False
+    labelmaps : bool, default False
         Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
@@ -2780,10 +2782,10 @@ def paint(
         - paint: Pixels copied from the photo, all channels together, in its color space and type.
           [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
-          with stmap]
+          with st]
         - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with
-          keeplabels]
-        - plan: Painted labels and the patches used for them. [.npz; with plan]
+          labelmaps]
+        - planfile: Painted labels and the patches used for them. [.npz; with planfile]
         - report: Measures of the result, for programs. [JSON; with report]
 
     Other Parameters
@@ -2802,7 +2804,7 @@ def paint(
         still written, but the exit code is 3.
     candidates : int, default 256
         Maximum number of candidate patches per place. Expected: an integer from 1 to 65536.
-    reuse : float, default 1.0
+    freeuses : float, default 1.0
         Number of times that a region of the exemplar may be copied before further copies are penalized,
         relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
@@ -2811,7 +2813,7 @@ def paint(
         to 100.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
-    stmap : bool | FileName, default False
+    st : bool | FileName, default False
         Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
@@ -2824,7 +2826,7 @@ def paint(
     --------
     >>> from oiiotex import filters
     >>> import numpy as np
-    >>> photo = filters.label("photo.png", keep=True)
+    >>> photo = filters.label("photo.png", photo=True)
     >>> painting = np.ones((300, 400), np.uint32)  # label 1 everywhere
     >>> texture = filters.paint(photo, painting)
     """
@@ -2836,24 +2838,24 @@ def paint(
     *,
     labels: ImageLike | None = None,
     fine: ImageLike | None = None,
-    level: int | None = None,
-    table: FileName | None = None,
+    labellevel: int | None = None,
+    palette: FileName | None = None,
     tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
-    plan: FileName | None = None,
-    previous: FileName | None = None,
+    planfile: FileName | None = None,
+    fromplan: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
-    reuse: float = 1.0,
+    freeuses: float = 1.0,
     finerweight: float = 0.5,
     guideweight: float = 1.0,
-    keeplabels: bool = False,
+    labelmaps: bool = False,
     data: bool = False,
     seed: int = 0,
-    stmap: Literal[True],
+    st: Literal[True],
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -2868,24 +2870,24 @@ def paint(
     *,
     labels: ImageLike | None = None,
     fine: ImageLike | None = None,
-    level: int | None = None,
-    table: FileName | None = None,
+    labellevel: int | None = None,
+    palette: FileName | None = None,
     tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
-    plan: FileName | None = None,
-    previous: FileName | None = None,
+    planfile: FileName | None = None,
+    fromplan: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
-    reuse: float = 1.0,
+    freeuses: float = 1.0,
     finerweight: float = 0.5,
     guideweight: float = 1.0,
-    keeplabels: bool = False,
+    labelmaps: bool = False,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -2900,24 +2902,24 @@ def paint(
     *,
     labels: ImageLike | None = None,
     fine: ImageLike | None = None,
-    level: int | None = None,
-    table: FileName | None = None,
+    labellevel: int | None = None,
+    palette: FileName | None = None,
     tolerance: float = 0.2,
     size: tuple[int, int] | None = None,
-    plan: FileName | None = None,
-    previous: FileName | None = None,
+    planfile: FileName | None = None,
+    fromplan: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
-    reuse: float = 1.0,
+    freeuses: float = 1.0,
     finerweight: float = 0.5,
     guideweight: float = 1.0,
-    keeplabels: bool = False,
+    labelmaps: bool = False,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -2931,16 +2933,16 @@ def palette(
     /,
     *,
     labels: ImageLike | None = None,
-    side: int = 96,
-    rows: int = 24,
+    panel: int = 96,
+    maxlabels: int = 24,
     children: int = 8,
     chips: FileName | Literal[False] = False,
     paints: FileName | None = None,
-    json: FileName | None = None,
-    level: int | None = None,
+    facts: FileName | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: FileName | Literal[False] = False,
+    st: FileName | Literal[False] = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -2958,10 +2960,10 @@ def palette(
     Parameters
     ----------
     exemplar : ImageLike
-        Photo. Where labels are used, with the label maps that `label` with `keep` creates.
-    side : int, default 96
+        Photo. Where labels are used, with the label maps that `label` with `photo` creates.
+    panel : int, default 96
         Height of a row. Expected: an integer from 16 to 1024 px.
-    rows : int, default 24
+    maxlabels : int, default 24
         Maximum number of labels, the largest first. Expected: an integer from 1 to 256.
     children : int, default 8
         Maximum number of children of each label, the largest first. Expected: an integer from 0 to 64.
@@ -2970,7 +2972,7 @@ def palette(
         file.
     paints : FileName | None, default None
         File for the paint colors (.gpl or .aco), to load into a painting program.
-    json : FileName | None, default None
+    facts : FileName | None, default None
         File for ids, names, colors, areas, parents, children and boxes of labels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
@@ -2992,24 +2994,24 @@ def palette(
         A dict of parts by name if more than one part is requested.
         - palette: Rows of texture, copied from the photo, in its own color space and type. [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
-          with stmap]
+          with st]
         - chips: Paint colors with ids and names, laid out like the palette. [8-bit sRGB picture; with
           chips]
         - paints: Named paint colors for GIMP, Krita and Inkscape, or Photoshop. [.gpl or .aco; with
           paints]
-        - table: Ids, names, colors, areas, parents, children and boxes of labels. [JSON; with json]
+        - facts: Ids, names, colors, areas, parents, children and boxes of labels. [JSON; with facts]
 
     Other Parameters
     ----------------
     labels : ImageLike | None, default None
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
-    level : int | None, default None
+    labellevel : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
         Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
-    stmap : bool | FileName, default False
+    st : bool | FileName, default False
         Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
@@ -3021,7 +3023,7 @@ def palette(
     Examples
     --------
     >>> from oiiotex import filters
-    >>> photo = filters.label("photo.png", keep=True)
+    >>> photo = filters.label("photo.png", photo=True)
     >>> sheet = filters.palette(photo)
     """
 @overload
@@ -3030,16 +3032,16 @@ def palette(
     /,
     *,
     labels: ImageLike | None = None,
-    side: int = 96,
-    rows: int = 24,
+    panel: int = 96,
+    maxlabels: int = 24,
     children: int = 8,
     chips: Literal[True],
     paints: FileName | None = None,
-    json: FileName | None = None,
-    level: int | None = None,
+    facts: FileName | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3052,16 +3054,16 @@ def palette(
     /,
     *,
     labels: ImageLike | None = None,
-    side: int = 96,
-    rows: int = 24,
+    panel: int = 96,
+    maxlabels: int = 24,
     children: int = 8,
     chips: bool | FileName = False,
     paints: FileName | None = None,
-    json: FileName | None = None,
-    level: int | None = None,
+    facts: FileName | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: Literal[True],
+    st: Literal[True],
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3074,16 +3076,16 @@ def palette(
     /,
     *,
     labels: ImageLike | None = None,
-    side: int = 96,
-    rows: int = 24,
+    panel: int = 96,
+    maxlabels: int = 24,
     children: int = 8,
     chips: bool | FileName = False,
     paints: FileName | None = None,
-    json: FileName | None = None,
-    level: int | None = None,
+    facts: FileName | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3096,16 +3098,16 @@ def palette(
     /,
     *,
     labels: ImageLike | None = None,
-    side: int = 96,
-    rows: int = 24,
+    panel: int = 96,
+    maxlabels: int = 24,
     children: int = 8,
     chips: bool | FileName = False,
     paints: FileName | None = None,
-    json: FileName | None = None,
-    level: int | None = None,
+    facts: FileName | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3120,27 +3122,27 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    weight: ImageLike | None = None,
-    contrast: float = 1.0,
+    weightmap: ImageLike | None = None,
+    histogram: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
-    uniformity: float = 0.01,
-    reusepenalty: float = 1.0,
+    equaluse: float = 0.01,
+    repeatpenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: FileName | Literal[False] = False,
+    st: FileName | Literal[False] = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3150,7 +3152,7 @@ def patchmatch(
     """Resynthesize a photo by PatchMatch alone, for comparison: the baseline of MJH17 (section 5.2).
 
     This is `stationarize` without flattening and without evening out local statistics: use it to see what these
-    add. `tile=xy` is the paper's toroidal PatchMatch, `tile=none` its plain PatchMatch (MJH17: Moritz, James,
+    add. `tiles=xy` is the paper's toroidal PatchMatch, `tiles=none` its plain PatchMatch (MJH17: Moritz, James,
     Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017).
 
     Parameters
@@ -3166,7 +3168,7 @@ def patchmatch(
     size : Literal['pow2'] | tuple[int, int] | None, default None
         Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
         'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
-    tile : Literal['xy', 'x', 'y', 'none'], default 'xy'
+    tiles : Literal['xy', 'x', 'y', 'none'], default 'xy'
         Axes along which the result tiles.
     variants : int, default 1
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
@@ -3209,7 +3211,7 @@ def patchmatch(
         - tile: Pixels copied from the photo, all channels together, in its color space and type. One
           image for each of the maps, in order, and for each variant. [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
-          with stmap]
+          with st]
         - report: Measures of the result, for programs. [JSON; with report]
 
     Other Parameters
@@ -3217,11 +3219,11 @@ def patchmatch(
     labels : ImageLike | None, default None
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
-    weight : ImageLike | None, default None
+    weightmap : ImageLike | None, default None
         Image of relative weights, in its first channel: pixels of weight 2 are used twice as often as
         pixels of weight 1, and pixels of weight 0 are never used. A string is the name of a part of the
         first image, or a file name.
-    contrast : float, default 1.0
+    histogram : float, default 1.0
         Strength of histogram matching to the photo at the start. It falls to 0 during the iterations of
         the coarsest level. Expected: a number from 0 to 1.
     relevel : bool, default False
@@ -3230,10 +3232,10 @@ def patchmatch(
     iterations : int, default 30
         Number of iterations on the coarsest level. Each finer level has one. Increase it if a warning
         says that texture is lost. Expected: an integer from 1 to 1000.
-    uniformity : float, default 0.01
+    equaluse : float, default 0.01
         Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to
         use more of the photo. Above 0.1, structures break up. Expected: a number from 0 to 1.
-    reusepenalty : float, default 1.0
+    repeatpenalty : float, default 1.0
         Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
         is closer to the photo and repeats more. Expected: a number from 0 to 1.
     resume : bool, default False
@@ -3248,12 +3250,12 @@ def patchmatch(
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
-    level : int | None, default None
+    labellevel : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
         Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
-    stmap : bool | FileName, default False
+    st : bool | FileName, default False
         Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
@@ -3274,27 +3276,27 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    weight: ImageLike | None = None,
-    contrast: float = 1.0,
+    weightmap: ImageLike | None = None,
+    histogram: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
-    uniformity: float = 0.01,
-    reusepenalty: float = 1.0,
+    equaluse: float = 0.01,
+    repeatpenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: Literal[True],
+    st: Literal[True],
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3308,28 +3310,28 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    weight: ImageLike | None = None,
+    weightmap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
-    contrast: float = 1.0,
+    histogram: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
-    uniformity: float = 0.01,
-    reusepenalty: float = 1.0,
+    equaluse: float = 0.01,
+    repeatpenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3343,28 +3345,28 @@ def patchmatch(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    weight: ImageLike | None = None,
+    weightmap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
-    contrast: float = 1.0,
+    histogram: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
-    uniformity: float = 0.01,
-    reusepenalty: float = 1.0,
+    equaluse: float = 0.01,
+    repeatpenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3382,7 +3384,7 @@ def plate(
     motion: FileName | None = None,
     vectors: Literal['st', 'backward', 'forward'] = 'st',
     flip: bool = False,
-    save: FileName | None = None,
+    motionfile: FileName | None = None,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3412,14 +3414,14 @@ def plate(
         reference frame alone.
     motion : FileName | None, default None
         Motion of the surface: the image for the reference frame, in the convention of `vectors`, or a
-        file written by `save`. Default: tracked.
+        file written by `motionfile`. Default: tracked.
     vectors : Literal['st', 'backward', 'forward'], default 'st'
         Convention of `motion`. st: position in the reference frame, from 0 to 1; backward, forward:
         vectors in pixels to the previous or the next frame. Channels are s and t, backward.u and
         backward.v, or forward.u and forward.v, otherwise the first two.
     flip : bool, default False
         Read `motion` with t or v pointing up, as in Nuke and Blender.
-    save : FileName | None, default None
+    motionfile : FileName | None, default None
         File to write the motion of all frames to, for `project`.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
@@ -3438,7 +3440,8 @@ def plate(
         - plate: The surface, in the frames' color space and type. Alpha is 0 where no frame shows it.
           [pixels]
         - region: Pixels to fill: frames need them, and none shows them. [0 or 1, 32-bit floats]
-        - motion: Frames and their matrices, from frame to plate, for `project`. [.npz; with save]
+        - motionfile: Frames and their matrices, from frame to plate, for `project`. [.npz; with
+          motionfile]
 
     Raises
     ------
@@ -3460,7 +3463,7 @@ def plate(
     motion: FileName | None = None,
     vectors: Literal['st', 'backward', 'forward'] = 'st',
     flip: bool = False,
-    save: FileName | None = None,
+    motionfile: FileName | None = None,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3475,7 +3478,7 @@ def preview(
     *,
     exemplar: ImageLike | None = None,
     panels: Sequence[str] | None = None,
-    height: int = 512,
+    panel: int = 512,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3501,7 +3504,7 @@ def preview(
     panels : Sequence[str] | None, default None
         Panels to show, in order: exemplar, seamless, 2x2, 3x3, plane. Default: all; without exemplar,
         2x2,3x3,plane.
-    height : int, default 512
+    panel : int, default 512
         Height of each panel. Expected: an integer from 16 to 16384 px.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
@@ -3536,7 +3539,7 @@ def preview(
     *,
     exemplar: ImageLike | None = None,
     panels: Sequence[str] | None = None,
-    height: int = 512,
+    panel: int = 512,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3634,26 +3637,26 @@ def quilt(
     labels: ImageLike | None = None,
     guide: ImageLike | None = None,
     label: int | None = None,
-    table: FileName | None = None,
+    palette: FileName | None = None,
     tolerance: float = 0.2,
     overlap: int | None = None,
-    plan: FileName | None = None,
-    render: bool = False,
+    planfile: FileName | None = None,
+    fromplan: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     size: tuple[int, int] | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
-    reuse: float = 1.0,
+    freeuses: float = 1.0,
     finerweight: float = 0.5,
     guideweight: float = 1.0,
-    keeplabels: Literal[False] = False,
-    level: int | None = None,
+    labelmaps: Literal[False] = False,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: FileName | Literal[False] = False,
-    structure: float = 0.5,
+    st: FileName | Literal[False] = False,
+    lattice: float = 0.5,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3675,20 +3678,20 @@ def quilt(
     Parameters
     ----------
     exemplar : ImageLike
-        Photo. Where labels are used, with the label maps that `label` with `keep` creates.
+        Photo. Where labels are used, with the label maps that `label` with `photo` creates.
     mask : ImageLike | None, default None
         Image that marks the valid source pixels (first channel above half its range, or a nonzero label
         id). A string is the name of a part of the first image, or a file name.
     guide : ImageLike | None, default None
         Image of any size that controls the layout. Its pixels are label ids, or ids or colors that
-        table maps to labels. A string is the name of a part of the first image, or a file name.
+        `palette` maps to labels. A string is the name of a part of the first image, or a file name.
     label : int | None, default None
         Id of a label in the exemplar's label maps. Only pixels of that label are used as a source.
         Expected: an integer >= 1.
     size : tuple[int, int] | None, default None
         Size of the result. Expected: (width, height) from 1 to 4194304 px. Default: size of the guide,
         else of the exemplar.
-    tile : Literal['none', 'x', 'y', 'xy'], default 'none'
+    tiles : Literal['none', 'x', 'y', 'xy'], default 'none'
         Axes along which the result tiles.
     patch : int | None, default None
         Side of a patch. Increase it to preserve larger structures, decrease it for more variation.
@@ -3697,12 +3700,12 @@ def quilt(
     guideweight : float, default 1.0
         Weight of the guide's labels inside a patch, compared with color. Increase it to follow the
         guide more closely. Expected: a number from 0 to 100.
-    keeplabels : bool, default False
+    labelmaps : bool, default False
         Append the label maps of the result as parts label.N, rearranged exactly as its pixels.
     seed : int, default 0
         Seed of the random numbers. The same seed gives the same pixels. Expected: an integer from 0 to
         4294967295.
-    structure : float, default 0.5
+    lattice : float, default 0.5
         Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
         does not hold complete repeats, the result gets the nearest size that does, unless size is set.
         0: repeats are not preserved. No effect on photos without regular repeats. Expected: a number
@@ -3725,10 +3728,10 @@ def quilt(
         - quilt: Pixels copied from the photo, all channels together, in its color space and type.
           [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
-          with stmap]
+          with st]
         - label.N: Label parts of the photo, copied from the same source pixels. [32-bit ids; with
-          keeplabels]
-        - plan: Plan of the quilt: offsets and cuts. [.npz; with plan]
+          labelmaps]
+        - planfile: Plan of the quilt: offsets and cuts. [.npz; with planfile]
         - report: Measures of the result, for programs. [JSON; with report]
 
     Other Parameters
@@ -3736,7 +3739,7 @@ def quilt(
     labels : ImageLike | None, default None
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
-    table : FileName | None, default None
+    palette : FileName | None, default None
         JSON file that maps ids or 8-bit colors of the guide to labels or pairs of labels: {"255,0,0":
         3, "0,0,255": [1, 2]}.
     tolerance : float, default 0.2
@@ -3746,10 +3749,10 @@ def quilt(
     overlap : int | None, default None
         Overlap of neighboring patches, at most patch / 3. Expected: an integer from 4 to 85 px.
         Default: patch / 4.
-    plan : FileName | None, default None
-        File (.npz) to write the plan (offsets and cuts) to; with render=1, to read it from.
-    render : bool, default False
-        Render the plan of an earlier run instead of computing one. The exemplar may be another map of
+    planfile : FileName | None, default None
+        File (.npz) to write the plan (offsets and cuts) to.
+    fromplan : FileName | None, default None
+        Plan of an earlier run to render instead of computing one. The exemplar may be another map of
         the same size.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
@@ -3758,19 +3761,19 @@ def quilt(
         still written, but the exit code is 3.
     candidates : int, default 256
         Maximum number of candidate patches per place. Expected: an integer from 1 to 65536.
-    reuse : float, default 1.0
+    freeuses : float, default 1.0
         Number of times that a region of the exemplar may be copied before further copies are penalized,
         relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,
         increase it if patches match poorly. Expected: a number from 0 to 1000000000.
     finerweight : float, default 0.5
         Weight of finer levels' labels in the overlaps, compared with color. Expected: a number from 0
         to 100.
-    level : int | None, default None
+    labellevel : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
         Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
-    stmap : bool | FileName, default False
+    st : bool | FileName, default False
         Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
@@ -3793,26 +3796,26 @@ def quilt(
     labels: ImageLike | None = None,
     guide: ImageLike | None = None,
     label: int | None = None,
-    table: FileName | None = None,
+    palette: FileName | None = None,
     tolerance: float = 0.2,
     overlap: int | None = None,
-    plan: FileName | None = None,
-    render: bool = False,
+    planfile: FileName | None = None,
+    fromplan: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     size: tuple[int, int] | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
-    reuse: float = 1.0,
+    freeuses: float = 1.0,
     finerweight: float = 0.5,
     guideweight: float = 1.0,
-    keeplabels: bool = False,
-    level: int | None = None,
+    labelmaps: bool = False,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: Literal[True],
-    structure: float = 0.5,
+    st: Literal[True],
+    lattice: float = 0.5,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3828,26 +3831,26 @@ def quilt(
     labels: ImageLike | None = None,
     guide: ImageLike | None = None,
     label: int | None = None,
-    table: FileName | None = None,
+    palette: FileName | None = None,
     tolerance: float = 0.2,
     overlap: int | None = None,
-    plan: FileName | None = None,
-    render: bool = False,
+    planfile: FileName | None = None,
+    fromplan: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     size: tuple[int, int] | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
-    reuse: float = 1.0,
+    freeuses: float = 1.0,
     finerweight: float = 0.5,
     guideweight: float = 1.0,
-    keeplabels: bool = False,
-    level: int | None = None,
+    labelmaps: bool = False,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
-    structure: float = 0.5,
+    st: bool | FileName = False,
+    lattice: float = 0.5,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3863,26 +3866,26 @@ def quilt(
     labels: ImageLike | None = None,
     guide: ImageLike | None = None,
     label: int | None = None,
-    table: FileName | None = None,
+    palette: FileName | None = None,
     tolerance: float = 0.2,
     overlap: int | None = None,
-    plan: FileName | None = None,
-    render: bool = False,
+    planfile: FileName | None = None,
+    fromplan: FileName | None = None,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     size: tuple[int, int] | None = None,
-    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'none',
     patch: int | None = None,
     candidates: int = 256,
-    reuse: float = 1.0,
+    freeuses: float = 1.0,
     finerweight: float = 0.5,
     guideweight: float = 1.0,
-    keeplabels: bool = False,
-    level: int | None = None,
+    labelmaps: bool = False,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
-    structure: float = 0.5,
+    st: bool | FileName = False,
+    lattice: float = 0.5,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3897,10 +3900,10 @@ def rectify(
     *,
     corners: float | Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
-    physical: float | Sequence[float] | None = None,
+    meters: float | Sequence[float] | None = None,
     filter: Literal['lanczos3', 'mitchell', 'triangle'] = 'lanczos3',
-    stmap: FileName | Literal[False] = False,
-    json: FileName | None = None,
+    st: FileName | Literal[False] = False,
+    facts: FileName | None = None,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3910,13 +3913,13 @@ def rectify(
     """Correct the perspective of a flat surface that was photographed obliquely.
 
     The four corners of a real rectangle become the corners of the result. The aspect ratio is derived from the
-    perspective (Zhang and He 2007: square pixels, uncropped photo) or from `physical`.
+    perspective (Zhang and He 2007: square pixels, uncropped photo) or from `meters`.
 
     Without `corners`, the lattice of a surface that repeats regularly in two directions (tiles, bricks, a weave) is
     detected and straightened. The result contains as many complete cells of the lattice as the photo, so it tiles along
     both axes.
 
-    With `physical`, the size of a pixel is stored in the metadata (XResolution, YResolution, ResolutionUnit), which all
+    With `meters`, the size of a pixel is stored in the metadata (XResolution, YResolution, ResolutionUnit), which all
     filters preserve. Stored values are filtered without conversion, and vectors in normal maps are not rotated.
 
     Parameters
@@ -3930,7 +3933,7 @@ def rectify(
     size : tuple[int, int] | None, default None
         Size of the result. Expected: (width, height) from 1 to 65536. Default: lengths of the longer
         sides in the photo.
-    physical : float | Sequence[float] | None, default None
+    meters : float | Sequence[float] | None, default None
         Width and height, in meters, of the area between `corners`; without `corners`, of one cell of
         the lattice, such as a brick or a tile. Expected: a number or a sequence of numbers from 1e-09
         to 1000000000 m.
@@ -3951,17 +3954,17 @@ def rectify(
         A dict of parts by name if more than one part is requested.
         - rectified: Surface seen from the front, in the photo's color space and type. [pixels]
         - st: Source coordinates of every pixel, with subpixel precision, for `st_warp`. [32-bit float
-          coordinates; with stmap]
-        - geometry: Corners, size, cells, meters and matrix. [JSON; with json]
+          coordinates; with st]
+        - facts: Corners, size, cells, meters and matrix. [JSON; with facts]
 
     Other Parameters
     ----------------
     filter : Literal['lanczos3', 'mitchell', 'triangle'], default 'lanczos3'
         Resampling filter.
-    stmap : bool | FileName, default False
+    st : bool | FileName, default False
         Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
-    json : FileName | None, default None
+    facts : FileName | None, default None
         JSON file for corners, size, cells, meters and the matrix.
 
     Raises
@@ -3981,10 +3984,10 @@ def rectify(
     *,
     corners: float | Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
-    physical: float | Sequence[float] | None = None,
+    meters: float | Sequence[float] | None = None,
     filter: Literal['lanczos3', 'mitchell', 'triangle'] = 'lanczos3',
-    stmap: Literal[True],
-    json: FileName | None = None,
+    st: Literal[True],
+    facts: FileName | None = None,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -3998,10 +4001,10 @@ def rectify(
     *,
     corners: float | Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
-    physical: float | Sequence[float] | None = None,
+    meters: float | Sequence[float] | None = None,
     filter: Literal['lanczos3', 'mitchell', 'triangle'] = 'lanczos3',
-    stmap: bool | FileName = False,
-    json: FileName | None = None,
+    st: bool | FileName = False,
+    facts: FileName | None = None,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -4015,10 +4018,10 @@ def rectify(
     *,
     corners: float | Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
-    physical: float | Sequence[float] | None = None,
+    meters: float | Sequence[float] | None = None,
     filter: Literal['lanczos3', 'mitchell', 'triangle'] = 'lanczos3',
-    stmap: bool | FileName = False,
-    json: FileName | None = None,
+    st: bool | FileName = False,
+    facts: FileName | None = None,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -4031,13 +4034,13 @@ def sigmas(
     exemplar: ImageLike,
     /,
     *,
-    n: int = 9,
-    size: tuple[int, int] | None = None,
+    count: int = 9,
+    tilesize: tuple[int, int] | None = None,
     measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
     order: int | None = None,
     seed: int = 0,
     columns: int = 3,
-    json: FileName | None = None,
+    facts: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -4053,15 +4056,15 @@ def sigmas(
     Ritschel, Weyrich, Texture Stationarization, Eurographics 2017, section 4.4).
 
     The modifier amount of `stationarize` uses the same scale, which is stored in the user's cache. The table of sigmas
-    is printed, and written with `json`. The result is an 8-bit sRGB image for display, not for measurement.
+    is printed, and written with `facts`. The result is an 8-bit sRGB image for display, not for measurement.
 
     Parameters
     ----------
     exemplar : ImageLike
         Photo.
-    n : int, default 9
+    count : int, default 9
         Number of sigmas. Expected: an integer from 3 to 32.
-    size : tuple[int, int] | None, default None
+    tilesize : tuple[int, int] | None, default None
         Size of the final tile, for which the sigmas are computed. The sheet itself shows small tiles.
         Expected: (width, height) from 5 to 65536 px. Default: size of the photo.
     seed : int, default 0
@@ -4069,7 +4072,7 @@ def sigmas(
         4294967295.
     columns : int, default 3
         Number of tiles in a row. Expected: an integer from 1 to 32.
-    json : FileName | None, default None
+    facts : FileName | None, default None
         JSON file for the table.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
@@ -4088,7 +4091,7 @@ def sigmas(
     -------
     ImageBuf
         - view: Contact sheet. [8-bit sRGB picture]
-        - table: Table of sigmas and amounts. [JSON; with json]
+        - facts: Table of sigmas and amounts. [JSON; with facts]
 
     Other Parameters
     ----------------
@@ -4107,20 +4110,20 @@ def sigmas(
     Examples
     --------
     >>> from oiiotex import filters
-    >>> sheet = filters.sigmas("photo.png", n=4)
+    >>> sheet = filters.sigmas("photo.png", count=4)
     """
 @overload
 def sigmas(
     exemplar: ImageLike,
     /,
     *,
-    n: int = 9,
-    size: tuple[int, int] | None = None,
+    count: int = 9,
+    tilesize: tuple[int, int] | None = None,
     measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
     order: int | None = None,
     seed: int = 0,
     columns: int = 3,
-    json: FileName | None = None,
+    facts: FileName | None = None,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -4224,38 +4227,38 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    weight: ImageLike | None = None,
+    weightmap: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
-    flatten: float | None = None,
+    flattening: float | None = None,
     drift: FileName | Literal[False] = False,
     sigma: float | None = None,
-    amount: float | None = None,
-    contrast: float | None = None,
+    evenness: float | None = None,
+    histogram: float | None = None,
     target: Literal['flat', 'exemplar'] = 'flat',
     measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
     order: int | None = None,
-    structure: float = 0.5,
-    preset: Literal['even', 'clean', 'keep'] | None = None,
+    lattice: float = 0.5,
+    preset: Literal['even', 'clean', 'large'] | None = None,
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
-    uniformity: float = 0.01,
-    reusepenalty: float = 1.0,
+    equaluse: float = 0.01,
+    repeatpenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: FileName | Literal[False] = False,
+    st: FileName | Literal[False] = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -4264,7 +4267,7 @@ def stationarize(
 ) -> ImageBuf:
     """Create a seamlessly tiling texture from a photo, without visible repetition.
 
-    Gradients of light and stains repeat visibly when a photo is tiled, so `flatten` removes them first. The photo is
+    Gradients of light and stains repeat visibly when a photo is tiled, so `flattening` removes them first. The photo is
     then resynthesized from its own patches while local statistics (by default histograms) are kept uniform above a
     scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017).
 
@@ -4286,27 +4289,27 @@ def stationarize(
     maps : Sequence[ImageLike], default ()
         Further maps, resynthesized from the same source pixels. A string is the name of a part of the
         first image, or a file name.
-    flatten : float | None, default None
+    flattening : float | None, default None
         Fraction of the photo's gradients and stains to remove before synthesis. 0: every pixel is a
         verbatim copy. Expected: a number from 0 to 1. Default: 1; for data, 0.
     sigma : float | None, default None
         Scale, in pixels, above which the result is statistically uniform. Smaller structures are kept.
         Reduce it if features still repeat visibly. Expected: a number from 0.5 to 1000000 px. Default:
         longer side / 8, at least patch / 4.
-    structure : float, default 0.5
+    lattice : float, default 0.5
         Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
         does not hold complete repeats, the result gets the nearest size that does, unless size is set.
         0: repeats are not preserved. No effect on photos without regular repeats. Expected: a number
         from 0 to 1.
-    preset : Literal['even', 'clean', 'keep'] | None, default None
-        Values for modifiers that you do not set. keep: large structures are preserved (sigma = longer
+    preset : Literal['even', 'clean', 'large'] | None, default None
+        Values for modifiers that you do not set. large: large structures are preserved (sigma = longer
         side / 4, patch=21). even: large structures are also evened out (sigma = longer side / 32,
-        patch=11). clean: objects are also removed (as even, with contrast=0 and a mask from
+        patch=11). clean: objects are also removed (as even, with histogram=0 and a mask from
         `dominant`).
     size : Literal['pow2'] | tuple[int, int] | None, default None
         Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
         'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
-    tile : Literal['xy', 'x', 'y', 'none'], default 'xy'
+    tiles : Literal['xy', 'x', 'y', 'none'], default 'xy'
         Axes along which the result tiles.
     variants : int, default 1
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
@@ -4349,7 +4352,7 @@ def stationarize(
         - tile: Pixels copied from the photo, all channels together, in its color space and type. One
           image for each of the maps, in order, and for each variant. [pixels]
         - st: Source coordinates of every pixel, for `warp` and `st_warp`. [32-bit float coordinates;
-          with stmap]
+          with st]
         - report: Measures of the result, for programs. [JSON; with report]
         - drift: Correction: Lab x gain + offset. Channels: gain.L, gain.a, gain.b, offset.L, offset.a,
           offset.b. [32-bit float values; with drift]
@@ -4359,23 +4362,23 @@ def stationarize(
     labels : ImageLike | None, default None
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
-    weight : ImageLike | None, default None
+    weightmap : ImageLike | None, default None
         Image of relative weights, in its first channel: pixels of weight 2 are used twice as often as
         pixels of weight 1, and pixels of weight 0 are never used. A string is the name of a part of the
         first image, or a file name.
     drift : bool | FileName, default False
         Correction that removes gradients and stains. 1: append it as part 'drift'; a file name: write
         it to that file.
-    amount : float | None, default None
+    evenness : float | None, default None
         Visible uniformity of the result, from 0 (least) to 1 (most), used instead of sigma. Equal steps
         make equally visible differences; `sigmas` shows them for a photo. Expected: a number from 0 to
         1.
-    contrast : float | None, default None
+    histogram : float | None, default None
         Strength with which the overall colors of the result are matched to the histogram of `target`.
         Increase it if rare colors are missing. At 0, the colors of rare objects, such as windows in a
         wall, may vanish. Expected: a number from 0 to 1. Default: 0.7.
     target : Literal['flat', 'exemplar'], default 'flat'
-        Histogram that `contrast` matches. flat: that of the photo after evening out. exemplar: that of
+        Histogram that `histogram` matches. flat: that of the photo after evening out. exemplar: that of
         the photo as it is, matched only on the coarsest level, as in the paper.
     measure : Literal['histogram', 'moments', 'steerable'], default 'histogram'
         Statistics that define stationarity. histogram: local histograms. moments: local moments.
@@ -4384,18 +4387,19 @@ def stationarize(
         Highest order of moments, for measure=moments. 2: mean and variance. 3: also skewness. 4: also
         kurtosis. Expected: an integer from 2 to 4. Default: 2.
     paper : bool, default False
-        Settings of the paper (MJH17), for comparison: flatten=0:target=exemplar:contrast=1:structure=0,
-        sigma = longer side / 32, patch=11, no reuse penalties, and the paper's pyramid and iterations.
+        Settings of the paper (MJH17), for comparison:
+        flattening=0:target=exemplar:histogram=1:lattice=0, sigma = longer side / 32, patch=11, no reuse
+        penalties, and the paper's pyramid and iterations.
     relevel : bool, default False
         Raise or lower each copied piece of a height map so that pieces meet without steps. Set it if
         displaced heights show cliffs. Requires kinds=...,height.
     iterations : int, default 30
         Number of iterations on the coarsest level. Each finer level has one. Increase it if a warning
         says that texture is lost. Expected: an integer from 1 to 1000.
-    uniformity : float, default 0.01
+    equaluse : float, default 0.01
         Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to
         use more of the photo. Above 0.1, structures break up. Expected: a number from 0 to 1.
-    reusepenalty : float, default 1.0
+    repeatpenalty : float, default 1.0
         Weight of the penalty for regions of the photo that are used more than twice. At 0, the result
         is closer to the photo and repeats more. Expected: a number from 0 to 1.
     resume : bool, default False
@@ -4410,12 +4414,12 @@ def stationarize(
         Weight of each map in the comparison of patches, in order. 0: the map is not compared, but
         follows the others. Expected: a number or a sequence of numbers >= 0. Default: 1 for each map,
         0.25 for a height.
-    level : int | None, default None
+    labellevel : int | None, default None
         Level of the label maps: N selects the part label.N. 1 is the finest. Expected: an integer >= 1.
         Default: the coarsest with several labels.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
-    stmap : bool | FileName, default False
+    st : bool | FileName, default False
         Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that
         file.
 
@@ -4427,7 +4431,7 @@ def stationarize(
     Examples
     --------
     >>> from oiiotex import filters
-    >>> tile = filters.stationarize("photo.png", preset="keep", seed=7)
+    >>> tile = filters.stationarize("photo.png", preset="large", seed=7)
     >>> tile.write("tile.png")
     True
     """
@@ -4438,38 +4442,38 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    weight: ImageLike | None = None,
+    weightmap: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
-    flatten: float | None = None,
+    flattening: float | None = None,
     drift: Literal[True],
     sigma: float | None = None,
-    amount: float | None = None,
-    contrast: float | None = None,
+    evenness: float | None = None,
+    histogram: float | None = None,
     target: Literal['flat', 'exemplar'] = 'flat',
     measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
     order: int | None = None,
-    structure: float = 0.5,
-    preset: Literal['even', 'clean', 'keep'] | None = None,
+    lattice: float = 0.5,
+    preset: Literal['even', 'clean', 'large'] | None = None,
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
-    uniformity: float = 0.01,
-    reusepenalty: float = 1.0,
+    equaluse: float = 0.01,
+    repeatpenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -4483,38 +4487,38 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    weight: ImageLike | None = None,
+    weightmap: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
-    flatten: float | None = None,
+    flattening: float | None = None,
     drift: bool | FileName = False,
     sigma: float | None = None,
-    amount: float | None = None,
-    contrast: float | None = None,
+    evenness: float | None = None,
+    histogram: float | None = None,
     target: Literal['flat', 'exemplar'] = 'flat',
     measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
     order: int | None = None,
-    structure: float = 0.5,
-    preset: Literal['even', 'clean', 'keep'] | None = None,
+    lattice: float = 0.5,
+    preset: Literal['even', 'clean', 'large'] | None = None,
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
-    uniformity: float = 0.01,
-    reusepenalty: float = 1.0,
+    equaluse: float = 0.01,
+    repeatpenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: Literal[True],
+    st: Literal[True],
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -4528,39 +4532,39 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    weight: ImageLike | None = None,
+    weightmap: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
-    flatten: float | None = None,
+    flattening: float | None = None,
     drift: bool | FileName = False,
     sigma: float | None = None,
-    amount: float | None = None,
-    contrast: float | None = None,
+    evenness: float | None = None,
+    histogram: float | None = None,
     target: Literal['flat', 'exemplar'] = 'flat',
     measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
     order: int | None = None,
-    structure: float = 0.5,
-    preset: Literal['even', 'clean', 'keep'] | None = None,
+    lattice: float = 0.5,
+    preset: Literal['even', 'clean', 'large'] | None = None,
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
-    uniformity: float = 0.01,
-    reusepenalty: float = 1.0,
+    equaluse: float = 0.01,
+    repeatpenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -4574,39 +4578,39 @@ def stationarize(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    weight: ImageLike | None = None,
+    weightmap: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
-    flatten: float | None = None,
+    flattening: float | None = None,
     drift: bool | FileName = False,
     sigma: float | None = None,
-    amount: float | None = None,
-    contrast: float | None = None,
+    evenness: float | None = None,
+    histogram: float | None = None,
     target: Literal['flat', 'exemplar'] = 'flat',
     measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
     order: int | None = None,
-    structure: float = 0.5,
-    preset: Literal['even', 'clean', 'keep'] | None = None,
+    lattice: float = 0.5,
+    preset: Literal['even', 'clean', 'large'] | None = None,
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tile: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
-    uniformity: float = 0.01,
-    reusepenalty: float = 1.0,
+    equaluse: float = 0.01,
+    repeatpenalty: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     kinds: Sequence[str] | None = None,
     mapweights: float | Sequence[float] | None = None,
     label: int | None = None,
-    level: int | None = None,
+    labellevel: int | None = None,
     data: bool = False,
     seed: int = 0,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -4621,13 +4625,13 @@ def superpixel(
     *,
     sigma: float | None = None,
     count: int | None = None,
-    finest: float | None = None,
+    sigmamin: float | None = None,
     compactness: float = 20.0,
     iterations: int = 1000,
-    runs: int = 1,
-    minsize: int | None = None,
+    slicrestarts: int = 1,
+    minarea: int | None = None,
     seed: int = 0,
-    keep: Literal[False] = False,
+    photo: Literal[False] = False,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -4653,13 +4657,13 @@ def superpixel(
         Expected: a number from 1 to 1000000 px. Default: the finest level.
     count : int | None, default None
         Number of superpixels, used instead of sigma. Expected: an integer >= 1.
-    finest : float | None, default None
+    sigmamin : float | None, default None
         Scale of the smallest superpixels, from which coarser ones are merged. Reduce it if thin details
         are lost. Expected: a number from 2 to 100000 px. Default: shorter side / 50, at least 4.
     compactness : float, default 20.0
         Compactness m of SLIC: the Lab distance that weighs as much as one sigma in space. Increase it
         for rounder superpixels. Expected: a number from 0.1 to 100.
-    keep : bool, default False
+    photo : bool, default False
         Keep the image as the first part, followed by the label map.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
@@ -4678,7 +4682,7 @@ def superpixel(
     -------
     ImageBuf | dict[str, ImageBuf]
         A dict of parts by name if more than one part is requested.
-        - photo: Photo, as the first part. [pixels; with keep]
+        - photo: Photo, as the first part. [pixels; with photo]
         - superpixels: One channel of ids, in the image's windows. Write it to EXR or TIFF. [32-bit ids]
 
     Other Parameters
@@ -4686,10 +4690,10 @@ def superpixel(
     iterations : int, default 1000
         Maximum number of SLIC iterations. They end earlier if no center moves. Expected: an integer
         from 1 to 100000.
-    runs : int, default 1
+    slicrestarts : int, default 1
         Number of SLIC runs. The best one by LSA16 eq. 3 is used. The paper: 10. Expected: an integer
         from 1 to 1000.
-    minsize : int | None, default None
+    minarea : int | None, default None
         Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25. Expected:
         an integer >= 1 px. Default: finest^2 / 4.
     seed : int, default 0
@@ -4714,13 +4718,13 @@ def superpixel(
     *,
     sigma: float | None = None,
     count: int | None = None,
-    finest: float | None = None,
+    sigmamin: float | None = None,
     compactness: float = 20.0,
     iterations: int = 1000,
-    runs: int = 1,
-    minsize: int | None = None,
+    slicrestarts: int = 1,
+    minarea: int | None = None,
     seed: int = 0,
-    keep: Literal[True],
+    photo: Literal[True],
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -4735,13 +4739,13 @@ def superpixel(
     *,
     sigma: float | None = None,
     count: int | None = None,
-    finest: float | None = None,
+    sigmamin: float | None = None,
     compactness: float = 20.0,
     iterations: int = 1000,
-    runs: int = 1,
-    minsize: int | None = None,
+    slicrestarts: int = 1,
+    minarea: int | None = None,
     seed: int = 0,
-    keep: bool = False,
+    photo: bool = False,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -4756,13 +4760,13 @@ def superpixel(
     *,
     sigma: float | None = None,
     count: int | None = None,
-    finest: float | None = None,
+    sigmamin: float | None = None,
     compactness: float = 20.0,
     iterations: int = 1000,
-    runs: int = 1,
-    minsize: int | None = None,
+    slicrestarts: int = 1,
+    minarea: int | None = None,
     seed: int = 0,
-    keep: bool = False,
+    photo: bool = False,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -4779,22 +4783,22 @@ def synth(
     size: tuple[int, int] | None = None,
     window: str | None = None,
     chunk: str | None = None,
-    level: int | None = None,
-    tile: Literal['none', 'xy'] = 'none',
+    lod: int | None = None,
+    tiles: Literal['none', 'xy'] = 'none',
     resume: bool = False,
-    stmap: FileName | Literal[False] = False,
+    st: FileName | Literal[False] = False,
     graph: FileName | None = None,
-    lock: bool | int = False,
+    keeplayout: bool | int = False,
     jitter: float | Sequence[float] | None = None,
     matchcolor: bool = True,
     components: int = 16,
-    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
     data: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    structure: float = 0.5,
+    lattice: float = 0.5,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -4820,17 +4824,17 @@ def synth(
         otherwise of the exemplar.
     window : str | None, default None
         Window of the unbounded plane to compute, as WxH+X+Y.
-    level : int | None, default None
+    lod : int | None, default None
         Resolution. At level N, the root exemplar (without `graph`, the photo) is 2^N pixels wide.
         Reduce it for a preview. Expected: an integer from 0 to 60. Default: finest level of the
         exemplars.
-    tile : Literal['none', 'xy'], default 'none'
+    tiles : Literal['none', 'xy'], default 'none'
         Axes along which the result tiles. xy requires size, with sides that are multiples of 2^level
         pixels.
     graph : FileName | None, default None
         Exemplar graph (JSON or YAML), as the graph filter writes it: photos at several scales, and
         which one refines which.
-    side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
+    exemplarside : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
         Maximum side of the square that is cropped from an exemplar. Expected: one of 16, 32, 64, 128,
         256, 512, 1024.
     seed : int | None, default None
@@ -4838,7 +4842,7 @@ def synth(
         4294967295. Default: seed of the graph, else 0.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
-    structure : float, default 0.5
+    lattice : float, default 0.5
         Strength with which regular repeats (tiles, courses, weaves) are preserved. If the photo's size
         does not hold complete repeats, the result gets the nearest size that does, unless size is set.
         0: repeats are not preserved. No effect on photos without regular repeats. Expected: a number
@@ -4861,9 +4865,9 @@ def synth(
         - texture: Pixels copied from the exemplars, all channels, in the root's color space and type.
           [pixels]
         - st: Source coordinates of every pixel, for `warp`; with graph, also the exemplar's number.
-          [32-bit float coordinates; with stmap]
+          [32-bit float coordinates; with st]
         - transfer: Color offset added to each copied pixel: L, a and b of CIE Lab in R, G and B. Only
-          with graph. [32-bit float coordinates; with stmap]
+          with graph. [32-bit float coordinates; with st]
         - report: Measures of the result, for programs. [JSON; with report]
 
     Other Parameters
@@ -4873,10 +4877,10 @@ def synth(
     resume : bool, default False
         Save a checkpoint after each finished piece next to the output, in the folder OUTPUT.parts. Run
         the same command again to resume.
-    stmap : bool | FileName, default False
+    st : bool | FileName, default False
         Source coordinates of every pixel. 1: append them as parts; a file name: write them to that
         file.
-    lock : bool | int, default False
+    keeplayout : bool | int, default False
         Layout of the root exemplar that is kept, so that only finer detail is random. 0: nothing is
         kept. 1: up to the root's resolution. 2 to 60: up to that level. Expected: True, False, or an
         integer from 0 to 60.
@@ -4919,22 +4923,22 @@ def synth(
     size: tuple[int, int] | None = None,
     window: str | None = None,
     chunk: str | None = None,
-    level: int | None = None,
-    tile: Literal['none', 'xy'] = 'none',
+    lod: int | None = None,
+    tiles: Literal['none', 'xy'] = 'none',
     resume: bool = False,
-    stmap: Literal[True],
+    st: Literal[True],
     graph: FileName | None = None,
-    lock: bool | int = False,
+    keeplayout: bool | int = False,
     jitter: float | Sequence[float] | None = None,
     matchcolor: bool = True,
     components: int = 16,
-    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
     data: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    structure: float = 0.5,
+    lattice: float = 0.5,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -4949,22 +4953,22 @@ def synth(
     size: tuple[int, int] | None = None,
     window: str | None = None,
     chunk: str | None = None,
-    level: int | None = None,
-    tile: Literal['none', 'xy'] = 'none',
+    lod: int | None = None,
+    tiles: Literal['none', 'xy'] = 'none',
     resume: bool = False,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     graph: FileName | None = None,
-    lock: bool | int = False,
+    keeplayout: bool | int = False,
     jitter: float | Sequence[float] | None = None,
     matchcolor: bool = True,
     components: int = 16,
-    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
     data: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    structure: float = 0.5,
+    lattice: float = 0.5,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -4979,22 +4983,22 @@ def synth(
     size: tuple[int, int] | None = None,
     window: str | None = None,
     chunk: str | None = None,
-    level: int | None = None,
-    tile: Literal['none', 'xy'] = 'none',
+    lod: int | None = None,
+    tiles: Literal['none', 'xy'] = 'none',
     resume: bool = False,
-    stmap: bool | FileName = False,
+    st: bool | FileName = False,
     graph: FileName | None = None,
-    lock: bool | int = False,
+    keeplayout: bool | int = False,
     jitter: float | Sequence[float] | None = None,
     matchcolor: bool = True,
     components: int = 16,
-    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
     data: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
-    structure: float = 0.5,
+    lattice: float = 0.5,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
@@ -5007,12 +5011,12 @@ def variants(
     exemplar: ImageLike,
     /,
     *,
-    filter: Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'] = 'stationarize',
-    seeds: int = 4,
+    op: Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'] = 'stationarize',
+    count: int = 4,
     seed: int = 0,
     vary: str | None = None,
     over: Sequence[str] | None = None,
-    thumb: int = 256,
+    panel: int = 256,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -5029,10 +5033,10 @@ def variants(
     Parameters
     ----------
     exemplar : ImageLike
-        Photo; for filter=composite, with label maps.
-    filter : Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'], default 'stationarize'
+        Photo; for op=composite, with label maps.
+    op : Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'], default 'stationarize'
         Name of the synthesis filter.
-    seeds : int, default 4
+    count : int, default 4
         Number of seeds, one for each column. Expected: an integer from 1 to 16.
     seed : int, default 0
         First seed. Expected: an integer from 0 to 4294967279.
@@ -5040,7 +5044,7 @@ def variants(
         Name of a modifier that varies from row to row. Requires over.
     over : Sequence[str] | None, default None
         Values of the modifier that vary names, one for each row.
-    thumb : int, default 256
+    panel : int, default 256
         Maximum longer side of a result in the sheet. Expected: an integer from 32 to 2048 px.
     data : bool, default False
         Use the channels as data, without conversion to CIE Lab.
@@ -5068,19 +5072,19 @@ def variants(
     Examples
     --------
     >>> from oiiotex import filters
-    >>> sheet = filters.variants("photo.png", filter="quilt", seeds=3)
+    >>> sheet = filters.variants("photo.png", op="quilt", count=3)
     """
 @overload
 def variants(
     exemplar: ImageLike,
     /,
     *,
-    filter: Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'] = 'stationarize',
-    seeds: int = 4,
+    op: Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'] = 'stationarize',
+    count: int = 4,
     seed: int = 0,
     vary: str | None = None,
     over: Sequence[str] | None = None,
-    thumb: int = 256,
+    panel: int = 256,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -5092,7 +5096,7 @@ def variants(
 @overload
 def warp(
     source: ImageLike,
-    st: ImageLike,
+    stmap: ImageLike,
     /,
     *,
     colorspace: str | None = None,
@@ -5111,7 +5115,7 @@ def warp(
     ----------
     source : ImageLike
         Image that provides the pixels.
-    st : ImageLike
+    stmap : ImageLike
         Source coordinates: part 'st', or the first part if there is none of that name.
     colorspace : str | None, default None
         Color space of the required images. Default: the one in their metadata.
@@ -5137,13 +5141,13 @@ def warp(
     Examples
     --------
     >>> from oiiotex import filters
-    >>> made = filters.stationarize("photo.png", stmap=True)
+    >>> made = filters.stationarize("photo.png", st=True)
     >>> rough_tile = filters.warp("roughness.png", made["st"])
     """
 @overload
 def warp(
     source: ImageLike,
-    st: ImageLike,
+    stmap: ImageLike,
     /,
     *,
     colorspace: str | None = None,
@@ -5161,18 +5165,18 @@ def zoom(
     frame: int | None = None,
     first: int = 1,
     speed: float = 0.05,
-    level: float | None = None,
+    lod: float | None = None,
     center: float | Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
     movie: FileName | None = None,
-    frames: int = 48,
+    count: int = 48,
     fps: float = 24.0,
     graph: FileName | None = None,
-    lock: bool | int = False,
+    keeplayout: bool | int = False,
     jitter: float | Sequence[float] | None = None,
     matchcolor: bool = True,
     components: int = 16,
-    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
     data: bool = False,
@@ -5203,7 +5207,7 @@ def zoom(
     speed : float, default 0.05
         Octaves per frame. 1 doubles the scale each frame; negative values zoom out. Expected: a number
         from -8 to 8.
-    level : float | None, default None
+    lod : float | None, default None
         Level of detail of the first frame, as in `synth`. Expected: a number from 0 to 60. Default:
         resolution of the root.
     center : float | Sequence[float] | None, default None
@@ -5213,14 +5217,14 @@ def zoom(
         Size of the frame. Expected: (width, height) from 1 to 65536 px. Default: size of the root.
     movie : FileName | None, default None
         File for a preview movie: .gif (Pillow), or .mp4 (requires ffmpeg in $PATH).
-    frames : int, default 48
+    count : int, default 48
         Number of frames of the movie, from this frame on. Expected: an integer from 2 to 65536.
     fps : float, default 24.0
         Frames per second of the movie. Expected: a number from 0.1 to 240.
     graph : FileName | None, default None
         Exemplar graph (JSON or YAML), as the graph filter writes it: photos at several scales, and
         which one refines which.
-    side : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
+    exemplarside : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
         Maximum side of the square that is cropped from an exemplar. Expected: one of 16, 32, 64, 128,
         256, 512, 1024.
     seed : int | None, default None
@@ -5249,7 +5253,7 @@ def zoom(
 
     Other Parameters
     ----------------
-    lock : bool | int, default False
+    keeplayout : bool | int, default False
         Layout of the root exemplar that is kept, so that only finer detail is random. 0: nothing is
         kept. 1: up to the root's resolution. 2 to 60: up to that level. Expected: True, False, or an
         integer from 0 to 60.
@@ -5292,18 +5296,18 @@ def zoom(
     frame: int | None = None,
     first: int = 1,
     speed: float = 0.05,
-    level: float | None = None,
+    lod: float | None = None,
     center: float | Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
     movie: FileName | None = None,
-    frames: int = 48,
+    count: int = 48,
     fps: float = 24.0,
     graph: FileName | None = None,
-    lock: bool | int = False,
+    keeplayout: bool | int = False,
     jitter: float | Sequence[float] | None = None,
     matchcolor: bool = True,
     components: int = 16,
-    side: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
+    exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
     data: bool = False,

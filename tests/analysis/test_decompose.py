@@ -178,7 +178,7 @@ def test_collages_of_five_textures_are_decomposed():
 def test_as_many_subtextures_as_are_asked_for(group):
     case = drawn_collage(0, 256)
     for count in (1, 2, 3) if group == "cliques" else (1, 2, 3, 5):  # joined, never cut
-        labels = run(Decompose(source=case.image, group=group, labels=count), Session())[0].image.first.pixels()
+        labels = run(Decompose(source=case.image, group=group, maxlabels=count), Session())[0].image.first.pixels()
         assert len(np.unique(labels)) == count, count
 
 

@@ -61,7 +61,7 @@ def marked(width: int, height: int, **more: object) -> Op:
 
 
 def shown(width: int, height: int, **more: object) -> Op:
-    return Preview(tile=Image((picture(width, height),)), exemplar=Image((picture(width, height),)), height=32, **more)
+    return Preview(tile=Image((picture(width, height),)), exemplar=Image((picture(width, height),)), panel=32, **more)
 
 
 def pixels_of(op: Op, session: Session, rows: int) -> np.ndarray:

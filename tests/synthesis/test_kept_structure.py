@@ -57,7 +57,7 @@ def test_a_texture_without_end_is_as_regular_as_its_photo(name):
     lattice, least = find_lattice(lab), {}
     own = peaks_over_floor(lab, lattice, False)
     for structure in (0.0, 0.5):
-        tile = Synth(exemplar=image, seed=1, structure=structure, **WITHOUT_END).compute(session)["texture"]
+        tile = Synth(exemplar=image, seed=1, lattice=structure, **WITHOUT_END).compute(session)["texture"]
         seen, _ = working_values(from_buffer(buffer(tile.pixels())), session.resources)
         closed = replace(lattice, frequencies=lattice.on_torus(Domain(256, 256, True, True)))
         least[structure] = (peaks_over_floor(seen, closed, True) / own).min()

@@ -143,12 +143,12 @@ def _checked(document: _TextureDocument, path: Path) -> TextureFile:
     if len(given) != 1:
         raise ImageError(f"{where}: expected one of photo, graph and tiles, not {' and '.join(given) or 'none'}")
     if document.plan is not None:
-        for key in ("graph", "tiles", "size", "seed", "level"):
+        for key in ("graph", "tiles", "size", "seed", "lod"):
             if getattr(document, key) is not None:
                 raise ImageError(f"{where}: {key} conflicts with plan, which requires a photo and defines the rest")
         given.append("plan")
-    if document.tiles is not None and document.level is not None:
-        raise ImageError(f"{where}: level conflicts with tiles, which have one level")
+    if document.tiles is not None and document.lod is not None:
+        raise ImageError(f"{where}: lod conflicts with tiles, which have one level")
     if document.graph is not None and document.colorspace is not None:
         raise ImageError(f"{where}: colorspace requires photo; tag the files of the graph, or use autocc")
     files = {key: os.path.abspath(path.parent / getattr(document, key)) for key in given}
@@ -157,7 +157,7 @@ def _checked(document: _TextureDocument, path: Path) -> TextureFile:
     return TextureFile(
         name=os.path.abspath(where), stamp=_stamp(where, list(files.values())), width=width, height=height,
         autocc=document.autocc, **{key: files.get(key) for key in _FILES},
-        seed=document.seed, level=document.level, colorspace=document.colorspace, device=document.device,
+        seed=document.seed, lod=document.lod, colorspace=document.colorspace, device=document.device,
     )  # fmt: skip
 
 

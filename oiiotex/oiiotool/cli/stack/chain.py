@@ -180,7 +180,7 @@ class Chain:
         del self.stack[len(self.stack) - count :]
         for image in (self._entitled(op, operands, image) for image in images):
             self.push(_with_metadata_of(operands, image) if self.settings.get("--metamerge") else image)
-        self.user |= bound.facts()
+        self.user |= bound.user_variables()
         self._rename(bound.renamed())
         self.unwritten = True
 
