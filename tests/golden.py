@@ -172,7 +172,7 @@ CASES = {
 def make(name: str, folder: Path) -> Path:
     """Run a case; a synthesis with its source map: it says which pixel was chosen, whatever the pixel looks like."""
     case = CASES[name]
-    words = [word + ":stmap=1" if word.startswith(_SYNTHESES) else word for word in case.words]
+    words = [word + ":st=1" if word.startswith(_SYNTHESES) else word for word in case.words]
     save(case.picture(), folder / "in.exr", "half", case.space)
     if case.second is not None:
         save(case.second(), folder / "second.exr", "float")
