@@ -30,10 +30,10 @@ log = logging.getLogger("oiiotex")
 def _lines(facts: dict[str, Any]) -> Iterator[str]:
     """The table as printed lines."""
     for name in ("before", "after"):
-        yield f"{name}: sigma (px), amount, step to the next sigma (Lab)"
+        yield f"{name}: sigma (px), evenness, step to the next sigma (Lab)"
         for row in facts[name]["table"]:
             step = "" if row["step"] is None else f"{row['step']:9.3f}"
-            yield f"{row['sigma']:10.2f}{row['amount']:8.3f}{step}"
+            yield f"{row['sigma']:10.2f}{row['evenness']:8.3f}{step}"
         yield f"{name}: coefficient of variation of the steps {facts[name]['variation']:.3f}"
 
 
@@ -41,12 +41,12 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
 class Sigmas(InLab, Whole):
     """Compare the effect of sigma in `stationarize` on a photo, as a contact sheet with equal visible steps.
 
-    The sheet shows n small tiles, each repeated 2 x 2, from the largest sigma (amount 0) to the smallest (amount 1).
+    The sheet shows n small tiles, each repeated 2 x 2, from the largest sigma (evenness 0) to the smallest (evenness 1).
     The visible effect of sigma depends on the photo: it is measured as the earth mover's distance between the
     histograms of neighboring tiles, and sigmas are spaced to make these steps equal (MJH17: Moritz, James, Haines,
     Ritschel, Weyrich, Texture Stationarization, Eurographics 2017, section 4.4).
 
-    The modifier amount of `stationarize` uses the same scale, which is stored in the user's cache. The table of sigmas
+    `evenness` of `stationarize` uses the same scale, which is stored in the user's cache. The table of sigmas
     is printed, and written with `facts`. The result is an 8-bit sRGB image for display, not for measurement.
     """
 
@@ -54,7 +54,7 @@ class Sigmas(InLab, Whole):
     name: ClassVar[str] = "sigmas"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("view", Kind.PICTURE, "Contact sheet."),
-        Output("facts", Kind.TABLE, "Table of sigmas and amounts.", asked_by="facts", lines=_lines),
+        Output("facts", Kind.TABLE, "Table of sigmas and their evenness.", asked_by="facts", lines=_lines),
     )
 
     exemplar: Image = image(help="Photo.")
@@ -95,7 +95,7 @@ class Sigmas(InLab, Whole):
             sigma = scale.sigma_at(float(amount))
             tile = np.tile(tiles.tile(sigma, 0, lambda *_: None), (2, 2, 1))
             shown = tile[..., :3] / 100 if self.data else srgb_of(tile[..., :3].astype(np.float64))
-            panels.append((f"amount {amount:.3g}: sigma {sigma:.3g} px", np.clip(shown, 0, 1)))
+            panels.append((f"evenness {amount:.3g}: sigma {sigma:.3g} px", np.clip(shown, 0, 1)))
         return {"view": Sheet.of_panels(panels, self.columns).image(), "facts": _table(scale)}
 
 
@@ -106,7 +106,7 @@ def _table(scale: Scale) -> dict[str, Any]:
         amounts = scale.amounts(sigmas)
         distances = [*map(float, steps[::-1]), None]
         table = [
-            {"sigma": float(s), "amount": float(a), "step": d}
+            {"sigma": float(s), "evenness": float(a), "step": d}
             for s, a, d in zip(sigmas[::-1], amounts[::-1], distances, strict=True)
         ]
         return {"table": table, "variation": variation(steps)}

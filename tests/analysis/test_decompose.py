@@ -183,7 +183,7 @@ def test_as_many_subtextures_as_are_asked_for(group):
 
 
 def test_fewer_subtextures_than_are_asked_for_are_said(caplog):
-    assert ids_of(np.full((64, 64, 3), 0.5), labels=4).max() == 1
+    assert ids_of(np.full((64, 64, 3), 0.5), maxlabels=4).max() == 1
     assert "1 subtextures, not 4" in caplog.text
 
 

@@ -129,12 +129,12 @@ def test_the_sheet_and_its_table(tmp_path):
         table = facts[name]["table"]
         assert len(table) == 4 and table[-1]["step"] is None
         assert [row["sigma"] for row in table] == sorted((row["sigma"] for row in table), reverse=True)
-        amounts = [row["amount"] for row in table]
+        amounts = [row["evenness"] for row in table]
         assert amounts == sorted(amounts) and (amounts[0], amounts[-1]) == pytest.approx((0, 1))
         steps = np.array([row["step"] for row in table[:-1]])
         assert facts[name]["variation"] == pytest.approx(steps.std() / steps.mean())
         assert f"{name}: coefficient of variation of the steps {facts[name]['variation']:.3f}" in said
-    assert [row["amount"] for row in facts["after"]["table"]] == pytest.approx([0, 1 / 3, 2 / 3, 1])
+    assert [row["evenness"] for row in facts["after"]["table"]] == pytest.approx([0, 1 / 3, 2 / 3, 1])
     assert [done for done, _ in seen] == list(range(1, 4 * 2 + 1))
 
 
@@ -148,7 +148,7 @@ def test_what_goes_wrong_says_what_is_allowed(fails, photo):
             filters.stationarize(image, evenness=value)
     with pytest.raises(errors.ParameterError, match=r"amount=0\.5: conflicts with sigma=8"):
         filters.stationarize(image, evenness=0.5, sigma=8)
-    with pytest.raises(errors.ParameterError, match=r"n=2: .* from 3 to 32"):
+    with pytest.raises(errors.ParameterError, match=r"count=2: .* from 3 to 32"):
         filters.sigmas(image, count=2)
     broken = pictures.bricks(40, 40, 1)
     broken[3, 5, 0] = np.nan

@@ -197,7 +197,7 @@ def test_a_plan_that_is_read_is_not_overwritten(tmp_path):
     filters.quilt(buffer(PHOTO), size=(40, 40), planfile=tmp_path / "p.npz")
     held = (tmp_path / "p.npz").read_bytes()
     with pytest.raises(errors.ParameterError, match="would overwrite plan, an input file"):
-        filters.quilt(buffer(PHOTO), planfile=tmp_path / "p.npz", render=True, st=tmp_path / "p.npz")
+        filters.quilt(buffer(PHOTO), fromplan=tmp_path / "p.npz", st=tmp_path / "p.npz")
     assert (tmp_path / "p.npz").read_bytes() == held
 
 

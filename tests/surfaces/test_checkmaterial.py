@@ -194,7 +194,7 @@ def test_the_run_goes_to_its_end_and_exits_3(tmp_path):
     assert report["maps"][1]["measures"]["convention"] == "directx"
     same = oiio.ImageBuf(str(tmp_path / "n2.exr"))
     np.testing.assert_array_equal(pixels(same), pixels(oiio.ImageBuf(str(tmp_path / "n.exr"))))
-    words[2] += ":convention=directx"
+    words[2] += ":normals=directx"
     assert oiiotex(*words, cwd=tmp_path).returncode == 0
 
 

@@ -92,12 +92,12 @@ def test_light_from_the_other_end_turns_the_relief_over():
 def test_invert_turns_the_relief_over_and_bright_joints_are_not_guessed():
     photo = reliefs.stones(SIDE, 1)
     photo = 0.3 + 0.1 * photo / np.abs(photo).max()
-    assert correlation(height_of(photo, overcast=True), height_of(photo, overcast=True, invert=True)) < -0.999
+    assert correlation(height_of(photo, overcast=True), height_of(photo, overcast=True, negate=True)) < -0.999
     y, x = np.mgrid[:SIDE, :SIDE] % 24
     mortar = np.where((x < 6) | (y < 6), 0.6, 0.15) + np.random.default_rng(1).normal(0, 0.01, (SIDE, SIDE))
-    with pytest.raises(errors.ImageError, match=r"bright joints.*overcast=True if dark is deep, also invert=True"):
+    with pytest.raises(errors.ImageError, match=r"bright joints.*overcast=True if dark is deep, also negate=True"):
         filters.estimateheight(gray(mortar))
-    assert correlation(height_of(mortar, overcast=True, invert=True), -mortar) > 0.5
+    assert correlation(height_of(mortar, overcast=True, negate=True), -mortar) > 0.5
     with pytest.raises(errors.ImageError, match="two materials"):
         filters.estimateheight(gray(np.where((x < 12) ^ (y < 12), 0.6, 0.15)))  # a chessboard
     filters.estimateheight(gray(np.where((x < 3) | (y < 3), 0.15, 0.6)))  # dark joints
@@ -106,7 +106,7 @@ def test_invert_turns_the_relief_over_and_bright_joints_are_not_guessed():
 def test_slow_light_and_exposure_are_no_relief():
     photo = reliefs.lit(RELIEFS["stones"], 90)
     slow = 0.2 * (1 + 0.5 * np.cos(2 * np.pi * np.arange(SIDE) / SIDE))[None]
-    plain, dimmed = (height_of(p, light=90.0, tile="xy") for p in (photo, photo * slow))
+    plain, dimmed = (height_of(p, light=90.0, tiled="xy") for p in (photo, photo * slow))
     assert correlation(plain, dimmed) > 0.98
 
 

@@ -103,8 +103,8 @@ WRONG = [
     (("moss",), {"scales": 4}, "scales=4: reduces .*moss.png to 8 px: expected at least 16 px"),
     (("moss",), {"scales": 2, "ratio": 3}, "ratio=.3.0,.: expected one power of two >= 2, with scales"),
     (("moss",), {"loop": 5}, r"edge moss -> moss: r=5 is more than r_max = L - 3 = 3 of exemplars"),
-    (("small",), {"graph": "none.json"}, "graph: takes 0 images"),
-    ((), {"graph": "none.json"}, "none.json: No such file"),
+    (("small",), {"draw": "none.json"}, "graph: takes 0 images"),
+    ((), {"draw": "none.json"}, "none.json: No such file"),
     ((), {}, r"graph: takes one image or more \(photos\), not 0"),
 ]
 

@@ -163,7 +163,7 @@ def test_one_command_from_a_photo(tmp_path):
     ("words", "said"),
     [
         ((), "no label parts"),
-        (("--texlabel:photo=1", ":level=99"), "level=99: expected one of"),
+        (("--texlabel:photo=1", ":labellevel=99"), "labellevel=99: expected one of"),
         (("--texlabel:photo=1", ":size=4194304x4194304"), "quilting 4194304x4194304"),
     ],
 )

@@ -176,7 +176,7 @@ def test_an_edit_of_the_fine_painting_leaves_the_rest(tmp_path):
     fine[30:90, 40:120] = 2
     edited = fine.copy()
     edited[200:240, 200:260] = 3
-    given = {"painting": ids_buffer(disc(300, 320)), "plan": tmp_path / "a.npz", "patch": 16}
+    given = {"painting": ids_buffer(disc(300, 320)), "planfile": tmp_path / "a.npz", "patch": 16}
     painting = given.pop("painting")
     before = filters.paint(photo(), painting, fine=ids_buffer(fine), **given)
     after = filters.paint(photo(), painting, fine=ids_buffer(edited), fromplan=tmp_path / "a.npz")
@@ -188,12 +188,12 @@ def test_an_edit_of_the_fine_painting_leaves_the_rest(tmp_path):
 
 def test_a_plan_of_a_painting_is_one_of_a_quilt(tmp_path):
     made = filters.paint(photo(), ids_buffer(disc()), patch=16, planfile=tmp_path / "a.npz")
-    again = filters.quilt(buffer(PHOTO), planfile=tmp_path / "a.npz", render=True)
+    again = filters.quilt(buffer(PHOTO), fromplan=tmp_path / "a.npz")
     np.testing.assert_array_equal(pixels(made), pixels(again))
 
 
 def test_repetition_of_a_painted_label_is_reported_and_capped(tmp_path):
-    """A label of small spots over a whole painting: reuse=1e9 repeats what lies in one spot, the default does not."""
+    """A label of small spots over a whole painting: freeuses=1e9 repeats what lies in one spot, the default does not."""
     spots = np.where(np.hypot(X % 80 - 30, Y % 80 - 30) < 14, 2, 1).astype(np.uint32)
     values = np.where(spots[..., None] == 2, [0.8, 0.6, 0.4], [0.2, 0.25, 0.2]) + 0.2 * pictures.moss(SIDE, SIDE, 3)
     given = {"photo": buffer(np.clip(values, 0, 1)), "label.1": ids_buffer(spots)}

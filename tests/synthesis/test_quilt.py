@@ -61,7 +61,7 @@ def test_a_guide_of_colors_means_what_the_table_says(tmp_path):
     table = tmp_path / "table.json"
     table.write_text(json.dumps({"255,0,0": 1, "0,255,0": [2, 2], "0,0,255": 3}))
     # prices of use carry a difference at a border on to all later cells
-    values = {"size": (400, 240), "stmap": True, "guideweight": 0.0, "reuse": 1e9}
+    values = {"size": (400, 240), "st": True, "guideweight": 0.0, "freeuses": 1e9}
     made = filters.quilt(labeled(), guide=guide, palette=table, **values)
     plain = filters.quilt(labeled(), guide=ids(GUIDE), **values)
     full, inside = away_from_borders(GUIDE, (240, 400), 16)
@@ -106,7 +106,7 @@ def test_a_plan_renders_the_same_pixels_and_those_of_another_map(tmp_path):
     save(normals, tmp_path / "normal.exr", "float", "data")
     plan, again = "--texquilt:size=200x180:tiles=xy:planfile=p.npz", "--texquilt:fromplan=p.npz"
     for words in (
-        ("photo.exr", f"{plan}:stmap=st.exr", "-o", "a.exr"),
+        ("photo.exr", f"{plan}:st=st.exr", "-o", "a.exr"),
         ("photo.exr", again, "-o", "b.exr"),
         ("normal.exr", again, "-o", "c.exr"),
         ("normal.exr", "st.exr", "--texwarp", "-o", "d.exr"),
@@ -134,24 +134,23 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
         ({"guide": ids(GUIDE + 6)}, r"ids without a label: 9 \(\d+ samples, first at \d+,\d+\), 7 "),
         (
             {"guide": buffer(GUIDE[..., None] * np.ones(3), oiio.UINT8)},
-            "contains colors; map them to labels with table=FILE.json",
+            "contains colors; map them to labels with palette=FILE.json",
         ),
         ({"guide": ids(GUIDE), "label": 1}, "guide conflicts with label"),
-        ({"table": "a.json"}, "table requires guide"),
-        ({"guide": ids(GUIDE), "table": "absent.json"}, "cannot be read .*: expected a file of"),
+        ({"palette": "a.json"}, "palette requires guide"),
+        ({"guide": ids(GUIDE), "palette": "absent.json"}, "cannot be read .*: expected a file of"),
         ({"label": 9}, "label=9: not in label.2, whose ids are 1 to 3"),
-        ({"level": 3}, "level=3: expected one of 1, 2"),
+        ({"labellevel": 3}, "labellevel=3: expected one of 1, 2"),
         ({"labels": ids(LABELS[:-1]), "label": 1}, "labels is 160x143, but the exemplar is 160x144"),
         ({"mask": ids(LABELS[:, :-1])}, "mask is 159x144, but the exemplar is 160x144"),
         ({"label": 3, "patch": 90}, "no patch of 90 px fits .* the largest square is 72 px; use patch=72"),
         ({"mask": ids((np.indices((H, W)).sum(0) % 4 > 0) * 1)}, "the largest square is 2 px|no patch"),
         ({"patch": 200}, "no patch of 200 px fits"),
         ({"patch": 24, "overlap": 12}, "overlap=12: expected at most 8, a third of patch=24"),
-        ({"tile": "x", "size": (20, 90), "patch": 24}, "the tile is 20 px wide: expected at least 24 px"),
-        ({"render": True}, "render=True requires plan=FILE"),
-        ({"render": True, "plan": "absent.npz"}, "absent.npz: cannot read arrays: No such file"),
-        ({"render": True, "plan": "absent.npz", "patch": 24}, "render=True conflicts with size"),
-        ({"tile": "z"}, "'none' | 'x' | 'y' | 'xy'"),
+        ({"tiles": "x", "size": (20, 90), "patch": 24}, "the tile is 20 px wide: expected at least 24 px"),
+        ({"fromplan": "absent.npz"}, "absent.npz: cannot read arrays: No such file"),
+        ({"fromplan": "absent.npz", "patch": 24}, "fromplan conflicts with size"),
+        ({"tiles": "z"}, "'none' | 'x' | 'y' | 'xy'"),
         ({"size": (0, 4)}, r"\(width, height\) from 1"),
     ],
 )
@@ -182,7 +181,7 @@ def test_what_is_wrong_with_a_table_is_said(table, said, tmp_path):
 def test_a_plan_of_another_size_is_refused(tmp_path):
     filters.quilt(buffer(PHOTO), size=(64, 64), planfile=tmp_path / "p.npz")
     with pytest.raises(errors.ImageError, match=r"requires an exemplar of 160x144, but .* is 100x144"):
-        filters.quilt(buffer(PHOTO[:, :100]), planfile=tmp_path / "p.npz", render=True)
+        filters.quilt(buffer(PHOTO[:, :100]), fromplan=tmp_path / "p.npz")
 
 
 # --- texcontent ---
@@ -232,7 +231,7 @@ def test_content_draws_the_table_of_keys():
     [
         ({"center": (500, 3)}, "expected a point in the data window"),
         ({"center": (3,)}, "expected two numbers"),
-        ({"level": 7}, "level=7: expected one of 1, 2"),
+        ({"labellevel": 7}, "labellevel=7: expected one of 1, 2"),
         ({"patch": 150}, "patch=150: exceeds photo"),
     ],
 )

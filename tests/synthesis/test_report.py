@@ -83,7 +83,7 @@ def test_a_report_holds_the_measures_of_the_result(name, tmp_path, monkeypatch):
 def test_a_small_budget_measures_512_px_with_the_same_numbers(tmp_path, caplog):
     """Once it took 200 bytes a pixel of photo and result, 105 MB."""
     caplog.set_level("INFO", "oiiotex")
-    photo, values = buffer(pictures.bricks(512, 512, seed=2)), {"patch": 32, "tile": "xy"}
+    photo, values = buffer(pictures.bricks(512, 512, seed=2)), {"patch": 32, "tiles": "xy"}
     filters.quilt(photo, report=tmp_path / "a.json", **values)
     filters.quilt(photo, report=tmp_path / "b.json", session=Session(budget=64 << 20, measure=True), **values)
     assert measures(tmp_path / "a.json") == measures(tmp_path / "b.json")
@@ -177,8 +177,8 @@ def test_a_limit_beyond_is_a_quality_error_that_holds_the_result(tmp_path):
         ({"fail": ["sea>1"]}, "fail='sea>1': unknown measure 'sea', did you mean 'seam'"),
         ({"fail": ["seam=1"]}, "fail='seam=1': expected NAME>NUMBER or NAME<NUMBER"),
         ({"fail": ["seam>nan"]}, "expected NAME>NUMBER"),
-        ({"fail": ["seam>1"], "tile": "none"}, "fail='seam>1': seam is not measured for this result"),
-        ({"fail": ["seam_y>1"], "tile": "x"}, "seam_y is not measured"),
+        ({"fail": ["seam>1"], "tiles": "none"}, "fail='seam>1': seam is not measured for this result"),
+        ({"fail": ["seam_y>1"], "tiles": "x"}, "seam_y is not measured"),
         ({"fail": ["textured<1"]}, "textured is not measured"),
         ({"fail": "seam>1"}, "expected a sequence of strings"),
     ],

@@ -71,7 +71,7 @@ def test_a_killed_run_goes_on_where_it_stopped(folder):
 def test_a_killed_tile_goes_on_at_the_level_where_it_stopped(folder):
     line = "--texstationarize:size=220x220:iterations=4:histogram=0.7:seed=2"
     assert oiiotex("large.png", line, "-o", "tile.exr", cwd=folder).returncode == 0
-    stmap = f"{line}:resume=1:stmap=from.exr"
+    stmap = f"{line}:resume=1:st=from.exr"
     assert interrupted(folder, "again.exr", signal.SIGKILL, stmap, photo="large.png").returncode == -signal.SIGKILL
     left = {piece: piece.read_bytes() for piece in pieces(folder / "again.exr.parts")}
     assert len(left) >= 2

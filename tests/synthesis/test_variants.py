@@ -57,7 +57,7 @@ def test_sizes_may_differ():
         ({"vary": "seed", "over": ["1"]}, "vary='seed': expected a modifier of filters.stationarize"),
         ({"vary": "sigma", "over": ["8", "x"]}, "sigma='x': expected a number"),
         ({"vary": "sigma", "over": ["8", "0"]}, "sigma='0': expected a number"),
-        ({"filter": "warp"}, "filter='warp': expected one of 'stationarize'"),
+        ({"op": "warp"}, "op='warp': expected one of 'stationarize'"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_the_work(given, said):
