@@ -111,7 +111,9 @@ CASES = {
     "estimateheight_pebbles": Case(lambda: pictures.pebbles(96, 128, 1), ("--texestimateheight:overcast=1",)),
     "estimateheight_alpha_hole": Case(_with_hole, ("--texestimateheight:light=90:sigma=9",)),
     "estimateao_heights": Case(
-        lambda: pictures.smooth_noise(96, 128, 12, 3)[..., None], ("--texestimateao:radius=12:relief=8:tiled=x",), "data"
+        lambda: pictures.smooth_noise(96, 128, 12, 3)[..., None],
+        ("--texestimateao:radius=12:relief=8:tiled=x",),
+        "data",
     ),
     "estimateroughness_alpha_hole": Case(_with_hole, ("--texestimateroughness:sigma=6",)),
     "checkmaterial_bricks": Case(

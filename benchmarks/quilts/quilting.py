@@ -141,9 +141,9 @@ def most_used(path: Path) -> tuple[Plan, float]:
     return plan, np.unique(blocks, return_counts=True)[1].max() / (blocks.size / there)
 
 
-def seams(stmap: Path, photo: Path) -> tuple[float, float]:
+def seams(st: Path, photo: Path) -> tuple[float, float]:
     """Mean squared jump at seams over that inside patches; the share of pixels with both neighbors of the photo."""
-    y, x = sources(stmap, photo)
+    y, x = sources(st, photo)
     gray = read(photo).first.pixels().astype(float).mean(-1)[y, x]
     across = (np.diff(y, axis=1) == 0) & (np.diff(x, axis=1) == 1)
     down = (np.diff(y, axis=0) == 1) & (np.diff(x, axis=0) == 0)
@@ -187,7 +187,7 @@ def peers(folder: Path) -> None:
         for patch in ("", ":patch=96"):
             quilt, out = f"--texquilt:size=1024x1024:seed=1{patch}", folder / f"{name}_oiiotex{patch}.png"
             # kernels are compiled here
-            oiiotex(crop, *SPACE, f"{quilt}:plan=p.npz:stmap=st.exr", "-o", "a.png", cwd=folder)
+            oiiotex(crop, *SPACE, f"{quilt}:planfile=p.npz:st=st.exr", "-o", "a.png", cwd=folder)
             plan, most = most_used(folder / "p.npz")
             down, right = sources(folder / "st.exr", crop)
             true = most_shown(SourceMap.of(down, right), seen.shape[:2])[1]

@@ -27,7 +27,7 @@ def make_tile():
     preset, space = panel.value("Preset"), panel.value("Color space")
     given = {"seed": panel.value("Seed")} | ({} if preset == "automatic" else {"preset": preset})
     out = os.path.splitext(photo)[0] + "_tile"
-    words, files = tile_line({"color": photo}, out, space=space or None, stmap=f"{out}_st.exr", **given)
+    words, files = tile_line({"color": photo}, out, space=space or None, st=f"{out}_st.exr", **given)
     try:
         run(words)
     except RuntimeError as error:

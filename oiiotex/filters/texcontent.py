@@ -72,7 +72,9 @@ class Content(ScanThenMap):
         None, unit="px", unset="the center of the image", example="512,384",
         help="Center X,Y of the patch, in the data window.",
     )  # fmt: skip
-    labellevel: int | None = param(None, example="2", ge=1, unset=COARSEST, help="Level of the label map: N of label.N.")
+    labellevel: int | None = param(
+        None, example="2", ge=1, unset=COARSEST, help="Level of the label map: N of label.N."
+    )
     patch: int | None = param(
         None, ge=4, le=256, unit="px", unset="the power of two nearest to the level's scale, from 16 to 256",
         example="32", help="Side of a patch.",

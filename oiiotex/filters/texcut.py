@@ -14,7 +14,7 @@ from ..engine.core.source_map import COPIED, ST, require_addressable
 from ..engine.errors import ImageError
 from ..engine.session import Session
 from ..engine.session.resources import Resources
-from ..synthesis.exemplar.exemplar_op import ExemplarOp
+from ..synthesis.exemplar.exemplar_op import ExemplarOp, tiles
 from ..synthesis.exemplar.photo_lattice import Structured, fitting_size, least_size
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
@@ -41,7 +41,7 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
     outputs: ClassVar[tuple[Output, ...]] = (Output("cut", Kind.PIXELS, COPIED), ST, REPORT)
 
     size: Size | None = param(None, ge=5, le=16384, unit="px", unset="the exemplar's size", help="Size of the result.")
-    tiles: str = param("xy", choices=("xy", "x", "y", "none"), help="Axes along which the result tiles.")
+    tiles: str = tiles("xy")
     patch: int | None = param(
         None,
         example="21",

@@ -69,9 +69,7 @@ class Fill(Reported, MaterialOp, InBands):
         help="Image that marks the valid source pixels, of the photo or of source (first channel above half its range,"
         " or a nonzero label id).",
     )
-    replace: int | None = param(
-        None, example="3", ge=1, help="Id of a label to replace, from the photo's label maps."
-    )
+    replace: int | None = param(None, example="3", ge=1, help="Id of a label to replace, from the photo's label maps.")
     matte: str | None = param(
         None,
         example="chair",

@@ -81,7 +81,9 @@ class ExemplarGraph(Whole):
         le=16,
         help="Number of exemplars at different scales to cut out of one photo. graphfile writes them next to the graph.",
     )
-    exemplarside: int = param(256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="Maximum side of an exemplar.")
+    exemplarside: int = param(
+        256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="Maximum side of an exemplar."
+    )
     panel: int = param(128, ge=32, le=512, unit="px", advanced=True, help="Side of an exemplar in the picture.")
 
     @classmethod
@@ -114,7 +116,9 @@ class ExemplarGraph(Whole):
         photos = tuple(cut.values()) or photos
         document = self._document(photos)
         graph = parse_graph(document, self.graphfile or Path("graph"))
-        graph.require_levels(_common_side(photos, graph.factors, self.exemplarside).bit_length() - 1, str(self.graphfile or "graph"))
+        graph.require_levels(
+            _common_side(photos, graph.factors, self.exemplarside).bit_length() - 1, str(self.graphfile or "graph")
+        )
         if self.graphfile is not None and not cut:
             for photo in photos:
                 _require_written(photo, session)

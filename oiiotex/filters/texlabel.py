@@ -48,7 +48,9 @@ class Label(OnePart, InLab, ScanThenMap):
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="photo", of="source"),
         Output("label.N", Kind.IDS, "Label map at level N; 1 is the finest."),
-        Output("membership.N", Kind.MEASURE, "Membership G at level N, a channel for each label.", asked_by="membership"),
+        Output(
+            "membership.N", Kind.MEASURE, "Membership G at level N, a channel for each label.", asked_by="membership"
+        ),
         Output("fit.N", Kind.MEASURE, "Fit F / max F at level N, a channel for each label.", asked_by="membership"),
         Output("cryptomatte", Kind.CRYPTOMATTE, "All levels as Cryptomatte.", asked_by="cryptomatte"),
         Output("facts", Kind.TABLE, "Scales, number and areas of labels, and their tree.", asked_by="facts"),
@@ -108,13 +110,19 @@ class Label(OnePart, InLab, ScanThenMap):
         help="Number of additional random starts, whose results are combined with the first (boosting). Increase it"
         " for more stable labels; time grows in proportion.",
     )
-    slicrestarts: int = param(1, ge=1, le=1000, advanced=True, help="Number of SLIC runs. The best one is used. The paper: 10.")
+    slicrestarts: int = param(
+        1, ge=1, le=1000, advanced=True, help="Number of SLIC runs. The best one is used. The paper: 10."
+    )
     minarea: int | None = param(
         None, ge=1, unit="px", unset="sigma^2 / 4", example="25", advanced=True,
         help="Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25.",
     )  # fmt: skip
     seed: int = param(
-        0, ge=0, le=2**32 - 1, advanced=True, help="Seed of the random starts. No effect with restarts=0 and slicrestarts=1."
+        0,
+        ge=0,
+        le=2**32 - 1,
+        advanced=True,
+        help="Seed of the random starts. No effect with restarts=0 and slicrestarts=1.",
     )
     paper: bool | str = param(
         False,

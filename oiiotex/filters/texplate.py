@@ -51,7 +51,10 @@ class Plate(Whole):
         ),
         Output("region", Kind.MASK, "Pixels to fill: frames need them, and none shows them."),
         Output(
-            "motionfile", Kind.ARRAYS, "Frames and their matrices, from frame to plate, for `project`.", asked_by="motionfile"
+            "motionfile",
+            Kind.ARRAYS,
+            "Frames and their matrices, from frame to plate, for `project`.",
+            asked_by="motionfile",
         ),
     )
 

@@ -253,7 +253,9 @@ def test_paper_is_lsa16_by_the_letter(monkeypatch):
     best = best_score(op)[0]
     assert best.covering > 0.9 and 4 <= best.count <= 6  # the four textures, and their number
     assert seen and all(k == {"persistence": 0.95, "slowest": 0.0} for k in seen)  # the same at every level, no floor
-    with pytest.raises(errors.ParameterError, match=r"splitfraction=0\.7: conflicts with paper=1: expected splitfraction=1"):
+    with pytest.raises(
+        errors.ParameterError, match=r"splitfraction=0\.7: conflicts with paper=1: expected splitfraction=1"
+    ):
         filters.op_named("label")(source=op.source, paper=True, splitfraction=0.7)
 
 

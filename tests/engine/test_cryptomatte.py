@@ -170,7 +170,7 @@ def test_a_window_is_the_whole_cropped():
 
 @pytest.mark.parametrize("op", ["label", "decompose"])
 def test_a_single_part_holds_the_photo_and_its_cryptomatte(folder, op):
-    done = oiiotex("photo.png", f"--tex{op}:cryptomatte=1:single=1", "-o", "single.exr", cwd=folder)
+    done = oiiotex("photo.png", f"--tex{op}:cryptomatte=1:onepart=1", "-o", "single.exr", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     parts = list(parts_of(folder / "single.exr"))
     assert len(parts) == 1
@@ -189,9 +189,9 @@ def test_a_single_part_holds_the_photo_and_its_cryptomatte(folder, op):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("single=1", "single=1: requires cryptomatte=1"),
-        ("single=1:cryptomatte=1:keep=1", "conflicts with keep:"),
-        ("single=1:cryptomatte=1:keep=1:soft=1", "conflicts with keep, soft:"),
+        ("onepart=1", "onepart=1: requires cryptomatte=1"),
+        ("onepart=1:cryptomatte=1:photo=1", "conflicts with photo:"),
+        ("onepart=1:cryptomatte=1:photo=1:membership=1", "conflicts with photo, membership:"),
     ],
 )
 def test_what_does_not_go_with_a_single_part_is_refused(folder, words, said):

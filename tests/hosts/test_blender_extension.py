@@ -60,7 +60,7 @@ with bpy.context.temp_override(edit_image=image):
     print(bpy.ops.oiiotex.make_material(width=40, height=40, seed=2))
     print(color.image.name, bumps.image.name, bumps.image.colorspace_settings.name, bumps.image["oiiotex"], sep="|")
     panel = bpy.context.scene.oiiotex
-    panel.width, panel.height, panel.seed, panel.preset, panel.sigma, panel.structure = 40, 32, 7, "EVEN", 9, 0.25
+    panel.width, panel.height, panel.seed, panel.preset, panel.sigma, panel.lattice = 40, 32, 7, "EVEN", 9, 0.25
     with bpy.context.temp_override(edit_image=tile):  # its photo is used
         print(bpy.ops.oiiotex.next_seed())
     print(bpy.ops.oiiotex.cancel(), panel.seed)

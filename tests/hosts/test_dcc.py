@@ -79,7 +79,7 @@ def test_roles_are_the_ends_of_names(host):
     line = host("oiiotex_line")
     names = ("wall_BaseColor.png", "x.albedo.tif", "a_rough.png", "a-height.exr", "wall.png", "wall_nrm.png")
     assert [line.role_of(name) for name in names] == ["color", "color", "roughness", "height", None, "normal"]
-    words, _ = line.tile_line({"height": "h.exr"}, "out", stmap="C:/shots/st.exr", seed=3)
+    words, _ = line.tile_line({"height": "h.exr"}, "out", st="C:/shots/st.exr", seed=3)
     assert words[1:3] == ["h.exr", '--texstationarize:data=1:st="C:/shots/st.exr":seed=3']
 
 

@@ -25,7 +25,7 @@ from oiiotex.engine.session import Session
 from tests.any_filter import PHOTO, buffer, of, operands, settings
 from tests.conftest import oiiotex, save
 
-READ = {"names", "graph", "table", "previous", "mesh", "motion"}  # parameters that name a file which the op reads
+READ = {"palette", "graph", "draw", "fromplan", "mesh", "motion"}  # parameters that name a file which the op reads
 TYPES = {
     Kind.IDS: "uint", Kind.MASK: "float", Kind.COORDINATES: "float", Kind.MEASURE: "float", Kind.CRYPTOMATTE: "float",
     Kind.PICTURE: "uint8", Kind.PIXELS: "half",
@@ -204,7 +204,7 @@ def test_a_plan_that_is_read_is_not_overwritten(tmp_path):
 def test_a_line_does_not_write_one_file_twice(tmp_path, photo):
     words = [photo, "--texcut:st=st.exr:size=16x16"] * 2
     done = oiiotex(*words, cwd=tmp_path)
-    assert done.returncode == 1 and "stmap=st.exr would overwrite a file written by an earlier op" in done.stderr
+    assert done.returncode == 1 and "st=st.exr would overwrite a file written by an earlier op" in done.stderr
     done = oiiotex(photo, "--nosoftwareattrib", "--texcut:st=st.exr:size=16x16", "-o", "a.exr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert read(tmp_path / "st.exr").first.spec.get_string_attribute("oiiotex:filter") == ""

@@ -33,7 +33,7 @@ from tests import pictures
 
 SETTINGS = ResidentSettings(budget=1 << 30, idle=30)
 SPACE = "srgb_rec709_scene"
-SMALL = {"size": "64x64", "sigma": 6, "contrast": 0.7}
+SMALL = {"size": "64x64", "sigma": 6, "histogram": 0.7}
 LONG = SMALL | {"iterations": 1000, "size": "256x256"}
 
 

@@ -340,9 +340,7 @@ def test_udim_tiles_are_one_atlas_that_is_cut(tmp_path):
         lines.append(line)
     (tmp_path / "cube.obj").write_text("\n".join(lines))
     save(PHOTO, tmp_path / "photo.png")
-    words = (
-        "photo.png --texatlas:mesh=cube.obj:size=32x32:udim=3x2:obj=out.obj -o all.exr -o:udim=3x2 t.<UDIM>.exr"
-    )
+    words = "photo.png --texatlas:mesh=cube.obj:size=32x32:udim=3x2:obj=out.obj -o all.exr -o:udim=3x2 t.<UDIM>.exr"
     assert run(words.split(), tmp_path) == 0
     whole = load(tmp_path / "all.exr")
     assert whole.shape == (64, 96, 3)

@@ -102,7 +102,9 @@ def test_another_photo_takes_the_light_of_its_surroundings():
     """The mean of the fill follows the light; matchlight=0 gives verbatim copies instead."""
     photo, region = buffer(gradient(0.3), space="lin_rec709_scene"), np.indices((96, 112))[0] // 32 == 1
     source = buffer(OTHER * 0.2, space="lin_rec709_scene")
-    lit, plain = (made(region[..., None], photo, source=source, matchlight=a, fade=b) for a, b in ((None, 4.0), (0.0, 0.0)))
+    lit, plain = (
+        made(region[..., None], photo, source=source, matchlight=a, fade=b) for a, b in ((None, 4.0), (0.0, 0.0))
+    )
     known = {p.tobytes() for p in pixels(source).reshape(-1, 3)}
     assert all(p.tobytes() in known for p in pixels(plain)[region])
     of_thirds = [pixels(lit)[32:64, a:b].mean() / gradient(0.3)[:32, a:b].mean() for a, b in ((0, 37), (75, 112))]
@@ -198,7 +200,14 @@ def test_all_maps_come_from_the_same_pixels():
     source = {"color": buffer(OTHER), "normal": buffer(normal, space="data")}
     own = buffer(np.full((96, 112, 3), 0.5), space="data")
     found = filters.fill(
-        buffer(PHOTO), mask(STAIN), maps=[own], kinds=("color", "data"), source=source, matchlight=0.0, fade=0.0, **QUICK
+        buffer(PHOTO),
+        mask(STAIN),
+        maps=[own],
+        kinds=("color", "data"),
+        source=source,
+        matchlight=0.0,
+        fade=0.0,
+        **QUICK,
     )
     both = np.concatenate([pixels(one)[HOLE] for one in found], -1)
     known = {p.tobytes() for p in np.concatenate([OTHER, normal], -1).astype(np.float32).reshape(-1, 6)}

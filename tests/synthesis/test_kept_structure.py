@@ -25,8 +25,8 @@ from tests.any_filter import buffer
 from tests.lattices import regular
 
 OPS = [Quilting, Cut]
-TILING = {Quilting: {"tile": "xy"}, Cut: {"tile": "xy", "patch": 32}}
-WITHOUT_END = {"size": Size(256, 256), "side": 128, "tile": "xy"}
+TILING = {Quilting: {"tiles": "xy"}, Cut: {"tiles": "xy", "patch": 32}}
+WITHOUT_END = {"size": Size(256, 256), "exemplarside": 128, "tiles": "xy"}
 
 
 @pytest.mark.parametrize(("op", "name"), [(Quilting, "oblique"), (Cut, "bricks")])
@@ -82,7 +82,7 @@ def test_the_size_follows_the_lattice_or_is_warned_of(op, caplog):
     given = op(exemplar=image, size=Size(125, 135), **TILING[op]).compute(Session())[op.main().name]
     assert given.spec.width == 125
     assert "116x135" in next(r for r in caplog.records if r.levelno == logging.WARNING).getMessage()
-    one_sided = op(exemplar=image, **TILING[op] | {"tile": "none"}).compute(Session())[op.main().name]
+    one_sided = op(exemplar=image, **TILING[op] | {"tiles": "none"}).compute(Session())[op.main().name]
     assert (one_sided.spec.width, one_sided.spec.height) == (128, 128)
 
 

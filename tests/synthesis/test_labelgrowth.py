@@ -149,7 +149,13 @@ def test_a_composite_is_a_quilt_of_its_own_grown_map():
 @pytest.mark.slow
 def test_one_command_from_a_photo(tmp_path):
     save(PHOTO, tmp_path / "photo.png")
-    line = ("photo.png", "--iscolorspace", "sRGB", "--texlabel:photo=1", "--texcomposite:size=300x260:tiles=xy:patch=16")
+    line = (
+        "photo.png",
+        "--iscolorspace",
+        "sRGB",
+        "--texlabel:photo=1",
+        "--texcomposite:size=300x260:tiles=xy:patch=16",
+    )
     found = []
     for name, more in (("a.exr", ()), ("b.exr", ("--threads", "1", "--cache", "600"))):
         done = oiiotex(*line, *more, "-o", name, cwd=tmp_path)

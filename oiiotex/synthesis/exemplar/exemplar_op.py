@@ -32,7 +32,13 @@ LABELS = "Label maps of the exemplar, if they are not stored as its parts."
 LABEL = "Id of a label in the exemplar's label maps. Only pixels of that label are used as a source."
 LEVEL = "Level of the label maps: N selects the part label.N. 1 is the finest."
 COARSEST = "the coarsest with several labels"
+TILES = "none", "x", "y", "xy"
 SEED = "Seed of the random numbers. The same seed gives the same pixels."
+
+
+def tiles(default: str) -> Any:
+    """Declare `tiles`."""
+    return param(default, choices=TILES, help="Axes along which the result tiles.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from ..quality.report import REPORT, Quality
 from ..quality.reported_op import Reported
 from ..wang.tiles import COUNTS, TWO_COLORS_FROM
 from .constraint_images import WEIGHT
-from .exemplar_op import ExemplarPixels, MaterialOp
+from .exemplar_op import ExemplarPixels, MaterialOp, tiles
 from .heights import RELEVEL
 from .photo_lattice import least_size
 
@@ -51,7 +51,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
     weightmap: Image | None = image(None, help=WEIGHT, advanced=True)
     relevel: bool = param(False, help=RELEVEL, advanced=True)
     size: SizeRule | Size | None = param(None, ge=5, le=65536, unit="px", unset="size of the photo", help=_SIZE_HELP)
-    tiles: str = param("xy", choices=("xy", "x", "y", "none"), help="Axes along which the result tiles.")
+    tiles: str = tiles("xy")
     variants: int = param(
         1,
         ge=1,

@@ -81,7 +81,9 @@ class RegionFill:
         self._sources = op.source_maps()
         self._other = op.source is not None
         with resources.stats.time("read and color"):
-            self._marked = marked_pixels(op.exemplar, op.region, op.labels, op.replace, op.labellevel, op.mattes, op.matte)
+            self._marked = marked_pixels(
+                op.exemplar, op.region, op.labels, op.replace, op.labellevel, op.mattes, op.matte
+            )
         self._wraps = "x" in op.tiled, "y" in op.tiled
         self._quality = Quality(op=op, resources=resources, progress=progress, own=NAMES, need=self._report_bytes())
         self._light: tuple[Light, Light] | None = None

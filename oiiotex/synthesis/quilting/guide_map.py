@@ -155,7 +155,9 @@ def read_table(path: Path, tolerance: float = 0.0) -> Table:
         keys, finer = ({code_of(n) if "," in n else int(n): key for n, key in rows.items()} for rows in named)
     except (ImageError, ValueError, KeyError, TypeError, AttributeError) as error:
         expected = f"a file of {texture_filter('palette')}, or a label or [k1, k2] for each '255,0,0' or id"
-        raise ImageError(f"cannot be read ({error})", parameter="palette", value=str(path), expected=expected) from error
+        raise ImageError(
+            f"cannot be read ({error})", parameter="palette", value=str(path), expected=expected
+        ) from error
     if not keys:
         raise ImageError("the table is empty", parameter="palette", value=str(path))
     if len(colors) > 1:

@@ -34,7 +34,7 @@ from ...engine.opencl.buffers import require_room
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from ..exemplar.exemplar_masks import both, label_levels, label_map
-from ..exemplar.exemplar_op import ExemplarPixels, LabeledExemplar
+from ..exemplar.exemplar_op import ExemplarPixels, LabeledExemplar, tiles
 from ..exemplar.photo_lattice import Structured, fitting_size, least_size
 from .guide_map import Meaning, keys_in, labels_met, meaning_of, wishes_of
 from .label_painting import Begun
@@ -57,7 +57,7 @@ class Quilted(LabeledExemplar, Gather):
     size: Size | None = param(
         None, ge=1, le=1 << 22, unit="px", unset="size of the guide, else of the exemplar", help="Size of the result."
     )
-    tiles: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the result tiles.")
+    tiles: str = tiles("none")
     patch: int | None = param(
         None,
         example="32",

@@ -137,7 +137,16 @@ def default_state(display: str, view: str, side: int) -> Values:
         "tile": tile,
         "view": {"display": display, "view": view, "exposure": 0.0},
         "variants": {"list": []},
-        "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "jitter": None, "keeplayout": 0, "keys": [], "frames": 96},
+        "zoom": {
+            "x": middle,
+            "y": middle,
+            "zoom": 0.0,
+            "seed": 0,
+            "jitter": None,
+            "keeplayout": 0,
+            "keys": [],
+            "frames": 96,
+        },
         "paint": {"width": 1024, "height": 1024, "layer": "coarse", "label": 1, "finer": 0, "brush": 64.0, "seed": 0},
         "output": {"tile": "", "painted": "", "type": ""},  # file names and pixel type; "": automatic
         "photo": {"space": ""},

@@ -131,8 +131,8 @@ def moved_borders() -> None:
     photo, sigma, side = test_photo("stone_breccia.jpg"), 94.0, 340
     pairs = (
         ({"sigma": sigma}, {"sigma": sigma + 3}),
-        ({"finest": sigma}, {"finest": sigma + 3}),
-        ({"sigma": sigma}, {"sigma": sigma, "finest": 15.0}),
+        ({"sigmamin": sigma}, {"sigmamin": sigma + 3}),
+        ({"sigma": sigma}, {"sigma": sigma, "sigmamin": 15.0}),
     )
     panes = []
     for pair in pairs:
@@ -156,7 +156,10 @@ def mean_colors() -> None:
         sigma = (spec.width * spec.height / count) ** 0.5
         blurred = photo.copy()
         blurred.set_pixels(blurred.roi, ndimage.gaussian_filter(seen, (sigma / 4, sigma / 4, 0)))
-        made = filters.superpixel(photo, count=count), *(filters.superpixel(p, sigmamin=sigma) for p in (photo, blurred))
+        made = (
+            filters.superpixel(photo, count=count),
+            *(filters.superpixel(p, sigmamin=sigma) for p in (photo, blurred)),
+        )
         for row, ids in zip(ways, made, strict=True):
             row.append(small(averaged(seen, ids.get_pixels(oiio.UINT32)[..., 0]), side))
     write_jpeg(stacked([beside(small(seen, side), *row) for row in ways]), "superpixel_means.jpg")
