@@ -44,7 +44,7 @@ class CheckMaterial(ScanThenMap):
     (OpenGL up, DirectX down). The sign is tested against the heights, or without heights by the curl of the slopes.
     Heights: a constant map, and 8-bit files. Other data: values outside of 0 to 1.
 
-    Each finding is printed as a line; json= writes them to a file with all measures. Errors render incorrectly,
+    Each finding is printed as a line; facts= writes them to a file with all measures. Errors render incorrectly,
     warnings possibly. The run always completes; with fail=errors its exit code is 3 if there is an error.
     """
 
@@ -57,7 +57,8 @@ class CheckMaterial(ScanThenMap):
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("map", Kind.PIXELS, "Maps, unchanged."),
         Output(
-            "facts", Kind.TABLE, "Findings, and measures of each map.", asked_by="facts", judged_by="failon", lines=_lines
+            "facts", Kind.TABLE, "Findings, and measures of each map.",
+            asked_by="facts", judged_by="failon", lines=_lines,
         ),
     )  # fmt: skip
 

@@ -104,8 +104,8 @@ class Fill(Reported, MaterialOp, InBands):
         ge=0,
         le=256,
         unit="px",
-        help="Width over which the step at the border fades out into the fill. 0: none; without matchlight, every pixel is"
-        " then a verbatim copy.",
+        help="Width over which the step at the border fades out into the fill. 0: none; without matchlight, every"
+        " pixel is then a verbatim copy.",
     )
     tiled: str = param(
         "none",

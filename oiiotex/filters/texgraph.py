@@ -79,7 +79,7 @@ class ExemplarGraph(Whole):
         1,
         ge=1,
         le=16,
-        help="Number of exemplars at different scales to cut out of one photo. graphfile writes them next to the graph.",
+        help="Number of exemplars at different scales to cut out of one photo. They are written next to graphfile.",
     )
     exemplarside: int = param(
         256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="Maximum side of an exemplar."

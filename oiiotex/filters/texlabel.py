@@ -34,8 +34,8 @@ class Label(OnePart, InLab, ScanThenMap):
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016). The
     result has a part for each scale, from label.1, the finest, to the coarsest. Each label of a level lies within one
     label of the next level, its parent. Ids are 1, 2, ... of type uint32, and 0 only where alpha is 0: write them to
-    EXR or TIFF. With `photo` the photo is the first part. Attributes of a part record its scale in px (oiiotex:rho), its
-    number of labels (oiiotex:labels) and their parents, in order (oiiotex:parents).
+    EXR or TIFF. With `photo` the photo is the first part. Attributes of a part record its scale in px (oiiotex:rho),
+    its number of labels (oiiotex:labels) and their parents, in order (oiiotex:parents).
     """
 
     example: ClassVar[str] = """\
@@ -127,9 +127,9 @@ class Label(OnePart, InLab, ScanThenMap):
     paper: bool | str = param(
         False,
         choices=(False, True, "authors"),
-        help="Settings of the paper (LSA16): features=moments:persistence=0.95:splitfraction=1:coarsest=0:maxneighbors=256:slicrestarts=10"
-        ":minarea=25:restarts=5, the same persistence at all levels, and labels split wherever a coarser border crosses"
-        " them. authors: the program that the authors published, which has at least two levels, and scales up to 30 %"
+        help="Settings of the paper (LSA16): features=moments:persistence=0.95:splitfraction=1:coarsest=0"
+        ":maxneighbors=256:slicrestarts=10:minarea=25:restarts=5, the same persistence at all levels, and labels split"
+        " wherever a coarser border crosses them. authors: the program that the authors published, which has at least two levels, and scales up to 30 %"
         " of the longer side instead of 20 % of the shorter one.",
     )
     photo: bool = param(False, help="Keep the photo as the first part, before the labels.")

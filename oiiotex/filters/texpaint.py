@@ -37,8 +37,8 @@ class Paint(Reported, Quilted):
     optional second painting, `fine`, overlays labels of the next finer level; where it is empty (black, id 0 or alpha
     0), the first painting applies (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
     Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). palette=FILE from `palette` maps colors to
-    labels; paintings of ids do not need it. To edit a result, write planfile=FILE and pass it as fromplan=FILE to the next
-    run: patches whose labels did not change are kept, so pixels elsewhere are bit-identical.
+    labels; paintings of ids do not need it. To edit a result, write planfile=FILE and pass it as fromplan=FILE to
+    the next run: patches whose labels did not change are kept, so pixels elsewhere are bit-identical.
     """
 
     example: ClassVar[str] = """\

@@ -41,7 +41,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
 class Sigmas(InLab, Whole):
     """Compare the effect of sigma in `stationarize` on a photo, as a contact sheet with equal visible steps.
 
-    The sheet shows n small tiles, each repeated 2 x 2, from the largest sigma (evenness 0) to the smallest (evenness 1).
+    The sheet shows small tiles, each repeated 2 x 2, from the largest sigma (evenness 0) to the smallest (evenness 1).
     The visible effect of sigma depends on the photo: it is measured as the earth mover's distance between the
     histograms of neighboring tiles, and sigmas are spaced to make these steps equal (MJH17: Moritz, James, Haines,
     Ritschel, Weyrich, Texture Stationarization, Eurographics 2017, section 4.4).

@@ -27,8 +27,8 @@ from ..synthesis.exemplar.photo_lattice import STRUCTURE
 from ..synthesis.exemplar.presets import (
     CLEAN,
     CONTRAST,
-    LARGE_SIGMA_SHARE,
     LARGE_PATCH,
+    LARGE_SIGMA_SHARE,
     PAPER_SIGMA_SHARE,
     PRESET_HELP,
     PRESETS,

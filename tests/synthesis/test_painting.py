@@ -193,7 +193,7 @@ def test_a_plan_of_a_painting_is_one_of_a_quilt(tmp_path):
 
 
 def test_repetition_of_a_painted_label_is_reported_and_capped(tmp_path):
-    """A label of small spots over a whole painting: freeuses=1e9 repeats what lies in one spot, the default does not."""
+    """A label of small spots over a whole painting: freeuses=1e9 repeats what lies in one spot, the default not."""
     spots = np.where(np.hypot(X % 80 - 30, Y % 80 - 30) < 14, 2, 1).astype(np.uint32)
     values = np.where(spots[..., None] == 2, [0.8, 0.6, 0.4], [0.2, 0.25, 0.2]) + 0.2 * pictures.moss(SIDE, SIDE, 3)
     given = {"photo": buffer(np.clip(values, 0, 1)), "label.1": ids_buffer(spots)}

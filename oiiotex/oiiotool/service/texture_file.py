@@ -5,13 +5,13 @@
 
 `oiiotex` is the version of the format. `photo` is the exemplar, or `graph` an exemplar graph. All these files must be
 inside the document's folder or a folder in $OIIOTEX_TEXTURE_PATH (separated as in $PATH), with symbolic links resolved:
-an untrusted document cannot show other files of its reader. `size` is the size of the image, `lod` the level of
-detail of --texsynth (default: the finest), `colorspace` the color space of an untagged photo. `autocc` derives color spaces from
+an untrusted document cannot show other files of its reader. `size` is the size of the image, `lod` as in
+--texsynth (default: the finest), `colorspace` the color space of an untagged photo. `autocc` derives color spaces from
 file names. `device` is as in --device. A query after the file name, such as `?seed=7&size=4096x4096`, overrides seed,
 size, lod, colorspace or device.
 
-With `plan`, a file of --texquilt:planfile, the texture is that quilt of the photo, or of another map of the same size. With
-`tiles` instead of a photo, a file of --texstationarize:variants, `seed` arranges these tiles over the plane.
+With `plan`, a file of --texquilt:planfile, the texture is that quilt of the photo, or of another map of the same size.
+With `tiles` instead of a photo, a file of --texstationarize:variants, `seed` arranges these tiles over the plane.
 """
 
 from __future__ import annotations

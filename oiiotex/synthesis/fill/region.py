@@ -19,7 +19,7 @@ def marked_pixels(
     photo: Image, region: Image | None, labels: Image | None, replaced: int | None, level: int | None,
     mattes: Image | None, matte: str | None,
 ) -> np.ndarray:  # fmt: skip
-    """The pixels to replace, (height, width) bool, from exactly one of `region`, `replaced` (the id of a label) and `matte`.
+    """The pixels to replace, (height, width) bool, from exactly one of `region`, `replaced` (a label) and `matte`.
 
     Raises
     ------
