@@ -249,7 +249,7 @@ def checkmaterial(
     (OpenGL up, DirectX down). The sign is tested against the heights, or without heights by the curl of the slopes.
     Heights: a constant map, and 8-bit files. Other data: values outside of 0 to 1.
 
-    Each finding is printed as a line; json= writes them to a file with all measures. Errors render incorrectly,
+    Each finding is printed as a line; facts= writes them to a file with all measures. Errors render incorrectly,
     warnings possibly. The run always completes; with fail=errors its exit code is 3 if there is an error.
 
     Parameters
@@ -616,7 +616,7 @@ def content(
     Parameters
     ----------
     source : ImageLike
-        Image with label parts, from `label` with `keep`.
+        Image with label parts, from `label` with `photo`.
     labels : ImageLike | None, default None
         Label maps of the exemplar, if they are not stored as its parts. A string is the name of a part
         of the first image, or a file name.
@@ -687,7 +687,7 @@ def cut(
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     size: tuple[int, int] | None = None,
-    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'xy',
     patch: int | None = None,
     passes: int = 1,
     report: FileName | None = None,
@@ -721,7 +721,7 @@ def cut(
         id). A string is the name of a part of the first image, or a file name.
     size : tuple[int, int] | None, default None
         Size of the result. Expected: (width, height) from 5 to 16384 px. Default: the exemplar's size.
-    tiles : Literal['xy', 'x', 'y', 'none'], default 'xy'
+    tiles : Literal['none', 'x', 'y', 'xy'], default 'xy'
         Axes along which the result tiles.
     patch : int | None, default None
         Side of a patch. Increase it to preserve larger structures. Expected: an integer from 5 to 512
@@ -799,7 +799,7 @@ def cut(
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     size: tuple[int, int] | None = None,
-    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'xy',
     patch: int | None = None,
     passes: int = 1,
     report: FileName | None = None,
@@ -824,7 +824,7 @@ def cut(
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     size: tuple[int, int] | None = None,
-    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'xy',
     patch: int | None = None,
     passes: int = 1,
     report: FileName | None = None,
@@ -849,7 +849,7 @@ def cut(
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
     size: tuple[int, int] | None = None,
-    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'xy',
     patch: int | None = None,
     passes: int = 1,
     report: FileName | None = None,
@@ -2182,8 +2182,8 @@ def graph(
         Octaves after which the last exemplar continues in itself, which makes a zoom endless. 0: the
         zoom ends. Expected: an integer from 0 to 7. Default: 1 for one photo, else 0.
     scales : int, default 1
-        Number of exemplars at different scales to cut out of one photo. graphfile writes them next to
-        the graph. Expected: an integer from 1 to 16.
+        Number of exemplars at different scales to cut out of one photo. They are written next to
+        graphfile. Expected: an integer from 1 to 16.
     exemplarside : Literal[16, 32, 64, 128, 256, 512, 1024], default 256
         Maximum side of an exemplar. Expected: one of 16, 32, 64, 128, 256, 512, 1024.
     colorspace : str | None, default None
@@ -2417,8 +2417,8 @@ def label(
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016). The
     result has a part for each scale, from label.1, the finest, to the coarsest. Each label of a level lies within one
     label of the next level, its parent. Ids are 1, 2, ... of type uint32, and 0 only where alpha is 0: write them to
-    EXR or TIFF. With `photo` the photo is the first part. Attributes of a part record its scale in px (oiiotex:rho), its
-    number of labels (oiiotex:labels) and their parents, in order (oiiotex:parents).
+    EXR or TIFF. With `photo` the photo is the first part. Attributes of a part record its scale in px (oiiotex:rho),
+    its number of labels (oiiotex:labels) and their parents, in order (oiiotex:parents).
 
     Parameters
     ----------
@@ -2632,7 +2632,7 @@ def labelview(
 ) -> ImageBuf:
     """Visualize label maps as a contact sheet of all levels, with the tree of labels.
 
-    Takes the result of `label` or `superpixel`, preferably with `keep`. The sheet shows the photo, then each label part
+    Takes the result of `label` or `superpixel`, preferably with `photo`. The sheet shows the photo, then each label part
     (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo and with
     borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The result is an
     8-bit sRGB image, subsampled from the labels, for display, not for measurement.
@@ -2640,7 +2640,7 @@ def labelview(
     Parameters
     ----------
     source : ImageLike
-        Image with label parts, from `label` or `superpixel` with `keep`.
+        Image with label parts, from `label` or `superpixel` with `photo`.
     panel : int, default 384
         Longer side of a panel. Expected: an integer from 64 to 4096 px.
     columns : int, default 3
@@ -2726,8 +2726,8 @@ def paint(
     optional second painting, `fine`, overlays labels of the next finer level; where it is empty (black, id 0 or alpha
     0), the first painting applies (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
     Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). palette=FILE from `palette` maps colors to
-    labels; paintings of ids do not need it. To edit a result, write planfile=FILE and pass it as fromplan=FILE to the next
-    run: patches whose labels did not change are kept, so pixels elsewhere are bit-identical.
+    labels; paintings of ids do not need it. To edit a result, write planfile=FILE and pass it as fromplan=FILE to
+    the next run: patches whose labels did not change are kept, so pixels elsewhere are bit-identical.
 
     Parameters
     ----------
@@ -3126,7 +3126,7 @@ def patchmatch(
     histogram: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3168,7 +3168,7 @@ def patchmatch(
     size : Literal['pow2'] | tuple[int, int] | None, default None
         Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
         'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
-    tiles : Literal['xy', 'x', 'y', 'none'], default 'xy'
+    tiles : Literal['none', 'x', 'y', 'xy'], default 'xy'
         Axes along which the result tiles.
     variants : int, default 1
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
@@ -3280,7 +3280,7 @@ def patchmatch(
     histogram: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3315,7 +3315,7 @@ def patchmatch(
     histogram: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3350,7 +3350,7 @@ def patchmatch(
     histogram: float = 1.0,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3931,7 +3931,7 @@ def rectify(
         window. Expected: a number or a sequence of numbers in px. Default: detected from the photo's
         lattice.
     size : tuple[int, int] | None, default None
-        Size of the result. Expected: (width, height) from 1 to 65536. Default: lengths of the longer
+        Size of the result. Expected: (width, height) from 1 to 65536 px. Default: lengths of the longer
         sides in the photo.
     meters : float | Sequence[float] | None, default None
         Width and height, in meters, of the area between `corners`; without `corners`, of one cell of
@@ -4050,12 +4050,12 @@ def sigmas(
 ) -> ImageBuf:
     """Compare the effect of sigma in `stationarize` on a photo, as a contact sheet with equal visible steps.
 
-    The sheet shows n small tiles, each repeated 2 x 2, from the largest sigma (amount 0) to the smallest (amount 1).
+    The sheet shows small tiles, each repeated 2 x 2, from the largest sigma (evenness 0) to the smallest (evenness 1).
     The visible effect of sigma depends on the photo: it is measured as the earth mover's distance between the
     histograms of neighboring tiles, and sigmas are spaced to make these steps equal (MJH17: Moritz, James, Haines,
     Ritschel, Weyrich, Texture Stationarization, Eurographics 2017, section 4.4).
 
-    The modifier amount of `stationarize` uses the same scale, which is stored in the user's cache. The table of sigmas
+    `evenness` of `stationarize` uses the same scale, which is stored in the user's cache. The table of sigmas
     is printed, and written with `facts`. The result is an 8-bit sRGB image for display, not for measurement.
 
     Parameters
@@ -4091,7 +4091,7 @@ def sigmas(
     -------
     ImageBuf
         - view: Contact sheet. [8-bit sRGB picture]
-        - facts: Table of sigmas and amounts. [JSON; with facts]
+        - facts: Table of sigmas and their evenness. [JSON; with facts]
 
     Other Parameters
     ----------------
@@ -4242,7 +4242,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4309,7 +4309,7 @@ def stationarize(
     size : Literal['pow2'] | tuple[int, int] | None, default None
         Size of the result. pow2: each side of the photo, rounded to the nearest power of two. Expected:
         'pow2' or (width, height) from 5 to 65536 px. Default: size of the photo.
-    tiles : Literal['xy', 'x', 'y', 'none'], default 'xy'
+    tiles : Literal['none', 'x', 'y', 'xy'], default 'xy'
         Axes along which the result tiles.
     variants : int, default 1
         Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,
@@ -4457,7 +4457,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4502,7 +4502,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'xy',
     variants: Literal[1] = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4548,7 +4548,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4594,7 +4594,7 @@ def stationarize(
     paper: bool = False,
     relevel: bool = False,
     size: Literal['pow2'] | tuple[int, int] | None = None,
-    tiles: Literal['xy', 'x', 'y', 'none'] = 'xy',
+    tiles: Literal['none', 'x', 'y', 'xy'] = 'xy',
     variants: int = 1,
     pack: Literal['atlas'] | None = None,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -4695,7 +4695,7 @@ def superpixel(
         from 1 to 1000.
     minarea : int | None, default None
         Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25. Expected:
-        an integer >= 1 px. Default: finest^2 / 4.
+        an integer >= 1 px. Default: sigmamin^2 / 4.
     seed : int, default 0
         Seed of the runs after the first, which start from other centers. Expected: an integer from 0 to
         4294967295.

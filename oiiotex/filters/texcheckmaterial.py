@@ -83,7 +83,7 @@ class CheckMaterial(ScanThenMap):
         images = (self.source, *self.maps)
         kinds = kinds_of(self.kinds, len(images), data=False)
         first, *others = ({"map": one.first.respecced(_without_hash)} for one in images)
-        return ({**first, "report": lambda: self._report(images, kinds, session)}, *others)
+        return ({**first, "facts": lambda: self._report(images, kinds, session)}, *others)
 
     def _report(self, images: tuple[Image, ...], kinds: list[str], session: Session) -> dict[str, Any]:
         from ..surfaces.capture.material_checks import check_material, document  # not needed to parse the command line

@@ -66,7 +66,7 @@ class Content(ScanThenMap):
         ),
     )  # fmt: skip
 
-    source: Image = image(help="Image with label parts, from `label` with `keep`.")
+    source: Image = image(help="Image with label parts, from `label` with `photo`.")
     labels: Image | None = image(None, help=LABELS)
     center: Numbers | None = param(
         None, unit="px", unset="the center of the image", example="512,384",

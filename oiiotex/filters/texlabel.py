@@ -129,8 +129,8 @@ class Label(OnePart, InLab, ScanThenMap):
         choices=(False, True, "authors"),
         help="Settings of the paper (LSA16): features=moments:persistence=0.95:splitfraction=1:coarsest=0"
         ":maxneighbors=256:slicrestarts=10:minarea=25:restarts=5, the same persistence at all levels, and labels split"
-        " wherever a coarser border crosses them. authors: the program that the authors published, which has at least two levels, and scales up to 30 %"
-        " of the longer side instead of 20 % of the shorter one.",
+        " wherever a coarser border crosses them. authors: the program that the authors published, which has at least"
+        " two levels, and scales up to 30 % of the longer side instead of 20 % of the shorter one.",
     )
     photo: bool = param(False, help="Keep the photo as the first part, before the labels.")
     membership: bool = param(

@@ -22,7 +22,7 @@ from ..surfaces.charts.drawing import Sheet, colored, label_tree, sampled, shown
 class LabelView(ScanThenMap):
     """Visualize label maps as a contact sheet of all levels, with the tree of labels.
 
-    Takes the result of `label` or `superpixel`, preferably with `keep`. The sheet shows the photo, then each label part
+    Takes the result of `label` or `superpixel`, preferably with `photo`. The sheet shows the photo, then each label part
     (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo and with
     borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The result is an
     8-bit sRGB image, subsampled from the labels, for display, not for measurement.
@@ -33,7 +33,7 @@ class LabelView(ScanThenMap):
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "Contact sheet."),)
 
-    source: Image = image(help="Image with label parts, from `label` or `superpixel` with `keep`.")
+    source: Image = image(help="Image with label parts, from `label` or `superpixel` with `photo`.")
     panel: int = param(384, ge=64, le=4096, unit="px", help="Longer side of a panel.")
     columns: int = param(3, ge=1, le=16, help="Number of panels in a row.")
     opacity: float = param(0.65, ge=0, le=1, help="Opacity of the label colors over the photo.")

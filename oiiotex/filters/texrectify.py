@@ -80,6 +80,7 @@ class Rectify(Gather):
         None,
         ge=1,
         le=_LARGEST,
+        unit="px",
         unset="lengths of the longer sides in the photo",
         help="Size of the result.",
     )

@@ -92,7 +92,7 @@ class Superpixel(InLab, ScanThenMap):
         example="50",
         ge=1,
         unit="px",
-        unset="finest^2 / 4",
+        unset="sigmamin^2 / 4",
         advanced=True,
         help="Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25.",
     )

@@ -42,10 +42,10 @@ SIDE_FILES = [
 ]
 
 
-def used(op: type[Op], photo: Image | None = None, **values: Any) -> Op:
+def used(op: type[Op], source: Image | None = None, **values: Any) -> Op:
     """One cheap use of the op, on a photo in halfs."""
     given = [from_buffer(b) for b in operands(op, buffer(PHOTO, oiio.HALF))]
-    given[0] = photo or given[0]
+    given[0] = source or given[0]
     images = {i.name: (one,) if i.many else one for i, one in zip(op.images(), given, strict=True)}
     small = settings(op)
     small |= {"labels": from_buffer(small["labels"])} if "labels" in small else {}
@@ -196,7 +196,7 @@ def test_an_undeclared_output_is_a_mistake(monkeypatch):
 def test_a_plan_that_is_read_is_not_overwritten(tmp_path):
     filters.quilt(buffer(PHOTO), size=(40, 40), planfile=tmp_path / "p.npz")
     held = (tmp_path / "p.npz").read_bytes()
-    with pytest.raises(errors.ParameterError, match="would overwrite plan, an input file"):
+    with pytest.raises(errors.ParameterError, match="would overwrite fromplan, an input file"):
         filters.quilt(buffer(PHOTO), fromplan=tmp_path / "p.npz", st=tmp_path / "p.npz")
     assert (tmp_path / "p.npz").read_bytes() == held
 

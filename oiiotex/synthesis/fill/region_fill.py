@@ -101,7 +101,7 @@ class RegionFill:
                 f"the region covers every pixel of {op.exemplar.source}: no source pixels remain; mark fewer, or give"
                 " another photo with source="
             )
-        zone = grown(self._marked, op.cut)
+        zone = grown(self._marked, op.seamzone)
         filling = self._filled(zone, progress)
         op.say_what_stays()
         first, *others = self._parts(filling)

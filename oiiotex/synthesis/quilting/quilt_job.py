@@ -168,7 +168,7 @@ class Sewing:
         if patch > shorter:
             return
         size, given = self._asked()
-        if self.latticed is not None and self.structured.structure > 0 and not given:
+        if self.structured is not None and self.structured.lattice > 0 and not given:
             size = Size(*(max(n, patch) for n in least_size(size, self._wraps)))
         grid = Grid.tiling(*size, self.op.tiles, patch=patch, overlap=min(self._overlap(patch), patch // 3))
         resources.require(cell_memory(grid, self.guide is not None), _task(grid))
