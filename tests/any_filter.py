@@ -21,7 +21,7 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     """Cheap parameters that the op has."""
     names = {p.name for p in op.parameters()}
     found = {name: value for name, value in SMALL.items() if name in names}
-    found |= {"count": 3} if op.name == "sigmas" else {"op": "quilt", "count": 2} if op.name == "variants" else {}
+    found |= {"count": 3} if op.name == "sigmas" else {"op": "quilt", "count": 2} if op.name == "sheet" else {}
     found |= {"corners": Numbers((3, 2, 66, 5, 70, 60, 1, 62))} if op.name == "rectify" else {}
     found |= {"panel": 32} if op.name == "palette" else {}
     found |= {"failon": "none"} if op.name == "checkmaterial" else {}

@@ -4030,6 +4030,93 @@ def rectify(
 ) -> Array | Any: ...
 
 @overload
+def sheet(
+    exemplar: ImageLike,
+    /,
+    *,
+    op: Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'] = 'stationarize',
+    count: int = 4,
+    seed: int = 0,
+    vary: str | None = None,
+    over: Sequence[str] | None = None,
+    panel: int = 256,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[False] = False,
+) -> ImageBuf:
+    """Compare results of a synthesis filter in a contact sheet, with a column for each seed.
+
+    Use it to choose a seed, or to see the effect of a modifier: `vary=sigma:over=8,16,32` makes three rows of
+    `stationarize`. All other modifiers have their defaults. Captions show the modifiers of each result. The result is
+    an 8-bit sRGB image for display, not for measurement.
+
+    Parameters
+    ----------
+    exemplar : ImageLike
+        Photo; for op=composite, with label maps.
+    op : Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'], default 'stationarize'
+        Name of the synthesis filter.
+    count : int, default 4
+        Number of seeds, one for each column. Expected: an integer from 1 to 16.
+    seed : int, default 0
+        First seed. Expected: an integer from 0 to 4294967279.
+    vary : str | None, default None
+        Name of a modifier that varies from row to row. Requires over.
+    over : Sequence[str] | None, default None
+        Values of the modifier that vary names, one for each row.
+    panel : int, default 256
+        Maximum longer side of a result in the sheet. Expected: an integer from 32 to 2048 px.
+    data : bool, default False
+        Use the channels as data, without conversion to CIE Lab.
+    colorspace : str | None, default None
+        Color space of the required images. Default: the one in their metadata.
+    roi : ROI | None, default None
+        Region of the result to compute. Default: all of it.
+    nthreads : int, default 0
+        Number of CPU threads if no session is given. 0: all that the process may use.
+    session : Session | None, default None
+        Device, memory budget, color config and progress, shared by several calls.
+    as_array : bool, default False
+        Return arrays of pixels instead of ImageBufs, without color space and metadata.
+
+    Returns
+    -------
+    ImageBuf
+        - view: Contact sheet. [8-bit sRGB picture]
+
+    Raises
+    ------
+    oiiotex.Error
+        With the problem, the expected value and a hint, in one line.
+
+    Examples
+    --------
+    >>> from oiiotex import filters
+    >>> sheet = filters.sheet("photo.png", op="quilt", count=3)
+    """
+@overload
+def sheet(
+    exemplar: ImageLike,
+    /,
+    *,
+    op: Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'] = 'stationarize',
+    count: int = 4,
+    seed: int = 0,
+    vary: str | None = None,
+    over: Sequence[str] | None = None,
+    panel: int = 256,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+    as_array: Literal[True],
+) -> Array: ...
+
+@overload
 def sigmas(
     exemplar: ImageLike,
     /,
@@ -5005,93 +5092,6 @@ def synth(
     session: Session | None = None,
     as_array: Literal[True],
 ) -> Array | Any: ...
-
-@overload
-def variants(
-    exemplar: ImageLike,
-    /,
-    *,
-    op: Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'] = 'stationarize',
-    count: int = 4,
-    seed: int = 0,
-    vary: str | None = None,
-    over: Sequence[str] | None = None,
-    panel: int = 256,
-    data: bool = False,
-    colorspace: str | None = None,
-    roi: ROI | None = None,
-    nthreads: int = 0,
-    session: Session | None = None,
-    as_array: Literal[False] = False,
-) -> ImageBuf:
-    """Compare results of a synthesis filter in a contact sheet, with a column for each seed.
-
-    Use it to choose a seed, or to see the effect of a modifier: `vary=sigma:over=8,16,32` makes three rows of
-    `stationarize`. All other modifiers have their defaults. Captions show the modifiers of each result. The result is
-    an 8-bit sRGB image for display, not for measurement.
-
-    Parameters
-    ----------
-    exemplar : ImageLike
-        Photo; for op=composite, with label maps.
-    op : Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'], default 'stationarize'
-        Name of the synthesis filter.
-    count : int, default 4
-        Number of seeds, one for each column. Expected: an integer from 1 to 16.
-    seed : int, default 0
-        First seed. Expected: an integer from 0 to 4294967279.
-    vary : str | None, default None
-        Name of a modifier that varies from row to row. Requires over.
-    over : Sequence[str] | None, default None
-        Values of the modifier that vary names, one for each row.
-    panel : int, default 256
-        Maximum longer side of a result in the sheet. Expected: an integer from 32 to 2048 px.
-    data : bool, default False
-        Use the channels as data, without conversion to CIE Lab.
-    colorspace : str | None, default None
-        Color space of the required images. Default: the one in their metadata.
-    roi : ROI | None, default None
-        Region of the result to compute. Default: all of it.
-    nthreads : int, default 0
-        Number of CPU threads if no session is given. 0: all that the process may use.
-    session : Session | None, default None
-        Device, memory budget, color config and progress, shared by several calls.
-    as_array : bool, default False
-        Return arrays of pixels instead of ImageBufs, without color space and metadata.
-
-    Returns
-    -------
-    ImageBuf
-        - view: Contact sheet. [8-bit sRGB picture]
-
-    Raises
-    ------
-    oiiotex.Error
-        With the problem, the expected value and a hint, in one line.
-
-    Examples
-    --------
-    >>> from oiiotex import filters
-    >>> sheet = filters.variants("photo.png", op="quilt", count=3)
-    """
-@overload
-def variants(
-    exemplar: ImageLike,
-    /,
-    *,
-    op: Literal['stationarize', 'patchmatch', 'quilt', 'cut', 'synth', 'composite'] = 'stationarize',
-    count: int = 4,
-    seed: int = 0,
-    vary: str | None = None,
-    over: Sequence[str] | None = None,
-    panel: int = 256,
-    data: bool = False,
-    colorspace: str | None = None,
-    roi: ROI | None = None,
-    nthreads: int = 0,
-    session: Session | None = None,
-    as_array: Literal[True],
-) -> Array: ...
 
 @overload
 def warp(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texvariants: contact sheet of a synthesis over seeds and values of one modifier."""
+"""--texsheet: contact sheet of a synthesis over seeds and values of one modifier."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FIXED = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Variants(InLab, Whole):
+class ContactSheet(InLab, Whole):
     """Compare results of a synthesis filter in a contact sheet, with a column for each seed.
 
     Use it to choose a seed, or to see the effect of a modifier: `vary=sigma:over=8,16,32` makes three rows of
@@ -31,8 +31,8 @@ class Variants(InLab, Whole):
     an 8-bit sRGB image for display, not for measurement.
     """
 
-    example: ClassVar[str] = '>>> sheet = filters.variants("photo.png", op="quilt", count=3)'
-    name: ClassVar[str] = "variants"
+    example: ClassVar[str] = '>>> sheet = filters.sheet("photo.png", op="quilt", count=3)'
+    name: ClassVar[str] = "sheet"
     outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "Contact sheet."),)
 
     exemplar: Image = image(help="Photo; for op=composite, with label maps.")
