@@ -2250,7 +2250,7 @@ def join(
     """Join crops of an image that were rendered separately, as on a farm.
 
     Takes all images on the stack, in any order. They must be crops of one display window, as `synth` renders them with
-    chunk=1/8 to chunk=8/8, and must cover it. They must have the same channels, pixel type and parts, and must be equal
+    `window`, and must cover it. They must have the same channels, pixel type and parts, and must be equal
     where they overlap. The result has the same pixels as a single run.
 
     Parameters
@@ -2386,17 +2386,10 @@ def label(
     /,
     *,
     features: Literal['textons', 'moments', 'gabor', 'quadtree'] = 'textons',
-    cluster: Literal['nmf', 'kmeans', 'spectral'] = 'nmf',
     persistence: float = 0.95,
-    splitfraction: float = 0.5,
     coarsest: bool = True,
     materials: bool = False,
     maxlabels: int | None = None,
-    maxneighbors: int = 256,
-    restarts: int = 0,
-    slicrestarts: int = 1,
-    minarea: int | None = None,
-    seed: int = 0,
     paper: Literal[False, True, 'authors'] = False,
     photo: Literal[True],
     membership: bool = False,
@@ -2436,11 +2429,12 @@ def label(
         Maximum number of subtextures in the coarsest level. Expected: an integer from 1 to 50. Default:
         chosen by the filter.
     paper : Literal[False, True, 'authors'], default False
-        Settings of the paper (LSA16):
-        features=moments:persistence=0.95:splitfraction=1:coarsest=0:maxneighbors=256:slicrestarts=10:minarea=25:restarts=5,
-        the same persistence at all levels, and labels split wherever a coarser border crosses them.
-        authors: the program that the authors published, which has at least two levels, and scales up to
-        30 % of the longer side instead of 20 % of the shorter one.
+        Settings of the paper (LSA16): features=moments:persistence=0.95:coarsest=0, the best of ten
+        SLIC runs, superpixels of at least 25 px, five additional random starts, a level only where it
+        splits all superpixels of the coarser one, the same persistence at all levels, and labels split
+        wherever a coarser border crosses them. authors: the program that the authors published, which
+        has at least two levels, and scales up to 30 % of the longer side instead of 20 % of the shorter
+        one.
     photo : bool, default False
         Keep the photo as the first part, before the labels.
     cryptomatte : bool | FileName, default False
@@ -2481,28 +2475,6 @@ def label(
     features : Literal['textons', 'moments', 'gabor', 'quadtree'], default 'textons'
         Features by which superpixels are compared. Keep textons (frequent local patterns), except for
         comparison. The paper uses moments.
-    cluster : Literal['nmf', 'kmeans', 'spectral'], default 'nmf'
-        Clustering method. nmf (nonnegative matrix factorization) also finds the number of labels.
-        kmeans and spectral are for comparison: they require scikit-learn and use the number that nmf
-        finds.
-    splitfraction : float, default 0.5
-        Fraction of a coarser level's superpixels that must contain several labels for that level to be
-        added. Reduce it for more levels. The paper: 1. Expected: a number from 0.01 to 1.
-    maxneighbors : int, default 256
-        Maximum number of similar superpixels to which each one is linked. Reduce it to save time and
-        memory. Expected: an integer from 8 to 4096.
-    restarts : int, default 0
-        Number of additional random starts, whose results are combined with the first (boosting).
-        Increase it for more stable labels; time grows in proportion. Expected: an integer from 0 to
-        100.
-    slicrestarts : int, default 1
-        Number of SLIC runs. The best one is used. The paper: 10. Expected: an integer from 1 to 1000.
-    minarea : int | None, default None
-        Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25. Expected:
-        an integer >= 1 px. Default: sigma^2 / 4.
-    seed : int, default 0
-        Seed of the random starts. No effect with restarts=0 and slicrestarts=1. Expected: an integer
-        from 0 to 4294967295.
     membership : bool, default False
         Append soft label maps for each level N: membership.N is how much a pixel belongs to each label,
         fit.N how typical it is of the label (G and F / max F in LSA16).
@@ -2528,17 +2500,10 @@ def label(
     /,
     *,
     features: Literal['textons', 'moments', 'gabor', 'quadtree'] = 'textons',
-    cluster: Literal['nmf', 'kmeans', 'spectral'] = 'nmf',
     persistence: float = 0.95,
-    splitfraction: float = 0.5,
     coarsest: bool = True,
     materials: bool = False,
     maxlabels: int | None = None,
-    maxneighbors: int = 256,
-    restarts: int = 0,
-    slicrestarts: int = 1,
-    minarea: int | None = None,
-    seed: int = 0,
     paper: Literal[False, True, 'authors'] = False,
     photo: bool = False,
     membership: bool = False,
@@ -2559,17 +2524,10 @@ def label(
     /,
     *,
     features: Literal['textons', 'moments', 'gabor', 'quadtree'] = 'textons',
-    cluster: Literal['nmf', 'kmeans', 'spectral'] = 'nmf',
     persistence: float = 0.95,
-    splitfraction: float = 0.5,
     coarsest: bool = True,
     materials: bool = False,
     maxlabels: int | None = None,
-    maxneighbors: int = 256,
-    restarts: int = 0,
-    slicrestarts: int = 1,
-    minarea: int | None = None,
-    seed: int = 0,
     paper: Literal[False, True, 'authors'] = False,
     photo: bool = False,
     membership: bool = False,
@@ -2590,17 +2548,10 @@ def label(
     /,
     *,
     features: Literal['textons', 'moments', 'gabor', 'quadtree'] = 'textons',
-    cluster: Literal['nmf', 'kmeans', 'spectral'] = 'nmf',
     persistence: float = 0.95,
-    splitfraction: float = 0.5,
     coarsest: bool = True,
     materials: bool = False,
     maxlabels: int | None = None,
-    maxneighbors: int = 256,
-    restarts: int = 0,
-    slicrestarts: int = 1,
-    minarea: int | None = None,
-    seed: int = 0,
     paper: Literal[False, True, 'authors'] = False,
     photo: bool = False,
     membership: bool = False,
@@ -2632,9 +2583,9 @@ def labelview(
 ) -> ImageBuf:
     """Visualize label maps as a contact sheet of all levels, with the tree of labels.
 
-    Takes the result of `label` or `superpixel`, preferably with `photo`. The sheet shows the photo, then each label part
-    (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo and with
-    borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The result is an
+    Takes the result of `label` or `superpixel`, preferably with `photo`. The sheet shows the photo, then each label
+    part (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo and
+    with borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The result is an
     8-bit sRGB image, subsampled from the labels, for display, not for measurement.
 
     Parameters
@@ -4714,10 +4665,6 @@ def superpixel(
     count: int | None = None,
     sigmamin: float | None = None,
     compactness: float = 20.0,
-    iterations: int = 1000,
-    slicrestarts: int = 1,
-    minarea: int | None = None,
-    seed: int = 0,
     photo: Literal[False] = False,
     data: bool = False,
     colorspace: str | None = None,
@@ -4772,21 +4719,6 @@ def superpixel(
         - photo: Photo, as the first part. [pixels; with photo]
         - superpixels: One channel of ids, in the image's windows. Write it to EXR or TIFF. [32-bit ids]
 
-    Other Parameters
-    ----------------
-    iterations : int, default 1000
-        Maximum number of SLIC iterations. They end earlier if no center moves. Expected: an integer
-        from 1 to 100000.
-    slicrestarts : int, default 1
-        Number of SLIC runs. The best one by LSA16 eq. 3 is used. The paper: 10. Expected: an integer
-        from 1 to 1000.
-    minarea : int | None, default None
-        Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25. Expected:
-        an integer >= 1 px. Default: sigmamin^2 / 4.
-    seed : int, default 0
-        Seed of the runs after the first, which start from other centers. Expected: an integer from 0 to
-        4294967295.
-
     Raises
     ------
     oiiotex.Error
@@ -4807,10 +4739,6 @@ def superpixel(
     count: int | None = None,
     sigmamin: float | None = None,
     compactness: float = 20.0,
-    iterations: int = 1000,
-    slicrestarts: int = 1,
-    minarea: int | None = None,
-    seed: int = 0,
     photo: Literal[True],
     data: bool = False,
     colorspace: str | None = None,
@@ -4828,10 +4756,6 @@ def superpixel(
     count: int | None = None,
     sigmamin: float | None = None,
     compactness: float = 20.0,
-    iterations: int = 1000,
-    slicrestarts: int = 1,
-    minarea: int | None = None,
-    seed: int = 0,
     photo: bool = False,
     data: bool = False,
     colorspace: str | None = None,
@@ -4849,10 +4773,6 @@ def superpixel(
     count: int | None = None,
     sigmamin: float | None = None,
     compactness: float = 20.0,
-    iterations: int = 1000,
-    slicrestarts: int = 1,
-    minarea: int | None = None,
-    seed: int = 0,
     photo: bool = False,
     data: bool = False,
     colorspace: str | None = None,
@@ -4869,7 +4789,6 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    chunk: str | None = None,
     lod: int | None = None,
     tiles: Literal['none', 'xy'] = 'none',
     resume: bool = False,
@@ -4878,7 +4797,6 @@ def synth(
     keeplayout: bool | int = False,
     jitter: float | Sequence[float] | None = None,
     matchcolor: bool = True,
-    components: int = 16,
     exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -4959,8 +4877,6 @@ def synth(
 
     Other Parameters
     ----------------
-    chunk : str | None, default None
-        Chunk I of N of the rows of the result, as I/N, for a render farm.
     resume : bool, default False
         Save a checkpoint after each finished piece next to the output, in the folder OUTPUT.parts. Run
         the same command again to resume.
@@ -4980,12 +4896,9 @@ def synth(
     matchcolor : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
-    components : int, default 16
-        Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
-        fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): components=6, jitter on all levels, and without the corrections
-        that preserve contrast in endless zooms.
+        Settings of the paper (HRRG08): 6 principal components instead of 16, jitter on all levels, and
+        without the corrections that preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
@@ -5009,7 +4922,6 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    chunk: str | None = None,
     lod: int | None = None,
     tiles: Literal['none', 'xy'] = 'none',
     resume: bool = False,
@@ -5018,7 +4930,6 @@ def synth(
     keeplayout: bool | int = False,
     jitter: float | Sequence[float] | None = None,
     matchcolor: bool = True,
-    components: int = 16,
     exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -5039,7 +4950,6 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    chunk: str | None = None,
     lod: int | None = None,
     tiles: Literal['none', 'xy'] = 'none',
     resume: bool = False,
@@ -5048,7 +4958,6 @@ def synth(
     keeplayout: bool | int = False,
     jitter: float | Sequence[float] | None = None,
     matchcolor: bool = True,
-    components: int = 16,
     exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -5069,7 +4978,6 @@ def synth(
     *,
     size: tuple[int, int] | None = None,
     window: str | None = None,
-    chunk: str | None = None,
     lod: int | None = None,
     tiles: Literal['none', 'xy'] = 'none',
     resume: bool = False,
@@ -5078,7 +4986,6 @@ def synth(
     keeplayout: bool | int = False,
     jitter: float | Sequence[float] | None = None,
     matchcolor: bool = True,
-    components: int = 16,
     exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -5175,7 +5082,6 @@ def zoom(
     keeplayout: bool | int = False,
     jitter: float | Sequence[float] | None = None,
     matchcolor: bool = True,
-    components: int = 16,
     exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,
@@ -5266,12 +5172,9 @@ def zoom(
     matchcolor : bool, default True
         Correction of color differences between the exemplars of a graph (HRRG08 section 5). Set it to 0
         for verbatim colors.
-    components : int, default 16
-        Number of principal components by which neighborhoods are compared. 6: as in the paper. 16:
-        fewer repeats. Expected: an integer from 1 to 16.
     paper : bool, default False
-        Settings of the paper (HRRG08): components=6, jitter on all levels, and without the corrections
-        that preserve contrast in endless zooms.
+        Settings of the paper (HRRG08): 6 principal components instead of 16, jitter on all levels, and
+        without the corrections that preserve contrast in endless zooms.
     report : FileName | None, default None
         JSON file for the measures of the result (see docs/reference/report.md).
     fail : Sequence[str] | None, default None
@@ -5306,7 +5209,6 @@ def zoom(
     keeplayout: bool | int = False,
     jitter: float | Sequence[float] | None = None,
     matchcolor: bool = True,
-    components: int = 16,
     exemplarside: Literal[16, 32, 64, 128, 256, 512, 1024] = 256,
     paper: bool = False,
     seed: int | None = None,

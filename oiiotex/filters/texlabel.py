@@ -62,11 +62,6 @@ class Label(OnePart, InLab, ScanThenMap):
         help="Features by which superpixels are compared. Keep textons (frequent local patterns), except for"
              " comparison. The paper uses moments.",
     )  # fmt: skip
-    cluster: str = param(
-        "nmf", choices=("nmf", "kmeans", "spectral"), advanced=True,
-        help="Clustering method. nmf (nonnegative matrix factorization) also finds the number of labels. kmeans and"
-             " spectral are for comparison: they require scikit-learn and use the number that nmf finds.",
-    )  # fmt: skip
     persistence: float = param(
         0.95,
         ge=0.01,
@@ -74,11 +69,6 @@ class Label(OnePart, InLab, ScanThenMap):
         help="Persistence of the random walk over superpixels (LSA16 section 4.4). Reduce it for fewer labels."
         " Level n uses its nth power.",
     )
-    splitfraction: float = param(
-        0.5, ge=0.01, le=1, advanced=True,
-        help="Fraction of a coarser level's superpixels that must contain several labels for that level to be"
-             " added. Reduce it for more levels. The paper: 1.",
-    )  # fmt: skip
     coarsest: bool = param(
         True, help="Add a coarsest level of subtextures, as `decompose` finds them. The paper has none."
     )
@@ -95,42 +85,14 @@ class Label(OnePart, InLab, ScanThenMap):
         unset="chosen by the filter",
         help="Maximum number of subtextures in the coarsest level.",
     )
-    maxneighbors: int = param(
-        256,
-        ge=8,
-        le=4096,
-        advanced=True,
-        help="Maximum number of similar superpixels to which each one is linked. Reduce it to save time and memory.",
-    )
-    restarts: int = param(
-        0,
-        ge=0,
-        le=100,
-        advanced=True,
-        help="Number of additional random starts, whose results are combined with the first (boosting). Increase it"
-        " for more stable labels; time grows in proportion.",
-    )
-    slicrestarts: int = param(
-        1, ge=1, le=1000, advanced=True, help="Number of SLIC runs. The best one is used. The paper: 10."
-    )
-    minarea: int | None = param(
-        None, ge=1, unit="px", unset="sigma^2 / 4", example="25", advanced=True,
-        help="Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25.",
-    )  # fmt: skip
-    seed: int = param(
-        0,
-        ge=0,
-        le=2**32 - 1,
-        advanced=True,
-        help="Seed of the random starts. No effect with restarts=0 and slicrestarts=1.",
-    )
     paper: bool | str = param(
         False,
         choices=(False, True, "authors"),
-        help="Settings of the paper (LSA16): features=moments:persistence=0.95:splitfraction=1:coarsest=0"
-        ":maxneighbors=256:slicrestarts=10:minarea=25:restarts=5, the same persistence at all levels, and labels split"
-        " wherever a coarser border crosses them. authors: the program that the authors published, which has at least"
-        " two levels, and scales up to 30 % of the longer side instead of 20 % of the shorter one.",
+        help="Settings of the paper (LSA16): features=moments:persistence=0.95:coarsest=0, the best of ten SLIC runs,"
+        " superpixels of at least 25 px, five additional random starts, a level only where it splits all superpixels of"
+        " the coarser one, the same persistence at all levels, and labels split wherever a coarser border crosses them."
+        " authors: the program that the authors published, which has at least two levels, and scales up to 30 % of the"
+        " longer side instead of 20 % of the shorter one.",
     )
     photo: bool = param(False, help="Keep the photo as the first part, before the labels.")
     membership: bool = param(
@@ -151,14 +113,8 @@ class Label(OnePart, InLab, ScanThenMap):
 
     PAPER: ClassVar[dict[str, Any]] = {
         "features": "moments",
-        "cluster": "nmf",
         "persistence": 0.95,
-        "splitfraction": 1.0,
         "coarsest": False,
-        "maxneighbors": 256,
-        "slicrestarts": 10,
-        "minarea": 25,
-        "restarts": 5,
     }
 
     def compute(self, session: Session) -> dict[str, Any]:
@@ -170,14 +126,11 @@ class Label(OnePart, InLab, ScanThenMap):
 
         lens = lens_of(self.source, session.resources, self.working_space)
         settings = LabelSettings(
-            cluster=self.cluster,
-            neighbors=self.maxneighbors,
             persistence=self.persistence,
-            share=self.splitfraction,
+            share=1.0 if self.paper else LabelSettings.share,
             literal=bool(self.paper),
             authors=self.paper == "authors",
-            tries=self.restarts,
-            seed=self.seed,
+            tries=5 if self.paper else LabelSettings.tries,
         )
         coarsest: list[Callable[..., np.ndarray]] = []
         if self.coarsest:
@@ -188,7 +141,7 @@ class Label(OnePart, InLab, ScanThenMap):
             coarsest.append(superpixel_materials)
         maps = label_maps(
             self.source, lens, session.resources, session.progress, self.features, settings,
-            runs=self.slicrestarts, minsize=self.minarea, coarsest=coarsest,
+            runs=10 if self.paper else 1, minsize=25 if self.paper else None, coarsest=coarsest,
         )  # fmt: skip
         for n, level in enumerate(maps.levels, 1):
             self.inform("label.%d: %d labels at %.1f px", n, level.count, level.scale)

@@ -9,7 +9,6 @@ from typing import ClassVar
 from ..analysis.superpixels.hierarchy import Hierarchy, hierarchy
 from ..analysis.superpixels.superpixels import (
     COMPACTNESS,
-    ITERATIONS,
     LEAST_SIGMA,
     Superpixels,
     label_part,
@@ -77,28 +76,6 @@ class Superpixel(InLab, ScanThenMap):
         help="Compactness m of SLIC: the Lab distance that weighs as much as one sigma in space. Increase it for"
         " rounder superpixels.",
     )
-    iterations: int = param(
-        ITERATIONS,
-        ge=1,
-        le=100000,
-        help="Maximum number of SLIC iterations. They end earlier if no center moves.",
-        advanced=True,
-    )
-    slicrestarts: int = param(
-        1, ge=1, le=1000, help="Number of SLIC runs. The best one by LSA16 eq. 3 is used. The paper: 10.", advanced=True
-    )
-    minarea: int | None = param(
-        None,
-        example="50",
-        ge=1,
-        unit="px",
-        unset="sigmamin^2 / 4",
-        advanced=True,
-        help="Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25.",
-    )
-    seed: int = param(
-        0, ge=0, le=2**32 - 1, help="Seed of the runs after the first, which start from other centers.", advanced=True
-    )
     photo: bool = param(False, help="Keep the image as the first part, followed by the label map.")
 
     def compute(self, session: Session) -> dict[str, Part]:
@@ -108,8 +85,8 @@ class Superpixel(InLab, ScanThenMap):
             raise ParameterError("sigma conflicts with count; set only one of them")
         lens = lens_of(self.source, resources, self.working_space)
         finest = superpixels(
-            self.source, lens, resources, sigma=self.sigmamin, compactness=self.compactness, iterations=self.iterations,
-            runs=self.slicrestarts, minsize=self.minarea, seed=self.seed, powers=False, advance=progress.advance,
+            self.source, lens, resources, sigma=self.sigmamin, compactness=self.compactness,
+            powers=False, advance=progress.advance,
         )  # fmt: skip
         sigma, partition = finest.sigma, np.arange(finest.count)
         if self.sigma is not None or self.count is not None:

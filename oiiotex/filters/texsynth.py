@@ -27,7 +27,6 @@ from ..synthesis.multiscale.synthesizer import MOST_LEVEL
 from ..synthesis.quality.report import REPORT, Quality
 
 _WINDOW = re.compile(r"([1-9]\d*)x([1-9]\d*)([+-]\d+)([+-]\d+)", re.ASCII)
-_SHARE = re.compile(r"([1-9]\d{0,9})/([1-9]\d{0,9})", re.ASCII)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,9 +66,6 @@ class Synth(Multiscale, Structured):
     )
     window: str | None = param(
         None, example="1920x1080+0-400", help="Window of the unbounded plane to compute, as WxH+X+Y."
-    )
-    chunk: str | None = param(
-        None, example="1/4", advanced=True, help="Chunk I of N of the rows of the result, as I/N, for a render farm."
     )
     lod: int | None = param(
         None,
@@ -121,13 +117,13 @@ class Synth(Multiscale, Structured):
         how: dict[str, Any] = {"seed": self.seed, "lock": self.keeplayout, "jitter": self.jitter}
         settings = plane.settings(**how, around=around, around_level=level, in_step=in_step)
         maker = self.maker(plane, settings, resources)
-        key = plane.key(settings, level) if self.resume or self.chunk else ""
+        key = plane.key(settings, level) if self.resume or self.window else ""
         states = States(resources, maker, level, window, display or window, key if self.resume else "")
         spec = texture_spec(first.spec, states.display, states.place, self.tiles)
         spec.attribute("oiiotex:level", level)
         spec.attribute(WINDOW, str(window))
         note(spec, "oiiotex:seed", settings.seed)
-        if self.chunk:
+        if self.window:
             spec.attribute(PLANE, key)
         texture = Part(first.name, spec, lambda w: plane.pixels(states.read(w)), first.stored)
         results = {"texture": texture, **self._maps(plane, states, spec)}
@@ -140,8 +136,6 @@ class Synth(Multiscale, Structured):
 
     def _asked_window(self) -> Window | None:
         """The value of `window`, which must lie inside `size`; None if not given."""
-        if self.chunk and not _SHARE.fullmatch(self.chunk):
-            raise ParameterError(parameter="chunk", value=self.chunk, expected="I/N, I from 1 to N")
         if not self.window:
             return None
         match = _WINDOW.fullmatch(self.window)
@@ -158,20 +152,10 @@ class Synth(Multiscale, Structured):
         return window
 
     def _windows(self, spec: oiio.ImageSpec, asked: Window | None) -> tuple[Window | None, Window]:
-        """(display window by `size`, pixels to compute), both on the plane of the level.
-
-        `chunk` selects whole rows, so the chunks are assembled by pasting.
-        """
+        """(display window by `size`, pixels to compute), both on the plane of the level."""
         display = None if self.size is None else Window(0, 0, *self.size)
         window = asked or display or Window(0, 0, spec.width, spec.height)
-        if not self.chunk:
-            return display, window
-        share, count = map(int, self.chunk.split("/"))
-        if not 1 <= share <= count <= window.height:
-            expected = f"I/N, I from 1 to N, N at most {window.height} rows"
-            raise ParameterError(parameter="chunk", value=self.chunk, expected=expected)
-        rows = (window.top + window.height * n // count for n in (share - 1, share))
-        return display or window, Window(window.left, next(rows), window.right, next(rows))
+        return display, window
 
     def _around(self, level: int, display: Window | None) -> tuple[int, int] | None:
         """Period of the plane, in pixels of the level."""

@@ -249,14 +249,14 @@ def test_paper_is_lsa16_by_the_letter(monkeypatch):
     seen = []
     monkeypatch.setattr(scales, "Walk", lambda *a, **k: seen.append(k) or random_walk.Walk(*a, **k))
     op = filters.op_named("label")(source=from_buffer(buffer(quarters(128)[0])), paper=True)
-    assert (op.features, op.splitfraction, op.coarsest, op.slicrestarts, op.minarea) == ("moments", 1.0, False, 10, 25)
+    assert (op.features, op.persistence, op.coarsest) == ("moments", 0.95, False)
     best = best_score(op)[0]
     assert best.covering > 0.9 and 4 <= best.count <= 6  # the four textures, and their number
     assert seen and all(k == {"persistence": 0.95, "slowest": 0.0} for k in seen)  # the same at every level, no floor
     with pytest.raises(
-        errors.ParameterError, match=r"splitfraction=0\.7: conflicts with paper=1: expected splitfraction=1"
+        errors.ParameterError, match=r"persistence=0\.7: conflicts with paper=1: expected persistence=0\.95"
     ):
-        filters.op_named("label")(source=op.source, paper=True, splitfraction=0.7)
+        filters.op_named("label")(source=op.source, paper=True, persistence=0.7)
 
 
 def test_the_authors_program_labels_at_two_scales_at_least():

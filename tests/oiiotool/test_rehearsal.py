@@ -55,7 +55,6 @@ REFUSED = {
     "a later op": ("photo.png --texstationarize -o t.exr photo.png --texsynth:window=bad -o s.exr", "window=bad"),
     "a window": ("photo.png --texsynth:window=32by32 -o t.exr", "expected WxH+X+Y"),
     "a window outside": ("photo.png --texsynth:size=64x64:window=32x32+60+0 -o t.exr", "expected a window inside size"),
-    "a share": ("photo.png --texsynth:chunk=3of9 -o t.exr", "expected I/N"),
     "memory of synthesis": ("--cache 1 photo.png --texsynth -o t.exr", "analyzing exemplars needs"),
     "memory of a tile": (
         "--cache 64 photo.png --texstationarize:size=2048x2048 -o t.exr",

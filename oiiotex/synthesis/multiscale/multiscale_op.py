@@ -65,14 +65,6 @@ class Multiscale(InLab, Reported, AnyWindow):
         " 0 for verbatim colors.",
         advanced=True,
     )
-    components: int = param(
-        16,
-        ge=1,
-        le=16,
-        help="Number of principal components by which neighborhoods are compared. 6: as in the paper. 16: fewer"
-        " repeats.",
-        advanced=True,
-    )
     exemplarside: int = param(
         256,
         choices=(16, 32, 64, 128, 256, 512, 1024),
@@ -81,8 +73,8 @@ class Multiscale(InLab, Reported, AnyWindow):
     )
     paper: bool = param(
         False,
-        help="Settings of the paper (HRRG08): components=6, jitter on all levels, and without the corrections that"
-        " preserve contrast in endless zooms.",
+        help="Settings of the paper (HRRG08): 6 principal components instead of 16, jitter on all levels, and without"
+        " the corrections that preserve contrast in endless zooms.",
         advanced=True,
     )
     seed: int | None = param(
@@ -94,7 +86,7 @@ class Multiscale(InLab, Reported, AnyWindow):
         help="Seed of the random numbers. The same seed gives the same pixels.",
     )
 
-    PAPER: ClassVar[dict[str, Any]] = {"components": 6, "matchcolor": True}
+    PAPER: ClassVar[dict[str, Any]] = {"matchcolor": True}
 
     @classmethod
     def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
@@ -125,7 +117,7 @@ class Multiscale(InLab, Reported, AnyWindow):
                 self.warn("part '%s' of %s is dropped", part.name, given.source)
         how: dict[str, Any] = {
             "side": self.exemplarside,
-            "dims": self.components,
+            "dims": 6 if self.paper else 16,
             "correct": self.matchcolor,
             "literal": self.paper,
         }

@@ -170,8 +170,7 @@ class Chain:
         count = op.arity(values, len(self.stack))
         operands = self.stack[len(self.stack) - count :]
         log.info("%s on %s", op.flag(), ", ".join(image.source for image in operands) or "nothing")
-        share = f" chunk {values['chunk']}" if values.get("chunk") else ""
-        with self.session.resources.stats.time(f"{op.flag()}{share}"):
+        with self.session.resources.stats.time(op.flag()):
             bound = op(**self._bound(op, operands, values))
             if not op.deep:
                 require_flat(bound.operands())
