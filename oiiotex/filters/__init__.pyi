@@ -2584,9 +2584,9 @@ def labelview(
     """Visualize label maps as a contact sheet of all levels, with the tree of labels.
 
     Takes the result of `label` or `superpixel`, preferably with `photo`. The sheet shows the photo, then each label
-    part (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo and
-    with borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The result is an
-    8-bit sRGB image, subsampled from the labels, for display, not for measurement.
+    part (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo
+    and with borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The
+    result is an 8-bit sRGB image, subsampled from the labels, for display, not for measurement.
 
     Parameters
     ----------
