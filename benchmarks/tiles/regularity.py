@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much of a photo's lattice its tile keeps, with and without `structure`, and the cost over toroidal PatchMatch's.
+"""How much of a photo's lattice its tile keeps, with and without `lattice`, and the cost over toroidal PatchMatch's.
 
 python -m benchmarks.tiles.regularity [FILE ...] [--side 256] [--seeds 2]
 
@@ -9,7 +9,7 @@ photo's, the mean over seeds. The cost of MJH17 eq. 1 is measured at half the lo
 the default sigma: below it the lattice itself looks different from place to place (a tile of one cell of
 the gingham, repeated, has 0.77 of PatchMatch's cost at the default sigma, and 0.10 at half its period).
 
---op quilt, cut or synth: the least of the three peaks of that op's result, without -> with `structure`, and how often
+--op quilt, cut or synth: the least of the three peaks of that op's result, without -> with `lattice`, and how often
 the most repeated region is shown in both.
 """
 

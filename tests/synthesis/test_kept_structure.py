@@ -36,7 +36,7 @@ def test_a_result_is_as_regular_as_its_photo(op, name):
     lattice = find_lattice(lab)
     own, least = peaks_over_floor(lab, lattice, False), {}
     for structure in (0.0, 0.5):
-        tile = op(exemplar=image, seed=1, structure=structure, **TILING[op]).compute(session)[op.main().name]
+        tile = op(exemplar=image, seed=1, lattice=structure, **TILING[op]).compute(session)[op.main().name]
         seen, _ = working_values(from_buffer(buffer(tile.pixels())), session.resources)
         closed = replace(lattice, frequencies=lattice.on_torus(Domain(seen.shape[1], seen.shape[0], True, True)))
         least[structure] = (peaks_over_floor(seen, closed, True) / own).min()
@@ -67,7 +67,7 @@ def test_a_texture_without_end_is_as_regular_as_its_photo(name):
 @pytest.mark.parametrize("op", [*OPS, Synth])
 def test_structure_changes_nothing_where_there_is_no_lattice(op):
     image = from_buffer(buffer(pictures.stained(pictures.moss(64, 72, 4))))
-    made = [op(exemplar=image, seed=2, structure=s).compute(Session())["st"].pixels() for s in (0.0, 0.5, 1.0)]
+    made = [op(exemplar=image, seed=2, lattice=s).compute(Session())["st"].pixels() for s in (0.0, 0.5, 1.0)]
     np.testing.assert_array_equal(made[0], made[1])
     np.testing.assert_array_equal(made[0], made[2])
 
