@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texsigmas and :amount=: perceptually motivated control of sigma (MJH17 section 4.4)."""
+"""--texsigmas and :evenness=: perceptually motivated control of sigma (MJH17 section 4.4)."""
 
 from __future__ import annotations
 
@@ -106,8 +106,8 @@ def test_a_scale_is_kept_by_what_it_follows_from(device, tmp_path, monkeypatch):
 def test_amount_stands_for_the_sigma_of_the_scale(caplog):
     with caplog.at_level(logging.INFO, "oiiotex"):
         made = filters.stationarize(photo(), evenness=0.4, iterations=2)
-    line = next(r.getMessage() for r in caplog.records if "amount" in r.getMessage())
-    assert line.startswith("--texstationarize: amount=0.4 corresponds to sigma=")
+    line = next(r.getMessage() for r in caplog.records if "evenness" in r.getMessage())
+    assert line.startswith("--texstationarize: evenness=0.4 corresponds to sigma=")
     sigma = float(line.split("=")[-1].removesuffix(" px"))
     low, high = 80 / 64, 80 / 2
     assert low < sigma < high
@@ -140,13 +140,13 @@ def test_the_sheet_and_its_table(tmp_path):
 
 def test_what_goes_wrong_says_what_is_allowed(fails, photo):
     line = fails(photo, "--texstationarize:evenness=nan")
-    assert "amount=nan" in line and " from 0 to 1" in line
+    assert "evenness=nan" in line and " from 0 to 1" in line
     assert "would overwrite exemplar, an input image" in fails(photo, f"--texsigmas:facts={photo}")
     image = buffer(pictures.bricks(40, 40, 1))
     for value in (-0.1, 1.01):
-        with pytest.raises(errors.ParameterError, match=rf"amount={value}: .* from 0 to 1"):
+        with pytest.raises(errors.ParameterError, match=rf"evenness={value}: .* from 0 to 1"):
             filters.stationarize(image, evenness=value)
-    with pytest.raises(errors.ParameterError, match=r"amount=0\.5: conflicts with sigma=8"):
+    with pytest.raises(errors.ParameterError, match=r"evenness=0\.5: conflicts with sigma=8"):
         filters.stationarize(image, evenness=0.5, sigma=8)
     with pytest.raises(errors.ParameterError, match=r"count=2: .* from 3 to 32"):
         filters.sigmas(image, count=2)
@@ -159,7 +159,7 @@ def test_what_goes_wrong_says_what_is_allowed(fails, photo):
 
 def test_sigmamap_and_amount_do_not_go_together():
     sigmas = buffer(np.full((64, 80, 1), 8.0), space="data", names=("Y",))
-    with pytest.raises(errors.ParameterError, match=r"amount=0\.5: conflicts with sigmamap"):
+    with pytest.raises(errors.ParameterError, match=r"evenness=0\.5: conflicts with sigmamap"):
         filters.stationarize(photo(), evenness=0.5, sigmamap=sigmas)
 
 

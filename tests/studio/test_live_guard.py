@@ -303,7 +303,7 @@ def test_autosave_goes_on_after_a_full_disk_and_keeps_the_last_state(tmp_path, m
             await until(lambda: not hub.unsaved)
             assert told[1:] == [{"do": "unsaved", "text": ""}]
             tile = json.loads(path.read_text())["tile"]
-            assert (tile["seed"], tile["structure"]) == (seed, 0.2)
+            assert (tile["seed"], tile["lattice"]) == (seed, 0.2)
             told.clear()
         assert not saving.done()
         saving.cancel()
