@@ -14,17 +14,17 @@ from oiiotex.engine.session import Session
 from tests import pictures
 
 # fewer rounds and small places, where beauty does not matter
-SMALL = {"iterations": 4, "threshold": 0.9, "radius": 16, "height": 64, "tries": 1}
+SMALL = {"iterations": 4, "threshold": 0.9, "radius": 16, "panel": 64, "restarts": 1}
 
 
 def settings(op: type[Op], **more: object) -> dict[str, object]:
     """Cheap parameters that the op has."""
     names = {p.name for p in op.parameters()}
     found = {name: value for name, value in SMALL.items() if name in names}
-    found |= {"n": 3} if op.name == "sigmas" else {"filter": "quilt", "seeds": 2} if op.name == "variants" else {}
+    found |= {"count": 3} if op.name == "sigmas" else {"op": "quilt", "count": 2} if op.name == "sheet" else {}
     found |= {"corners": Numbers((3, 2, 66, 5, 70, 60, 1, 62))} if op.name == "rectify" else {}
-    found |= {"side": 32} if op.name == "palette" else {}
-    found |= {"fail": "none"} if op.name == "checkmaterial" else {}
+    found |= {"panel": 32} if op.name == "palette" else {}
+    found |= {"failon": "none"} if op.name == "checkmaterial" else {}
     found |= {"mesh": pictures.cube_file(), "size": Size(20, 18)} if op.name == "atlas" else {}
     found |= {"size": Size(32, 32)} if op.name == "cut" else {}
     found |= {"labels": quarters()} if op.name in LABELED else {}

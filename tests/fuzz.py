@@ -78,8 +78,8 @@ def make_folder(path: Path) -> None:
     save(pixels[:1, :1], path / "one.exr", "float")
     save(pictures.stained(pictures.bricks(40, 48, seed=1)), path / "photo.png")
     with contextlib.redirect_stdout(io.StringIO()):
-        run(["photo.png", "--texlabel:keep=1", "-o", "labels.exr"], path)
-        run(["photo.png", "--texquilt:size=48x40:plan=plan.npz", "-o", "quilt.exr"], path)
+        run(["photo.png", "--texlabel:photo=1", "-o", "labels.exr"], path)
+        run(["photo.png", "--texquilt:size=48x40:planfile=plan.npz", "-o", "quilt.exr"], path)
     (path / "text.txt").write_text("no image")
     (path / "graph.json").write_text(json.dumps({"exemplars": [{"id": "a", "file": "photo.png"}], "edges": []}))
     (path / "table.json").write_text(json.dumps({"255,0,0": 1, "0,255,0": [1, 2]}))
@@ -205,8 +205,8 @@ READS = ("-q", "IN", "--info:verbose=1", "--stats", "-d", "float", "-o", "o.exr"
 # what users hand over beside images, and the line that takes it
 TAKES = {
     "graph.json": "photo.png --texsynth:graph=IN:size=16x16 -o o.exr",
-    "table.json": "labels.exr photo.png --texquilt:guide=1:table=IN:size=32x32 -o o.exr",
-    "plan.npz": "photo.png --texquilt:render=1:plan=IN -o o.exr",
+    "table.json": "labels.exr photo.png --texquilt:guide=1:palette=IN:size=32x32 -o o.exr",
+    "plan.npz": "photo.png --texquilt:fromplan=IN -o o.exr",
 }
 
 

@@ -57,7 +57,7 @@ def _two_textures() -> np.ndarray:
     return np.concatenate([pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)], 1)
 
 
-_LABELED = "--texlabel:keep=1"
+_LABELED = "--texlabel:photo=1"
 CASES = {
     "stationarize_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texstationarize:seed=1",)),
     "stationarize_pebbles_larger": Case(
@@ -66,7 +66,7 @@ CASES = {
     ),
     "stationarize_moss_hdr": Case(
         lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),
-        ("--texstationarize:target=exemplar:contrast=1",),
+        ("--texstationarize:target=exemplar:histogram=1",),
         "lin_rec709_scene",
     ),
     "fill_moss_hdr": Case(
@@ -103,7 +103,7 @@ CASES = {
         lambda: pictures.stained(pictures.pebbles(96, 112, 1)), ("--texstationarize:measure=moments:order=4:seed=1",)
     ),
     "stationarize_steerable_hole": Case(_with_hole, ("--texstationarize:measure=steerable:seed=2",)),
-    "stationarize_alpha_hole": Case(_with_hole, ("--texstationarize:seed=4:tile=x",)),
+    "stationarize_alpha_hole": Case(_with_hole, ("--texstationarize:seed=4:tiles=x",)),
     "rectify_bricks_hdr": Case(
         lambda: 8 * pictures.stained(pictures.bricks(96, 128, 1)),
         ("--texrectify:corners=9,4,120,16,110,90,2,80",),
@@ -112,23 +112,25 @@ CASES = {
     "estimateheight_pebbles": Case(lambda: pictures.pebbles(96, 128, 1), ("--texestimateheight:overcast=1",)),
     "estimateheight_alpha_hole": Case(_with_hole, ("--texestimateheight:light=90:sigma=9",)),
     "estimateao_heights": Case(
-        lambda: pictures.smooth_noise(96, 128, 12, 3)[..., None], ("--texestimateao:radius=12:relief=8:tile=x",), "data"
+        lambda: pictures.smooth_noise(96, 128, 12, 3)[..., None],
+        ("--texestimateao:radius=12:relief=8:tiled=x",),
+        "data",
     ),
     "estimateroughness_alpha_hole": Case(_with_hole, ("--texestimateroughness:sigma=6",)),
     "checkmaterial_bricks": Case(
-        lambda: pictures.stained(pictures.bricks(48, 64, 1)), ("--texcheckmaterial:fail=none",)
+        lambda: pictures.stained(pictures.bricks(48, 64, 1)), ("--texcheckmaterial:failon=none",)
     ),
     "flatten_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texflatten",)),
     "flatten_moss_hdr": Case(
         lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),
-        ("--texflatten:radius=40:amount=0.8:tone=gray",),
+        ("--texflatten:radius=40:flattening=0.8:tone=gray",),
         "lin_rec709_scene",
     ),
     "flatten_alpha_hole": Case(_with_hole, ("--texflatten:radius=18",)),
     "stationarity_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texstationarity",)),
     "preview_bricks": Case(
         lambda: pictures.bricks(96, 128, 1),
-        ("second.exr", "--texpreview:exemplar=1:height=64"),
+        ("second.exr", "--texpreview:exemplar=1:panel=64"),
         second=lambda: pictures.stained(pictures.bricks(80, 112, 1)),
     ),
     "stationarity_moments_pebbles": Case(
@@ -137,11 +139,11 @@ CASES = {
     "stationarity_steerable_hole": Case(_with_hole, ("--texstationarity:measure=steerable:sigma=8",)),
     "lab_moss_hdr": Case(lambda: 8 * pictures.moss(64, 80, 3) - 0.1, ("--texlab",), "lin_rec709_scene"),
     "superpixel_bricks": Case(
-        lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texsuperpixel:finest=6:sigma=12",)
+        lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texsuperpixel:sigmamin=6:sigma=12",)
     ),
     "label_two_textures": Case(_two_textures, ("--texlabel",)),
     "composite_two_textures": Case(_two_textures, (_LABELED, "--texcomposite:size=200x160:patch=16:seed=2")),
-    "palette_two_textures": Case(_two_textures, (_LABELED, "--texpalette:side=40")),
+    "palette_two_textures": Case(_two_textures, (_LABELED, "--texpalette:panel=40")),
     "paint_two_textures": Case(
         _two_textures,
         (_LABELED, "second.exr", "--texpaint:patch=16"),
@@ -152,7 +154,7 @@ CASES = {
         lambda: pictures.pebbles(96, 112, 2), ("--texatlas:mesh=mesh.obj:size=128x96:seed=1",), mesh=pictures.cube_obj
     ),
     "quilt_pebbles": Case(
-        lambda: pictures.pebbles(96, 112, 2), ("--texquilt:size=160x128:patch=24:tile=xy:seed=3:candidates=64",)
+        lambda: pictures.pebbles(96, 112, 2), ("--texquilt:size=160x128:patch=24:tiles=xy:seed=3:candidates=64",)
     ),
     "quilt_alpha_hole": Case(_with_hole, ("--texquilt:size=120x90:patch=16:seed=4",)),
     "decompose_two_textures": Case(
@@ -173,7 +175,7 @@ CASES = {
 def make(name: str, folder: Path) -> Path:
     """Run a case; a synthesis with its source map: it says which pixel was chosen, whatever the pixel looks like."""
     case = CASES[name]
-    words = [word + ":stmap=1" if word.startswith(_SYNTHESES) else word for word in case.words]
+    words = [word + ":st=1" if word.startswith(_SYNTHESES) else word for word in case.words]
     save(case.picture(), folder / "in.exr", "half", case.space)
     if case.second is not None:
         save(case.second(), folder / "second.exr", "float")

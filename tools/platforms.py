@@ -34,7 +34,7 @@ import sys
 import numpy as np, PyOpenColorIO
 from host.process import Process
 photo = np.random.default_rng(0).integers(0, 255, (48, 64, 3), np.uint8)
-job = Process(sys.argv[1]).begin("stationarize", [(photo, "srgb_rec709_scene")], {"flatten": 0, "seed": 3})
+job = Process(sys.argv[1]).begin("stationarize", [(photo, "srgb_rec709_scene")], {"flattening": 0, "seed": 3})
 job.wait()
 ((name, tile),), = job.result()
 assert tile.shape == photo.shape and not {*map(tuple, tile.reshape(-1, 3))} - {*map(tuple, photo.reshape(-1, 3))}

@@ -110,7 +110,7 @@ def _analysis(session: Session, side: int) -> Work:
 def _superpixel(session: Session, side: int) -> Work:
     """With its hierarchy, which small pictures would not have by themselves."""
     source = _large(side)
-    return lambda: filters.superpixel(source, finest=max(5.0, side / 64), sigma=max(20.0, side / 16), session=session)
+    return lambda: filters.superpixel(source, sigmamin=max(5.0, side / 64), sigma=max(20.0, side / 16), session=session)
 
 
 def _slic(session: Session, side: int) -> Work:
@@ -129,7 +129,7 @@ def _slic(session: Session, side: int) -> Work:
 def _labeled(session: Session) -> Any:
     halves = pictures.bricks(128, 96, 1), pictures.moss(128, 96, 2)
     pixels = (255 * np.concatenate(halves, 1) + 0.5).astype(np.uint8)
-    return filters.label(buffer_of(pixels), keep=True, session=session)
+    return filters.label(buffer_of(pixels), photo=True, session=session)
 
 
 def _composite(session: Session, side: int) -> Work:
@@ -139,7 +139,7 @@ def _composite(session: Session, side: int) -> Work:
 
 def _palette(session: Session, side: int) -> Work:
     source = _labeled(session)
-    return lambda: filters.palette(source, side=32, session=session)
+    return lambda: filters.palette(source, panel=32, session=session)
 
 
 def _paint(session: Session, side: int) -> Work:
@@ -153,7 +153,7 @@ AT_EVERY_SIZE: dict[str, Callable[[Session, int], Work]] = {
     "texsynth": _synth,
     "SLIC, ten iterations": _slic,
     "texstationarize": _grown("stationarize"),
-    "texquilt": _grown("quilt", tile="xy"),
+    "texquilt": _grown("quilt", tiles="xy"),
     "texsuperpixel": _superpixel,
 }
 TIMED = AT_EVERY_SIZE | {
@@ -167,16 +167,16 @@ TIMED = AT_EVERY_SIZE | {
 COMPARED: dict[str, Callable[[Session, int], Work]] = {
     "texsynth": _synth,
     "texsynth's analysis, 256 px": _analysis,
-    "texstationarize": _grown("stationarize", stmap=True),
-    "texstationarize:measure=moments": _grown("stationarize", stmap=True, measure="moments", order=4),
-    "texstationarize:measure=steerable": _grown("stationarize", stmap=True, measure="steerable"),
+    "texstationarize": _grown("stationarize", st=True),
+    "texstationarize:measure=moments": _grown("stationarize", st=True, measure="moments", order=4),
+    "texstationarize:measure=steerable": _grown("stationarize", st=True, measure="steerable"),
     "texfill": _held,
-    "texpatchmatch": _grown("patchmatch", stmap=True),
-    "texquilt": _grown("quilt", stmap=True, tile="xy"),
+    "texpatchmatch": _grown("patchmatch", st=True),
+    "texquilt": _grown("quilt", st=True, tiles="xy"),
     "texsuperpixel": _superpixel,
     "SLIC, ten iterations": _slic,
     "texzoom": _zoom,
-    "texcut": _grown("cut", patch=48, stmap=True),
+    "texcut": _grown("cut", patch=48, st=True),
     "texcomposite": _composite,
     "texpalette": _palette,
     "texpaint": _paint,

@@ -66,7 +66,7 @@ def filled(frames: list[Frame], method: str, folder: Path) -> list[np.ndarray]:
     else:
         span, middle = f"{frames[0].number}-{frames[-1].number}", frames[0].number
         motion = f":motion=st.{middle}.exr" if method == "known" else ""
-        plate = f"--texplate:region=1:frames={span}:save={method}.npz{motion}"
+        plate = f"--texplate:region=1:frames={span}:motionfile={method}.npz{motion}"
         run(f"plate.{middle}.exr", f"mask.{middle}.exr", plate, "-o", f"{method}_open.exr", "--sisplit",
             "--texfill", "-o", f"{method}_plate.exr", folder=folder)  # fmt: skip
         run("--frames", span, "plate.#.exr", f"{method}_plate.exr", "mask.#.exr",

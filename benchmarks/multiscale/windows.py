@@ -102,7 +102,7 @@ def print_start(graph: Path, runs: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         command = [
             sys.executable, "-m", "oiiotex", "--autocc",
-            f"--texsynth:graph={graph}:level=30:window=1920x1080+0+0", "-o", f"{folder}/window.exr",
+            f"--texsynth:graph={graph}:lod=30:window=1920x1080+0+0", "-o", f"{folder}/window.exr",
         ]  # fmt: skip
         spent = []
         for _ in range(runs + 1):

@@ -115,11 +115,11 @@ def guided(folder: Path) -> None:
     """LSA16 figure 12."""
     photo = PHOTOS / "moss_grass_stones_ground.jpg"
     grown = ("--resize", "2560x2560", "--crop", "2560x1920+0+200", "--fullpixels")
-    oiiotex(photo, *SPACE, *grown, "--texlabel:keep=1", "-o", "labels.exr", cwd=folder)
+    oiiotex(photo, *SPACE, *grown, "--texlabel:photo=1", "-o", "labels.exr", cwd=folder)
     levels = [p.name for p in read(folder / "labels.exr").parts[1:]]
     level = int(levels[-1][6:])
     save_ids(regions(read(folder / "labels.exr").part(levels[-1]).pixels()[..., 0], 736, 1040, 1), folder / "guide.tif")
-    quilt = f"--texquilt:guide=guide.tif:level={level}:size=16638x11776"
+    quilt = f"--texquilt:guide=guide.tif:labellevel={level}:size=16638x11776"
     words = (quilt, "--tile", 64, 64, "--compression", "zip", "-d", "half", "-o", "huge.exr")
     wall, cpu, memory = oiiotex("labels.exr", *words, cwd=folder)
     size = (folder / "huge.exr").stat().st_size >> 20
@@ -141,9 +141,9 @@ def most_used(path: Path) -> tuple[Plan, float]:
     return plan, np.unique(blocks, return_counts=True)[1].max() / (blocks.size / there)
 
 
-def seams(stmap: Path, photo: Path) -> tuple[float, float]:
+def seams(st: Path, photo: Path) -> tuple[float, float]:
     """Mean squared jump at seams over that inside patches; the share of pixels with both neighbors of the photo."""
-    y, x = sources(stmap, photo)
+    y, x = sources(st, photo)
     gray = read(photo).first.pixels().astype(float).mean(-1)[y, x]
     across = (np.diff(y, axis=1) == 0) & (np.diff(x, axis=1) == 1)
     down = (np.diff(y, axis=0) == 1) & (np.diff(x, axis=0) == 0)
@@ -156,7 +156,7 @@ def quality(folder: Path) -> None:
     print(f"{'photo':24} {'patch':>5} {'seams':>6} {'verbatim':>8} {'most/fair':>9}")
     for name in PHOTOS_SEEN:
         photo = PHOTOS / f"{name}.jpg"
-        oiiotex(photo, *SPACE, "--texquilt:size=1400x1000:seed=1:stmap=st.exr:plan=p.npz", "-o", "a.png", cwd=folder)
+        oiiotex(photo, *SPACE, "--texquilt:size=1400x1000:seed=1:st=st.exr:planfile=p.npz", "-o", "a.png", cwd=folder)
         seam, share = seams(folder / "st.exr", photo)
         plan, most = most_used(folder / "p.npz")
         print(f"{name:24} {plan.grid.patch:5} {seam:6.2f} {share:8.3f} {most:9.2f}")
@@ -167,7 +167,7 @@ def patches(folder: Path) -> None:
     print(f"{'photo':24} {'patch':>5} {'seams':>6} {'verbatim':>8} {'most/fair':>9}")
     for name in SMOOTH:
         for patch in (64, 128, 192, 256):
-            quilt = f"--texquilt:size=1400x1000:seed=1:patch={patch}:stmap=st.exr:plan=p.npz"
+            quilt = f"--texquilt:size=1400x1000:seed=1:patch={patch}:st=st.exr:planfile=p.npz"
             oiiotex(PHOTOS / f"{name}.jpg", *SPACE, quilt, "-o", "a.png", cwd=folder)
             seam, share = seams(folder / "st.exr", PHOTOS / f"{name}.jpg")
             print(f"{name:24} {patch:5} {seam:6.2f} {share:8.3f} {most_used(folder / 'p.npz')[1]:9.2f}", flush=True)
@@ -187,7 +187,7 @@ def peers(folder: Path) -> None:
         for patch in ("", ":patch=96"):
             quilt, out = f"--texquilt:size=1024x1024:seed=1{patch}", folder / f"{name}_oiiotex{patch}.png"
             # kernels are compiled here
-            oiiotex(crop, *SPACE, f"{quilt}:plan=p.npz:stmap=st.exr", "-o", "a.png", cwd=folder)
+            oiiotex(crop, *SPACE, f"{quilt}:planfile=p.npz:st=st.exr", "-o", "a.png", cwd=folder)
             plan, most = most_used(folder / "p.npz")
             down, right = sources(folder / "st.exr", crop)
             true = most_shown(SourceMap.of(down, right), seen.shape[:2])[1]
@@ -218,14 +218,14 @@ def fidelity(folder: Path) -> None:
           f" {'far':>5}  looks, for 1, 3, 5  ceiling, for 1, 3, 5")  # fmt: skip
     for name in SIX:
         photo = PHOTOS / f"{name}.jpg"
-        oiiotex(photo, *SPACE, "--texlabel:keep=1:json=l.json", "-o", "labels.exr", cwd=folder)
+        oiiotex(photo, *SPACE, "--texlabel:photo=1:facts=l.json", "-o", "labels.exr", cwd=folder)
         levels = json.loads((folder / "l.json").read_text())["levels"]
         # a level with some labels to tell apart
         level = next((n for n in range(len(levels), 0, -1) if len(levels[n - 1]["labels"]) >= 4), 1)
         ids = read(folder / "labels.exr").part(f"label.{level}").pixels()[..., 0]
         guide = regions(ids, 175, 250, 3)
         save_ids(guide, folder / "guide.tif")
-        quilt = f"--texquilt:guide=guide.tif:level={level}:size=2000x1400:stmap=st.exr:plan=p.npz"
+        quilt = f"--texquilt:guide=guide.tif:labellevel={level}:size=2000x1400:st=st.exr:planfile=p.npz"
         oiiotex("labels.exr", quilt, "-o", "a.exr", cwd=folder)
         patch = Plan.load(folder / "p.npz", BUDGET)[0].grid.patch
         full = guide.repeat(8, 0).repeat(8, 1)

@@ -151,7 +151,7 @@ def main() -> None:
             for name, values in SETTINGS.items()
         }
         ways["count told"] = lambda case: [
-            run(Decompose(source=case.image, labels=len(np.unique(case.truth[case.truth > 0]))), Session())[
+            run(Decompose(source=case.image, maxlabels=len(np.unique(case.truth[case.truth > 0]))), Session())[
                 0
             ].image.first.pixels()[..., 0]
         ]

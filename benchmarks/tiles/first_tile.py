@@ -69,7 +69,7 @@ def picture(values: np.ndarray) -> oiio.ImageBuf:
 def stationarized(photo: np.ndarray, session: Session, **modifiers: object) -> Made:
     """--texstationarize with modifiers, in this process: neither its start nor the building of kernels counts."""
     start = time.process_time()
-    made = filters.stationarize(picture(photo), stmap=True, session=session, **modifiers)
+    made = filters.stationarize(picture(photo), st=True, session=session, **modifiers)
     tile = pixels(next(iter(made.values())))
     spent = time.process_time() - start
     st = made["st"].get_pixels(oiio.FLOAT)

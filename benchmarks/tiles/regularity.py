@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much of a photo's lattice its tile keeps, with and without `structure`, and the cost over toroidal PatchMatch's.
+"""How much of a photo's lattice its tile keeps, with and without `lattice`, and the cost over toroidal PatchMatch's.
 
 python -m benchmarks.tiles.regularity [FILE ...] [--side 256] [--seeds 2]
 
@@ -9,7 +9,7 @@ photo's, the mean over seeds. The cost of MJH17 eq. 1 is measured at half the lo
 the default sigma: below it the lattice itself looks different from place to place (a tile of one cell of
 the gingham, repeated, has 0.77 of PatchMatch's cost at the default sigma, and 0.10 at half its period).
 
---op quilt, cut or synth: the least of the three peaks of that op's result, without -> with `structure`, and how often
+--op quilt, cut or synth: the least of the three peaks of that op's result, without -> with `lattice`, and how often
 the most repeated region is shown in both.
 """
 
@@ -88,7 +88,7 @@ def row(name: str, picture: oiio.ImageBuf, seeds: int, session: Session) -> str:
     for seed in range(1, seeds + 1):
         plain = Stationarize(exemplar=image, seed=seed).recipe(*own_size)
         op = Stationarize(exemplar=image, seed=seed)
-        kept = InStep(lattice, lattice.on_torus(Domain(*size, True, True)), op.structure)
+        kept = InStep(lattice, lattice.on_torus(Domain(*size, True, True)), op.lattice)
         found["before"].append(made(plain))
         found["after"].append(made(replace(op.recipe(*size), in_step=kept)))
         found["patchmatch"].append(made(PatchMatch(exemplar=image, seed=seed).recipe(*own_size)))
@@ -107,10 +107,10 @@ def row_of(op: type, name: str, picture: oiio.ImageBuf, seeds: int, session: Ses
     lattice = find_lattice(lab, opaque)
     if lattice is None:
         return f"| {name} | none | | |"
-    own, more = peaks_over_floor(lab, lattice, False), {} if op is Synth else {"tile": "xy"}
+    own, more = peaks_over_floor(lab, lattice, False), {} if op is Synth else {"tiles": "xy"}
     peaks, shown = {0.0: [], 0.5: []}, {0.0: [], 0.5: []}
     for structure, seed in itertools.product(peaks, range(1, seeds + 1)):
-        made = op(exemplar=image, seed=seed, structure=structure, **more).compute(session)
+        made = op(exemplar=image, seed=seed, lattice=structure, **more).compute(session)
         source = SourceMap.of_coordinates(made["st"].pixels(), image.first.spec, "st")
         tile, torus = source.gather(lab), Domain(*source.packed.shape[::-1], True, True)
         kept = lattice if op is Synth else replace(lattice, frequencies=lattice.on_torus(torus))

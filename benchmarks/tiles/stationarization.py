@@ -75,7 +75,7 @@ class Photo:
         """One variant's tile: where its pixels are from, and its Lab."""
         resources = self.session.resources
         if variant == DEFAULT:
-            parts = Stationarize(exemplar=self.image, stmap=True, seed=seed).compute(self.session)
+            parts = Stationarize(exemplar=self.image, st=True, seed=seed).compute(self.session)
             tile, _ = working_values(Image((parts["tile"],), self.image.source), resources)
             return SourceMap.of_coordinates(parts["st"].pixels(), self.buffer.spec(), "st"), tile
         recipe = replace(self.recipe(variant), seed=seed)

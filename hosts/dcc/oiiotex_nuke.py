@@ -27,7 +27,7 @@ def make_tile():
     preset, space = panel.value("Preset"), panel.value("Color space")
     given = {"seed": panel.value("Seed")} | ({} if preset == "automatic" else {"preset": preset})
     out = os.path.splitext(photo)[0] + "_tile"
-    words, files = tile_line({"color": photo}, out, space=space or None, stmap=f"{out}_st.exr", **given)
+    words, files = tile_line({"color": photo}, out, space=space or None, st=f"{out}_st.exr", **given)
     try:
         run(words)
     except RuntimeError as error:
@@ -56,7 +56,7 @@ def pick_labels():
         return None
     out = os.path.splitext(photo)[0] + "_labels.exr"
     try:
-        run([os.environ.get("OIIOTEX", "oiiotex"), photo, "--texlabel:cryptomatte=1:single=1", "-o", out])
+        run([os.environ.get("OIIOTEX", "oiiotex"), photo, "--texlabel:cryptomatte=1:onepart=1", "-o", out])
     except RuntimeError as error:
         nuke.message(str(error))
         return None

@@ -47,7 +47,7 @@ def modifier(**values: object) -> str:
 
 
 def texture_filter(name: str, **values: bool) -> str:
-    """A filter as part of a text: `--texlabel:keep=1` or `filters.label(keep=True)`."""
+    """A filter as part of a text: `--texlabel:photo=1` or `filters.label(photo=True)`."""
     line = "".join(f":{spelled(modifier(**{one: value}))}" for one, value in values.items())
     python = f"({spelled(modifier(**values), PYTHON)})" if values else ""
     return either(f"--tex{name}{line}", f"filters.{name}{python}")

@@ -272,7 +272,7 @@ class _Runner:
 
     def _cryptomatte(self, labels: Sequence[LabelMap], path: Path | None) -> Part:
         """The part of all label maps, with its manifest in metadata or in a file."""
-        image = getattr(self.op, self.op.images()[0].attribute).first if getattr(self.op, "single", False) else None
+        image = getattr(self.op, self.op.images()[0].attribute).first if getattr(self.op, "onepart", False) else None
         part, whole = cryptomatte_part(labels, path.name if path else None, image)
         if path is not None:
             _write_json(whole, path)

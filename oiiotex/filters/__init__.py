@@ -31,7 +31,7 @@ _GROUPS = {  # the name of each filter and the class that declares it, in the or
         "label": "Label", "superpixel": "Superpixel", "decompose": "Decompose", "dominant": "Dominant",
         "palette": "Palette", "content": "Content", "stationarity": "Stationarity", "sigmas": "Sigmas", "lab": "Lab",
     },
-    "Texture previews": {"preview": "Preview", "variants": "Variants", "labelview": "LabelView"},
+    "Texture previews": {"preview": "Preview", "sheet": "ContactSheet", "labelview": "LabelView"},
 }  # fmt: skip
 SHELVES = tuple(
     Shelf(heading, f"{__name__}.tex{name}", (f"--tex{name}",), declared)

@@ -39,7 +39,7 @@ class Atlas(MaterialOp, Whole):
     everywhere, regardless of the scale of each chart. All maps of a material are synthesized together
     (kinds=color,data,normal), and tangent-space normals rotate with the texture. Gutters of 8 px continue the
     texture beyond the border of each chart. A mesh without UVs is unwrapped by xatlas: render the result on the mesh
-    that unwrapped=FILE.obj writes. Requires `pip install oiiotex[atlas]`.
+    that obj=FILE.obj writes. Requires `pip install oiiotex[atlas]`.
     """
 
     example: ClassVar[str] = '>>> atlas = filters.atlas("photo.png", mesh="statue.obj", size=(1024, 1024))'
@@ -47,7 +47,7 @@ class Atlas(MaterialOp, Whole):
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("atlas", Kind.PIXELS, "Atlas of pixels copied from the photo, one for each map. Normals are rotated."),
         ST,
-        Output("mesh", Kind.MESH, "Mesh with the UV charts of the atlas.", asked_by="unwrapped"),
+        Output("obj", Kind.MESH, "Mesh with the UV charts of the atlas.", asked_by="obj"),
     )
 
     mesh: Path | None = param(
@@ -72,10 +72,10 @@ class Atlas(MaterialOp, Whole):
         None, ge=1e-9, unset="a pixel of the photo is a pixel of the atlas", example="0.5",
         help="Width of the photo on the surface, in units of the mesh.",
     )  # fmt: skip
-    unwrapped: Path | None = param(
+    obj: Path | None = param(
         None, example="unwrapped.obj", help="File (.obj) for the mesh with the UV charts of the result."
     )
-    convention: str = param(
+    normals: str = param(
         "opengl", choices=("opengl", "directx"), advanced=True,
         help="Green channel of normal maps. opengl: up; directx: down.",
     )  # fmt: skip
@@ -90,8 +90,8 @@ class Atlas(MaterialOp, Whole):
         resources, progress = session.resources, session.progress
         if self.mesh is None:
             raise ParameterError("requires mesh=FILE, the mesh to texture")
-        if self.unwrapped is not None and self.unwrapped.suffix.lower() != ".obj":
-            raise ParameterError(parameter="unwrapped", value=str(self.unwrapped), expected="a file that ends in .obj")
+        if self.obj is not None and self.obj.suffix.lower() != ".obj":
+            raise ParameterError(parameter="obj", value=str(self.obj), expected="a file that ends in .obj")
         maps = self.all_maps()
         photo = self.exemplar.first.spec
         tile, tiles = self.size or Size(photo.width, photo.height), self.udim or Size(1, 1)
@@ -127,11 +127,11 @@ class Atlas(MaterialOp, Whole):
             if kind == "normal":
                 encoded = bool(one.pixels()[..., list(channels_of(one.spec).color)].min() >= 0)
                 turn = turns(fine, frames)[face]
-                parts["atlas"] = turned(parts["atlas"], turn, encoded, self.convention == "opengl")
+                parts["atlas"] = turned(parts["atlas"], turn, encoded, self.normals == "opengl")
             return parts
 
         first, *others = self.of_all([image.first for image in maps], copied)
-        first["mesh"] = lambda: mesh.obj(tiles)
+        first["obj"] = lambda: mesh.obj(tiles)
         return (first, *others) if others else first
 
     def _unit(self, mesh: Mesh, size: Size, photo_width: int) -> float:

@@ -44,34 +44,35 @@ class CheckMaterial(ScanThenMap):
     (OpenGL up, DirectX down). The sign is tested against the heights, or without heights by the curl of the slopes.
     Heights: a constant map, and 8-bit files. Other data: values outside of 0 to 1.
 
-    Each finding is printed as a line; json= writes them to a file with all measures. Errors render incorrectly,
+    Each finding is printed as a line; facts= writes them to a file with all measures. Errors render incorrectly,
     warnings possibly. The run always completes; with fail=errors its exit code is 3 if there is an error.
     """
 
     example: ClassVar[str] = """\
 >>> maps = ["roughness.png"]
->>> same = filters.checkmaterial("photo.png", maps=maps, kinds=["color", "data"], json="checks.json")
+>>> same = filters.checkmaterial("photo.png", maps=maps, kinds=["color", "data"], facts="checks.json")
 """
     name: ClassVar[str] = "checkmaterial"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("map", Kind.PIXELS, "Maps, unchanged."),
         Output(
-            "report", Kind.TABLE, "Findings, and measures of each map.", asked_by="json", judged_by="fail", lines=_lines
+            "facts", Kind.TABLE, "Findings, and measures of each map.",
+            asked_by="facts", judged_by="failon", lines=_lines,
         ),
     )  # fmt: skip
 
     source: Image = image(help="Map to check; of the maps of a material, the first.")
     maps: tuple[Image, ...] = image((), help="Other maps of the material.", count="kinds")
     kinds: Words | None = param(None, help=KINDS_HELP, unset="one map: color", example="color,normal")
-    convention: str = param(
+    normals: str = param(
         "opengl", choices=("opengl", "directx"), help="Expected green channel of normals. opengl: up; directx: down."
     )
-    fail: str = param(
+    failon: str = param(
         "errors", choices=("errors", "warnings", "none"),
         help="Findings that set the exit code to 3. errors: errors only; warnings: both; none: neither.",
     )  # fmt: skip
-    json: Path | None = param(None, example="report.json", help="File for findings and measures.")
+    facts: Path | None = param(None, example="report.json", help="File for findings and measures.")
 
     def result_count(self) -> int:
         """The number of maps."""
@@ -82,12 +83,12 @@ class CheckMaterial(ScanThenMap):
         images = (self.source, *self.maps)
         kinds = kinds_of(self.kinds, len(images), data=False)
         first, *others = ({"map": one.first.respecced(_without_hash)} for one in images)
-        return ({**first, "report": lambda: self._report(images, kinds, session)}, *others)
+        return ({**first, "facts": lambda: self._report(images, kinds, session)}, *others)
 
     def _report(self, images: tuple[Image, ...], kinds: list[str], session: Session) -> dict[str, Any]:
         from ..surfaces.capture.material_checks import check_material, document  # not needed to parse the command line
 
-        found = document(*check_material(images, kinds, self.convention, session.resources, session.progress))
-        failing = {"errors": ("error",), "warnings": ("error", "warning"), "none": ()}[self.fail]
+        found = document(*check_material(images, kinds, self.normals, session.resources, session.progress))
+        failing = {"errors": ("error",), "warnings": ("error", "warning"), "none": ()}[self.failon]
         failed = [f"{one['map']}: {one['text']}" for one in found["findings"] if one["level"] in failing]
         return {"schema": SCHEMA, "version": __version__, **found, "passed": not failed, "failed": failed}

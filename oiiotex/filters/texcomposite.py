@@ -41,7 +41,7 @@ class Composite(Reported, Quilted):
     """
 
     example: ClassVar[str] = """\
->>> photo = filters.label("photo.png", keep=True)
+>>> photo = filters.label("photo.png", photo=True)
 >>> texture = filters.composite(photo, size=(1024, 512))
 """
     name: ClassVar[str] = "composite"
@@ -49,7 +49,7 @@ class Composite(Reported, Quilted):
         Output("composite", Kind.PIXELS, COPIED),
         ST,
         CARRIED,
-        Output("plan", Kind.ARRAYS, "Offsets and cuts.", asked_by="plan"),
+        Output("planfile", Kind.ARRAYS, "Offsets and cuts.", asked_by="planfile"),
         Output("grown", Kind.IDS, "Grown label map, a guide for `quilt` and `paint`.", asked_by="grown"),
         REPORT,
     )
@@ -58,15 +58,15 @@ class Composite(Reported, Quilted):
     size: Size | None = param(
         None, ge=8, le=1 << 22, unit="px", unset="twice the exemplar's size", help="Size of the result."
     )
-    tries: int = param(
+    restarts: int = param(
         4,
         ge=1,
         le=64,
         advanced=True,
         help="Number of label maps to grow. The one closest to the original is used.",
     )
-    plan: Path | None = param(
-        None, example="plan.npz", help="File (.npz) for the plan, which `quilt` with `render` renders."
+    planfile: Path | None = param(
+        None, example="plan.npz", help="File (.npz) for the plan, which `quilt` renders with `fromplan`."
     )
     grown: bool = param(False, help="Append the grown label map as part 'grown'.")
 
@@ -76,12 +76,12 @@ class Composite(Reported, Quilted):
         spec = self.exemplar.first.spec
         size = self.size or Size(2 * spec.width, 2 * spec.height)
         quality = Quality.of_copies(self, resources, progress, size)
-        labels = label_map(self.exemplar, self.labels, self.level)
-        Sewing(op=self, guide=None, level=self.level, size=size, patch=self.patch).require_memory(resources)
+        labels = label_map(self.exemplar, self.labels, self.labellevel)
+        Sewing(op=self, guide=None, level=self.labellevel, size=size, patch=self.patch).require_memory(resources)
         stages = progress.stages(1, 10)
         grown = self._grown(labels, size, resources, next(stages))
         guide = Image((grown,), "the grown label map")
-        sewing = Sewing(op=self, guide=guide, level=self.level, size=size, patch=self.patch)
+        sewing = Sewing(op=self, guide=guide, level=self.labellevel, size=size, patch=self.patch)
         results = quality.add_to_copies(sewn_whole(sewing, self.read(resources), resources, next(stages)))
         return {**results, "grown": lambda: _enlarged(grown, results["composite"])}
 
@@ -94,8 +94,8 @@ class Composite(Reported, Quilted):
         resources.require(need, f"growing a label map for {size.width}x{size.height} in cells of {side} px")
         with resources.stats.time("grow"):
             growth = grow_labels(
-                resources.device, labels.ids, side, Domain.tiling(*size, self.tile), self.seed,
-                resources.budget, progress.advance, self.tries,
+                resources.device, labels.ids, side, Domain.tiling(*size, self.tiles), self.seed,
+                resources.budget, progress.advance, self.restarts,
             )  # fmt: skip
         height, width = growth.ids.shape
         text = "%s grown to %d x %d cells of %d px; errors: proportions %.1f %%, neighborhoods %.1f %%"

@@ -47,13 +47,13 @@ class Content(ScanThenMap):
     Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
     2016, section 6.1). Use this to see why a guide selects certain patches. The patch at `center` is outlined on the
     photo, and the centers of all patches with the same key are marked red (figure 10). The label histograms of the
-    patch at each level are printed (figure 9); json= writes them to a file. With `table`, a table shows a patch for
+    patch at each level are printed (figure 9); facts= writes them to a file. With `keys`, a table shows a patch for
     each key: rows are the first label, columns the second (figure 11). The result is an 8-bit sRGB image for
     display, not for measurement.
     """
 
     example: ClassVar[str] = """\
->>> labeled = filters.label("photo.png", keep=True)
+>>> labeled = filters.label("photo.png", photo=True)
 >>> same = filters.content(labeled, center=(20, 30))
 """
     name: ClassVar[str] = "content"
@@ -62,23 +62,25 @@ class Content(ScanThenMap):
         Output("view", Kind.PICTURE, "Photo with similar patches marked, or the table of keys."),
         Output(
             "facts", Kind.TABLE, "Key, histograms at each level, number of patches of each key.",
-            asked_by="json", lines=_lines,
+            asked_by="facts", lines=_lines,
         ),
     )  # fmt: skip
 
-    source: Image = image(help="Image with label parts, from `label` with `keep`.")
+    source: Image = image(help="Image with label parts, from `label` with `photo`.")
     labels: Image | None = image(None, help=LABELS)
     center: Numbers | None = param(
         None, unit="px", unset="the center of the image", example="512,384",
         help="Center X,Y of the patch, in the data window.",
     )  # fmt: skip
-    level: int | None = param(None, example="2", ge=1, unset=COARSEST, help="Level of the label map: N of label.N.")
+    labellevel: int | None = param(
+        None, example="2", ge=1, unset=COARSEST, help="Level of the label map: N of label.N."
+    )
     patch: int | None = param(
         None, ge=4, le=256, unit="px", unset="the power of two nearest to the level's scale, from 16 to 256",
         example="32", help="Side of a patch.",
     )  # fmt: skip
-    table: bool = param(False, help="Draw the table of keys instead.")
-    json: Path | None = param(
+    keys: bool = param(False, help="Draw the table of keys instead.")
+    facts: Path | None = param(
         None, example="content.json", help="File for the key, histograms and the number of patches of each key."
     )
 
@@ -91,7 +93,7 @@ class Content(ScanThenMap):
         )
 
         first = self.source.first
-        labels = label_map(self.source, self.labels, self.level)
+        labels = label_map(self.source, self.labels, self.labellevel)
         width, height = first.spec.width, first.spec.height
         side = self.patch or patch_side(labels.scale or min(width, height) / 8)
         side = side if self.patch else min(side, 1 << (min(width, height).bit_length() - 1))
@@ -106,10 +108,10 @@ class Content(ScanThenMap):
         levels = label_levels(self.source, self.labels)
         histograms = {level: _histogram(one.part, left, top, side) for level, one in levels.items()}
         key = key_of(histograms[labels.level])
-        contents = Contents(labels.part, side, session.resources, session.progress, key, passes=2 if self.table else 1)
+        contents = Contents(labels.part, side, session.resources, session.progress, key, passes=2 if self.keys else 1)
         photo, labeled = (cached(part, session.resources.cache) for part in (first, labels.part))
         picture = functools.partial(_shown, photo, labeled, session.resources)
-        drawn = key_table(picture, contents) if self.table else marked(first, picture, contents, (left, top))
+        drawn = key_table(picture, contents) if self.keys else marked(first, picture, contents, (left, top))
         return {"view": drawn, "facts": lambda: _facts(contents, labels.level, left, top, histograms)}
 
     def _place(self, part: Part, side: int) -> tuple[int, int]:

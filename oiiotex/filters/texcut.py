@@ -14,7 +14,7 @@ from ..engine.core.source_map import COPIED, ST, require_addressable
 from ..engine.errors import ImageError
 from ..engine.session import Session
 from ..engine.session.resources import Resources
-from ..synthesis.exemplar.exemplar_op import ExemplarOp
+from ..synthesis.exemplar.exemplar_op import ExemplarOp, tiles
 from ..synthesis.exemplar.photo_lattice import Structured, fitting_size, least_size
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
@@ -34,14 +34,14 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
     """
 
     example: ClassVar[str] = """\
->>> photo = filters.label("photo.png", keep=True)
+>>> photo = filters.label("photo.png", photo=True)
 >>> tile = filters.cut(photo, label=1)
 """
     name: ClassVar[str] = "cut"
     outputs: ClassVar[tuple[Output, ...]] = (Output("cut", Kind.PIXELS, COPIED), ST, REPORT)
 
     size: Size | None = param(None, ge=5, le=16384, unit="px", unset="the exemplar's size", help="Size of the result.")
-    tile: str = param("xy", choices=("xy", "x", "y", "none"), help="Axes along which the result tiles.")
+    tiles: str = tiles("xy")
     patch: int | None = param(
         None,
         example="21",
@@ -75,10 +75,10 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         patch = self.patch or min(96, max(16, min(spec.width, spec.height) // 5))
 
         def layout_of(size: Size) -> Layout:
-            layout = Layout.tiling(*size, self.tile, patch=patch, passes=self.passes, seed=self.seed)
+            layout = Layout.tiling(*size, self.tiles, patch=patch, passes=self.passes, seed=self.seed)
             threads = resources.thread_count
             needed = bytes_needed(layout, (spec.height, spec.width), resources.budget, threads)
-            needed = max(needed, lattice_bytes(spec.height, spec.width) if self.structure else 0)
+            needed = max(needed, lattice_bytes(spec.height, spec.width) if self.lattice else 0)
             pixel = _MASK_BYTES + (
                 (_SEEN_BYTES + self.exemplar.first.pixel_bytes) if self.holds_photo(resources) else 0
             )
@@ -89,8 +89,8 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
             )
             return layout
 
-        wraps = "x" in self.tile, "y" in self.tile
-        fitted = self.size is None and self.structure > 0
+        wraps = "x" in self.tiles, "y" in self.tiles
+        fitted = self.size is None and self.lattice > 0
         layout_of(least_size(size, wraps) if fitted else size)  # checks memory before the work starts
         seen = self.read(resources)
         if seen.usable is not None and not seen.usable.any():
@@ -105,7 +105,7 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         self.say_what_stays()
         held = self.holds_photo(resources)
         photo = self.in_any_order(self.exemplar.first, held)
-        return quality.add_to_copies(source.parts("cut", photo, self.tile, by_rows=not held))
+        return quality.add_to_copies(source.parts("cut", photo, self.tiles, by_rows=not held))
 
     def holds_photo(self, resources: Resources) -> bool:
         """Whether the photo and its Lab values are held in memory."""

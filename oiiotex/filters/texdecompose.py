@@ -31,7 +31,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
 
     Use it for mixed photos, such as grass and gravel: it gives few large regions, where `label` gives labels at
     several scales. Regions compete for pixels by their textons (clusters of local features). Pairs of regions that
-    are probably one texture are merged until no such pair is left; with `labels`, until that number of regions is
+    are probably one texture are merged until no such pair is left; with `maxlabels`, until that number of regions is
     left. The remaining subtextures then compete once more. The result is a label map with ids from 1, and 0 where
     alpha is 0. Images above a megapixel are analyzed at an integer fraction of their resolution.
 
@@ -47,14 +47,14 @@ class Decompose(OnePart, InLab, ScanThenMap):
     name: ClassVar[str] = "decompose"
     carries: ClassVar[bool] = True
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="keep", of="source"),
+        Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="photo", of="source"),
         Output("label.1", Kind.IDS, "Label map: one channel in the image's windows. Write it to EXR or TIFF."),
         Output("cryptomatte", Kind.CRYPTOMATTE, "Labels as Cryptomatte.", asked_by="cryptomatte"),
-        Output("facts", Kind.TABLE, "Number and areas of subtextures, and settings.", asked_by="json"),
+        Output("facts", Kind.TABLE, "Number and areas of subtextures, and settings.", asked_by="facts"),
     )
 
     source: Image = image(help="Image to segment.")
-    labels: int | None = param(
+    maxlabels: int | None = param(
         None, example="5", ge=1, le=50, unset="chosen by the filter", help="Maximum number of subtextures."
     )
     group: str | None = param(
@@ -65,7 +65,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
     threshold: float | None = param(
         None, example="0.5", ge=0, le=1, unset="0.32; with group=cliques, 0.76; with features=haar, 0.95",
         help="Probability, or with group=cliques similarity, above which regions become one texture. Increase it"
-             " for more subtextures. Not used if `labels` is set.",
+             " for more subtextures. Not used if `maxlabels` is set.",
     )  # fmt: skip
     radius: float | None = param(
         None, example="32", ge=1, le=512, unit="px", unset="48; with features=haar, 8",
@@ -80,7 +80,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
         help="Features of the textons. bank: filter bank, recommended. haar: color and Haar wavelets, as in the"
              " paper. haar changes the defaults of other modifiers.",
     )  # fmt: skip
-    bins: int | None = param(
+    textons: int | None = param(
         None, example="32", ge=2, le=64, unset="64; with features=haar, 8", advanced=True,
         help="Number of textons; with features=haar, of each kind (color and detail). Increase it to separate"
              " similar textures.",
@@ -117,13 +117,13 @@ class Decompose(OnePart, InLab, ScanThenMap):
         help="Settings of the paper (CZF02):"
         " features=haar:group=cliques:scales=3:search=meanshift:refine=0:assign=neighbors.",
     )
-    keep: bool = param(False, help="Keep the photo as the first part, before the labels.")
+    photo: bool = param(False, help="Keep the photo as the first part, before the labels.")
     cryptomatte: bool | Path = param(
         False, help="Append Cryptomatte 1.2 as a part. A file name: also write the manifest to that file."
     )
-    names: Path | None = param(None, example="labels.json", help=LabelNames.HELP)
-    single: bool = param(False, advanced=True, help=SINGLE)
-    json: Path | None = param(None, example="facts.json", help="File for the number and areas of subtextures.")
+    palette: Path | None = param(None, example="labels.json", help=LabelNames.HELP)
+    onepart: bool = param(False, advanced=True, help=SINGLE)
+    facts: Path | None = param(None, example="facts.json", help="File for the number and areas of subtextures.")
 
     PAPER: ClassVar[dict[str, Any]] = {
         "features": "haar",
@@ -138,7 +138,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
         """The label map, and what other outputs are requested."""
         resources, progress = session.resources, session.progress
         self.require_single()
-        names = None if self.names is None else LabelNames(self.names)
+        names = None if self.palette is None else LabelNames(self.palette)
         from ..analysis.segmentation.subtextures import decomposed, facts_of, label_map_of, memory_needed
         from ..engine.color.lab_reduced import lab_pixels, reduction  # scipy is not loaded before it is needed
 
@@ -153,14 +153,14 @@ class Decompose(OnePart, InLab, ScanThenMap):
         progress.advance(1, 4)
         split = decomposed(pixels, settings, resources, progress.advance)
         self.inform("%d subtextures, from %d groups of %d", split.count, split.groups, split.samples)
-        if self.labels is not None and 0 < split.count < self.labels:
-            self.warn("found %d subtextures, not %d: no others are distinct", split.count, self.labels)
+        if self.maxlabels is not None and 0 < split.count < self.maxlabels:
+            self.warn("found %d subtextures, not %d: no others are distinct", split.count, self.maxlabels)
         labels = label_map_of(first, pixels, split)
         if names is not None:
             (labels,) = names.of([labels])
         progress.advance(4, 4)
         return {
-            **({} if self.single else {"label.1": labels.part}),
+            **({} if self.onepart else {"label.1": labels.part}),
             "cryptomatte": [labels],
             "facts": lambda: facts_of(labels.part, split, settings, factor),
         }
@@ -175,9 +175,9 @@ class Decompose(OnePart, InLab, ScanThenMap):
         usual = DecompositionSettings.threshold if group == "merging" else 0.95 if haar else CLIQUES_THRESHOLD
         return DecompositionSettings(
             group=group,
-            count=self.labels,
+            count=self.maxlabels,
             features=self.features,
-            bins=self.bins or (8 if haar else DecompositionSettings.bins),
+            bins=self.textons or (8 if haar else DecompositionSettings.bins),
             radius=radius,
             shift=shift,
             scales=self.scales,

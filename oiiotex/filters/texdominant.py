@@ -24,7 +24,7 @@ class Dominant(InLab, ScanThenMap):
     Patches are grouped by similarity, starting from the most typical one: heat diffuses from it through the large
     group of similar patches, but hardly to others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion
     Distance Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of
-    the patches, the mask is empty and a warning is printed; with `strict`, the run stops with an error. With `keep`
+    the patches, the mask is empty and a warning is printed; with `strict`, the run stops with an error. With `photo`
     the photo is the first part and the mask follows it as part 'dominant', which can guide a synthesis.
 
     Attributes record the patch side in px (oiiotex:patch), the size of the kernel (oiiotex:epsilon), the dimension of
@@ -39,7 +39,7 @@ class Dominant(InLab, ScanThenMap):
     name: ClassVar[str] = "dominant"
     carries: ClassVar[bool] = True
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="keep", of="source"),
+        Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="photo", of="source"),
         Output("dominant", Kind.MASK, "Mask: 1 in the dominant texture, in the image's windows."),
         Output(
             "types",
@@ -48,7 +48,7 @@ class Dominant(InLab, ScanThenMap):
             asked_by="types",
         ),
         Output("score", Kind.MEASURE, "Density, and the decimal logarithm of heat.", asked_by="score"),
-        Output("facts", Kind.TABLE, "Kernel curve, thresholds, iterations and proportions.", asked_by="json"),
+        Output("facts", Kind.TABLE, "Kernel curve, thresholds, iterations and proportions.", asked_by="facts"),
         Output("chart", Kind.PICTURE, "Plots of the kernel curve, and of density against heat.", asked_by="chart"),
     )
 
@@ -77,7 +77,7 @@ class Dominant(InLab, ScanThenMap):
         False, help="Settings of the paper (LDR09): rule=paper:mode=diffusion:step=1, without an estimate of noise."
     )
     strict: bool = param(False, help="Error instead of a warning for a photo without a dominant texture.")
-    keep: bool = param(False, help="Keep the photo as the first part, before the mask.")
+    photo: bool = param(False, help="Keep the photo as the first part, before the mask.")
     types: bool = param(
         False,
         advanced=True,
@@ -90,7 +90,7 @@ class Dominant(InLab, ScanThenMap):
         help="Append part 'score' with two channels: density, and the decimal"
         " logarithm of heat. Both are high in the dominant texture.",
     )
-    json: Path | None = param(
+    facts: Path | None = param(
         None,
         example="facts.json",
         help="JSON file with diagnostics: the curve by which the kernel size was chosen, thresholds and iterations.",

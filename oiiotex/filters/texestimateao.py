@@ -46,7 +46,7 @@ class EstimateAO(Gather):
         None, ge=1e-6, le=1e6, unit="px", unset="the attribute oiiotex:heightpx, else longer side / 32", example="24",
         help="Height that a value of 1 stands for.",
     )  # fmt: skip
-    tile: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the heights tile.")
+    tiled: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the heights tile.")
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The map, computed window by window on request."""
@@ -58,7 +58,7 @@ class EstimateAO(Gather):
         scale = self.relief or said or max(part.spec.width, part.spec.height) * _RELIEF
         self.inform("a height of 1 is %g px", scale)
         near, channel = cached(part, session.resources.cache), channels_of(part.spec).first
-        wraps = "x" in self.tile, "y" in self.tile
+        wraps = "x" in self.tiled, "y" in self.tiled
 
         def look(heights: np.ndarray) -> np.ndarray:
             return visible_sky(heights, self.radius)[..., None]

@@ -31,7 +31,7 @@ class EstimateHeight(Whole):
 
     A photo cannot tell from which of two opposite sides the light comes. Light from above is assumed, or from the left
     if it comes from the side. If raised and recessed parts are swapped in the result, set `light` to the other side, or
-    `invert`. Two materials or paints of different lightness, such as stones and bright mortar, are refused without
+    `negate`. Two materials or paints of different lightness, such as stones and bright mortar, are refused without
     `light` or `overcast`: their depth cannot be seen. Dark joints are accepted.
 
     Heights are stored as 0 to 1; the attribute oiiotex:heightpx contains the height, in pixels, of the value 1.
@@ -66,7 +66,7 @@ class EstimateHeight(Whole):
         unit="degrees",
         help="Elevation of the light above the surface. Lower values give flatter relief.",
     )
-    invert: bool = param(
+    negate: bool = param(
         False, help="Swap raised and recessed parts. For overcast light, this means that bright is deep."
     )
     sigma: float | None = param(
@@ -74,10 +74,10 @@ class EstimateHeight(Whole):
         help="Scale above which variation is taken as color or uneven light, not relief.",
     )  # fmt: skip
     strength: float = param(1.0, ge=0.01, le=100, help="Multiplier of the slopes in the normal map.")
-    convention: str = param(
+    normals: str = param(
         "opengl", choices=("opengl", "directx"), help="Green channel of the normals. opengl: up; directx: down."
     )
-    tile: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the photo tiles.")
+    tiled: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the photo tiles.")
     data: bool = param(False, advanced=True, help="Treat the first channel as luminance, not color.")
 
     def compute(self, session: Session) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class EstimateHeight(Whole):
         if self.overcast and self.light is not None:
             problem = f"conflicts with {modifier(overcast=True)}"
             raise ParameterError(problem, parameter="light", value=f"{self.light:g}")
-        part, wraps = self.source.first, ("y" in self.tile, "x" in self.tile)
+        part, wraps = self.source.first, ("y" in self.tiled, "x" in self.tiled)
         width, height = part.spec.width, part.spec.height
         sigma = self.sigma or max(1.0, max(width, height) / 8)
         resources.require(BYTES * math.prod(padded_size((height, width), sigma, wraps)), f"heights of {width}x{height}")
@@ -109,11 +109,11 @@ class EstimateHeight(Whole):
         if guessed and has_two_albedos(values[..., 0], opaque, sigma):
             raise ImageError(
                 f"{self.source.source} has two materials, such as bright joints, whose depth is not visible",
-                hint=f"set {modifier(overcast=True)} if dark is deep, also {modifier(invert=True)} if bright is deep,"
+                hint=f"set {modifier(overcast=True)} if dark is deep, also {modifier(negate=True)} if bright is deep,"
                 " or light",
             )
         found = relief(seen, opaque, sigma, self.light, self.overcast, self.elevation, wraps)
-        if self.invert:
+        if self.negate:
             found = replace(found, heights=-found.heights)
         progress.advance(2, 2)
         side = "an overcast sky" if found.light is None else f"{found.light:.0f} degrees"
@@ -132,6 +132,6 @@ class EstimateHeight(Whole):
     def _normals(self, normals: np.ndarray, part: Part, side: str) -> Part:
         spec = measure_spec(part.spec, ("R", "G", "B"))
         spec.attribute(ESTIMATE, f"normal from shading, light from {side}")
-        if self.convention == "directx":
+        if self.normals == "directx":
             normals = normals * np.array([1, -1, 1], np.float32)
         return from_pixels("normal", 0.5 + 0.5 * normals, spec)

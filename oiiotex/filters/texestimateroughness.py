@@ -25,7 +25,7 @@ class EstimateRoughness(ScanThenMap):
 
     Where a bumpy surface is smooth, it glitters: highlights lie next to dark reflections. The contrast of the
     finest detail is measured in linear light over a Gaussian of sigma. Places with more contrast than the whole
-    photo become smoother than `middle`, places with less become rougher, by at most `amount`. The estimate is weak
+    photo become smoother than `middle`, places with less become rougher, by at most `spread`. The estimate is weak
     (its page has figures): fine paint appears smooth, and a photo under an overcast sky contains almost no
     information. If a scan has a roughness map, use that instead. Memory does not grow with the photo.
     """
@@ -48,7 +48,7 @@ class EstimateRoughness(ScanThenMap):
         help="Scale of the local contrast.",
     )
     middle: float = param(0.6, ge=0, le=1, help="Roughness where the local contrast is average.")
-    amount: float = param(0.3, ge=0, le=1, help="Maximum deviation from middle.")
+    spread: float = param(0.3, ge=0, le=1, help="Maximum deviation from middle.")
     data: bool = param(False, advanced=True, help="Treat the first channel as lightness, not color.")
 
     def compute(self, session: Session) -> dict[str, Part]:
@@ -64,7 +64,7 @@ class EstimateRoughness(ScanThenMap):
         drift = drift_of(fine, plain, 2 * sigma, session.resources, session.progress, robust=False)
         spec = measure_spec(part.spec)
         spec.attribute(ESTIMATE, f"roughness from local contrast at sigma {sigma:g} px")
-        middle, amount = np.float32(self.middle), np.float32(self.amount)
+        middle, amount = np.float32(self.middle), np.float32(self.spread)
         overall = np.float32(0 if drift is None else drift.overall_level[0])
         if drift is None or overall == 0:  # no opaque pixels, or no detail anywhere
 

@@ -33,9 +33,9 @@ class Fill(Reported, MaterialOp, InBands):
 
     PatchMatch finds patches that fit the surroundings, from coarse to fine levels (BSFG09: Barnes, Shechtman,
     Finkelstein, Goldman, PatchMatch, SIGGRAPH 2009; levels as in MJH17). Each filled pixel is a copy of one source
-    pixel with all channels. Close to the border, `blend` adjusts its color, so that no step is visible. With `source`,
+    pixel with all channels. Close to the border, `fade` adjusts its color, so that no step is visible. With `source`,
     the copies take lighting and color level from the surroundings. Pixels outside the region stay bit-identical,
-    except in the zone of `cut`.
+    except in the zone of `seamzone`.
 
     If some pixels of the region are already known, for example from the previous frame, paste them into the photo and
     mark only the rest: the fill continues them like all other pixels. To exclude them as a source, use `mask`.
@@ -57,7 +57,7 @@ class Fill(Reported, MaterialOp, InBands):
     exemplar: Image = image(help="Photo; of the maps of a material, the first.")
     region: Image = image(
         help="Image that marks the pixels to replace (first channel above half its range, or a nonzero label id). Not"
-        " used with label or matte. On the stack, it comes after the maps."
+        " used with replace or matte. On the stack, it comes after the maps."
     )
     source: Image | None = image(
         None,
@@ -69,17 +69,14 @@ class Fill(Reported, MaterialOp, InBands):
         help="Image that marks the valid source pixels, of the photo or of source (first channel above half its range,"
         " or a nonzero label id).",
     )
-    label: int | None = param(  # type: ignore[misc]  # as in `ExemplarOp`
-        None, example="3", ge=1, help="Id of a label to replace, from the photo's label maps."
-    )
+    replace: int | None = param(None, example="3", ge=1, help="Id of a label to replace, from the photo's label maps.")
     matte: str | None = param(
         None,
         example="chair",
         help="Object to replace, from the photo's Cryptomatte: its name, or its id in hexadecimal. Pixels that it"
         " covers partly are also replaced.",
     )
-    sourcelabel: int | None = param(None, example="2", ge=1, help="Id of the label whose pixels are used as a source.")
-    adapt: float | None = param(
+    matchlight: float | None = param(
         None,
         example="0.5",
         ge=0,
@@ -94,7 +91,7 @@ class Fill(Reported, MaterialOp, InBands):
         advanced=True,
         help="Correction of the copied pixels. 1: append it as part 'drift'; a file name: write it to that file.",
     )
-    cut: int = param(
+    seamzone: int = param(
         0,
         ge=0,
         le=256,
@@ -102,15 +99,15 @@ class Fill(Reported, MaterialOp, InBands):
         help="Width of a zone around the region in which the fill's border follows a minimum-error seam (KSE03). Pixels"
         " in the zone may be replaced. 0: only the region is replaced.",
     )
-    blend: float = param(
+    fade: float = param(
         4.0,
         ge=0,
         le=256,
         unit="px",
-        help="Width over which the step at the border fades out into the fill. 0: none; without adapt, every pixel is"
-        " then a verbatim copy.",
+        help="Width over which the step at the border fades out into the fill. 0: none; without matchlight, every"
+        " pixel is then a verbatim copy.",
     )
-    tile: str = param(
+    tiled: str = param(
         "none",
         choices=("none", "x", "y", "xy"),
         advanced=True,
@@ -119,7 +116,7 @@ class Fill(Reported, MaterialOp, InBands):
     patch: int | None = param(
         None, example="21", choices=(*PATCHES, None), unit="px", unset=str(PATCH), help=PATCH_HELP
     )
-    structure: float = param(
+    lattice: float = param(
         0.5,
         ge=0,
         le=1,
@@ -128,7 +125,7 @@ class Fill(Reported, MaterialOp, InBands):
         " No effect with source, or on photos without regular repeats.",
     )
     iterations: int = param(30, ge=1, le=1000, advanced=True, help="Number of iterations on the coarsest level.")
-    uniformity: float = param(
+    equaluse: float = param(
         0.01,
         ge=0,
         le=1,
@@ -140,7 +137,7 @@ class Fill(Reported, MaterialOp, InBands):
     @classmethod
     def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
         """No region image if a label or a matte names the region."""
-        named = values.get("label") is not None or values.get("matte") is not None
+        named = values.get("replace") is not None or values.get("matte") is not None
         return tuple(one for one in cls.images() if not (named and one.name == "region"))
 
     def compute(self, session: Session) -> tuple[dict[str, Any], ...]:
@@ -153,12 +150,12 @@ class Fill(Reported, MaterialOp, InBands):
 
     def _check(self) -> None:
         """Refuse conflicting modifiers."""
-        if self.label is not None and self.matte is not None:
-            raise ParameterError(f"conflicts with label={self.label}", parameter="matte", value=self.matte)
+        if self.replace is not None and self.matte is not None:
+            raise ParameterError(f"conflicts with replace={self.replace}", parameter="matte", value=self.matte)
         if self.mattes is not None and self.matte is None:
             raise ParameterError("mattes requires matte")
-        if self.label is None and self.sourcelabel is None and (self.level is not None or self.labels is not None):
-            raise ParameterError("level and labels require label or sourcelabel")
+        if self.replace is None and self.label is None and (self.labellevel is not None or self.labels is not None):
+            raise ParameterError("labellevel and labels require replace or label")
         if self.relevel and "height" not in self.map_kinds:
             raise ParameterError(f"{modifier(relevel=True)} requires kinds with a height")
         if self.relevel and self.source is not None:
@@ -197,12 +194,12 @@ class Fill(Reported, MaterialOp, InBands):
         """Fraction of the difference in light that is corrected: only in color."""
         if self.map_kinds[0] != "color":
             return 0.0
-        return self.adapt if self.adapt is not None else float(self.source is not None)
+        return self.matchlight if self.matchlight is not None else float(self.source is not None)
 
     @property
-    def fade(self) -> float:
+    def fade_width(self) -> float:
         """Distance in pixels over which the step at the border fades out: only in color."""
-        return self.blend if self.map_kinds[0] == "color" and self.first_weight > 0 else 0.0
+        return self.fade if self.map_kinds[0] == "color" and self.first_weight > 0 else 0.0
 
     @property
     def first_weight(self) -> float:

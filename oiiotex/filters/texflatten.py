@@ -26,7 +26,7 @@ class Flatten(ScanThenMap):
     smooth gain, from 1/2 to 2, plus a smooth offset in Lab. Memory does not grow with the image.
     """
 
-    example: ClassVar[str] = '>>> flat = filters.flatten("photo.png", amount=0.5)'
+    example: ClassVar[str] = '>>> flat = filters.flatten("photo.png", flattening=0.5)'
     name: ClassVar[str] = "flatten"
     carries: ClassVar[bool] = True
     space: ClassVar[Space] = Space.LAB
@@ -47,14 +47,14 @@ class Flatten(ScanThenMap):
         help="Radius of the disc. Smaller structures are kept. Reduce it if stains remain, increase it if the texture"
         " looks flat.",
     )
-    amount: float = param(1.0, ge=0, le=1, help="Fraction of the low-frequency variation to remove.")
-    contrast: float = param(
+    flattening: float = param(1.0, ge=0, le=1, help="Fraction of the low-frequency variation to remove.")
+    localcontrast: float = param(
         1.0,
         ge=0,
         le=1,
         help="Fraction of the variation in local contrast to remove. Reduce it if dark joints become gray.",
     )
-    tile: str = param(
+    tiled: str = param(
         "none",
         choices=("none", "x", "y", "xy"),
         help="Axes along which the image tiles. The result then tiles along the same axes.",
@@ -72,15 +72,15 @@ class Flatten(ScanThenMap):
         """The first part flattened."""
         how = Flattening(
             radius=self.radius,
-            amount=self.amount,
-            contrast=self.contrast,
+            amount=self.flattening,
+            contrast=self.localcontrast,
             centered=self.tone == "gray",
-            wraps=("y" in self.tile, "x" in self.tile),
+            wraps=("y" in self.tiled, "x" in self.tiled),
         )
         usable = None if self.mask is None else masked_pixels(self.mask, self.source)
         given = self.working_space, session.resources, session.progress, usable
         flat, drift, _ = how.of(self.flag(), self.source, *given)
         spec = derived_spec(flat.spec)
-        if self.tile != "none":
-            spec.attribute("wrapmodes", ",".join("periodic" if axis in self.tile else "black" for axis in "xy"))
+        if self.tiled != "none":
+            spec.attribute("wrapmodes", ",".join("periodic" if axis in self.tiled else "black" for axis in "xy"))
         return {"flat": replace(flat, spec=spec, levels=()), "drift": drift}

@@ -41,31 +41,31 @@ class ExemplarGraph(Whole):
     A single photo gets an edge to itself, for an unbounded zoom; with `scales`, a chain of exemplars is cut out of
     it, from the whole photo at reduced resolution to a crop at full resolution.
 
-    json=FILE writes the graph for `synth` and `zoom`. You can edit it; file names are relative to the graph. The
+    graphfile=FILE writes the graph for `synth` and `zoom`. You can edit it; file names are relative to the graph. The
     picture arranges exemplars by octave and labels edges with r (HRRG08: Han, Risser, Ramamoorthi, Grinspun,
     Multiscale Texture Synthesis, 2008, section 3.1, figures 8 and 9).
     """
 
     example: ClassVar[str] = """\
->>> drawing = filters.graph("photo.png", json="graph.json")
+>>> drawing = filters.graph("photo.png", graphfile="graph.json")
 >>> texture = filters.synth(None, graph="graph.json", size=(256, 256))
 """
     name: ClassVar[str] = "graph"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("picture", Kind.PICTURE, "Diagram of exemplars and edges."),
-        Output("graph", Kind.TABLE, "Graph for `synth` and `zoom`.", asked_by="json"),
+        Output("graphfile", Kind.TABLE, "Graph for `synth` and `zoom`.", asked_by="graphfile"),
         Output(
             "exemplar.N", Kind.PIXELS, "Crop of the photo reduced N times, next to the graph; with scales.",
-            asked_by="json",
+            asked_by="graphfile",
         ),
     )  # fmt: skip
 
     photos: tuple[Image, ...] = image(help="Photos, coarsest first. None are taken if graph is given.")
-    graph: Path | None = param(
+    draw: Path | None = param(
         None, example="graph.json", help="Existing graph to draw (JSON or YAML), instead of creating one."
     )
-    json: Path | None = param(None, example="graph.json", help="File for the graph.")
+    graphfile: Path | None = param(None, example="graph.json", help="File for the graph.")
     ratio: Numbers | None = param(
         None, ge=1, unset="8, less for small photos; with scales, 2", example="4,8",
         help="Ratio between the pixel sizes of each photo and the next, or one ratio for all.",
@@ -79,15 +79,17 @@ class ExemplarGraph(Whole):
         1,
         ge=1,
         le=16,
-        help="Number of exemplars at different scales to cut out of one photo. json writes them next to the graph.",
+        help="Number of exemplars at different scales to cut out of one photo. They are written next to graphfile.",
     )
-    side: int = param(256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="Maximum side of an exemplar.")
-    thumb: int = param(128, ge=32, le=512, unit="px", advanced=True, help="Side of an exemplar in the picture.")
+    exemplarside: int = param(
+        256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="Maximum side of an exemplar."
+    )
+    panel: int = param(128, ge=32, le=512, unit="px", advanced=True, help="Side of an exemplar in the picture.")
 
     @classmethod
     def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
         """No images if a graph names them."""
-        return () if values.get("graph") else cls.images()
+        return () if values.get("draw") else cls.images()
 
     @classmethod
     def arity(cls, values: dict[str, Any], depth: int) -> int:
@@ -96,15 +98,15 @@ class ExemplarGraph(Whole):
 
     def files(self) -> dict[str, Path]:
         """The graph, and next to it the exemplars that are cut out of one photo."""
-        if self.json is None or self.graph is not None:
+        if self.graphfile is None or self.draw is not None:
             return {}
         cut = self._factors() if self.scales > 1 else ()
-        return {"graph": self.json} | {f"exemplar.{factor}": self._file(factor) for factor in cut}
+        return {"graphfile": self.graphfile} | {f"exemplar.{factor}": self._file(factor) for factor in cut}
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The picture, the graph, and the exemplars that are cut out of a photo."""
-        if self.graph is not None:
-            graph, images = graph_images(self.graph, session.resources)
+        if self.draw is not None:
+            graph, images = graph_images(self.draw, session.resources)
             return {"picture": self._picture(graph, images, session)}
         photos = self.photos or ()
         if not photos:
@@ -113,19 +115,21 @@ class ExemplarGraph(Whole):
         cut = self._cut() if self.scales > 1 else {}
         photos = tuple(cut.values()) or photos
         document = self._document(photos)
-        graph = parse_graph(document, self.json or Path("graph"))
-        graph.require_levels(_common_side(photos, graph.factors, self.side).bit_length() - 1, str(self.json or "graph"))
-        if self.json is not None and not cut:
+        graph = parse_graph(document, self.graphfile or Path("graph"))
+        graph.require_levels(
+            _common_side(photos, graph.factors, self.exemplarside).bit_length() - 1, str(self.graphfile or "graph")
+        )
+        if self.graphfile is not None and not cut:
             for photo in photos:
                 _require_written(photo, session)
         exemplars = {f"exemplar.{factor}": exemplar.first for factor, exemplar in cut.items()}
-        return {"picture": self._picture(graph, photos, session), "graph": document, **exemplars}
+        return {"picture": self._picture(graph, photos, session), "graphfile": document, **exemplars}
 
     # --- the graph as JSON ---
 
     def _document(self, photos: Sequence[Image]) -> dict[str, Any]:
         """The graph as written: a chain, with an optional loop at its end."""
-        highest = max(1, _common_side(photos, [1.0] * len(photos), self.side).bit_length() - 4)  # r_max = L - 3
+        highest = max(1, _common_side(photos, [1.0] * len(photos), self.exemplarside).bit_length() - 4)  # r_max = L - 3
         usual = 1 if self.scales > 1 else min(_OCTAVES, highest)
         given = tuple(self.ratio or ())
         if not given and len(photos) > 1 and self.scales == 1:
@@ -139,7 +143,7 @@ class ExemplarGraph(Whole):
         loop = self.loop if self.loop is not None else LOOP_R if len(photos) == 1 else 0
         if loop:
             edges.append({"from": names[-1], "to": names[-1], "r": loop})
-        folder = self.json.parent if self.json is not None else Path()
+        folder = self.graphfile.parent if self.graphfile is not None else Path()
         files = [os.path.relpath(photo.source, folder) for photo in photos]
         nodes = [{"id": name, "file": file} for name, file in zip(names, files, strict=True)]
         return {"exemplars": nodes, "root": names[0], "edges": edges, "seed": 0}
@@ -162,27 +166,27 @@ class ExemplarGraph(Whole):
         suffix = Path(photo.source).suffix.lower()
         if suffix not in _KEPT:
             suffix = ".png" if np.dtype(dtype_of(photo.first.spec)).kind in "ui" else ".exr"
-        return present(self.json).with_name(f"{present(self.json).stem}_{factor}{suffix}")
+        return present(self.graphfile).with_name(f"{present(self.graphfile).stem}_{factor}{suffix}")
 
     def _cut(self) -> dict[int, Image]:
         """Exemplars around the photo's center, from the whole photo, reduced, to a crop at full resolution."""
         factors, photo = self._factors(), self.photos[0]
         shorter = min(photo.first.spec.width, photo.first.spec.height)
-        side = min(self.side, 1 << max(0, (shorter // factors[0]).bit_length() - 1))
+        side = min(self.exemplarside, 1 << max(0, (shorter // factors[0]).bit_length() - 1))
         if side < _LEAST:
             raise ParameterError(
                 f"reduces {photo.source} to {shorter // factors[0]} px", parameter="scales", value=self.scales,
                 expected=f"at least {_LEAST} px for an exemplar",
             )  # fmt: skip
-        names = {factor: "" if self.json is None else str(self._file(factor)) for factor in factors}
+        names = {factor: "" if self.graphfile is None else str(self._file(factor)) for factor in factors}
         return {factor: _reduced(photo, factor, side, name) for factor, name in names.items()}
 
     # --- the picture ---
 
     def _picture(self, graph: Graph, images: Sequence[Image], session: Session) -> np.ndarray:
-        side = _common_side(images, graph.factors, self.side)
+        side = _common_side(images, graph.factors, self.exemplarside)
         nodes = [
-            Node(label, octave, _thumbnail(given, round(side / factor), self.thumb, session))
+            Node(label, octave, _thumbnail(given, round(side / factor), self.panel, session))
             for label, octave, given, factor in zip(graph.names, graph.octaves(), images, graph.factors, strict=True)
         ]
         return drawn_graph(nodes, graph.edges, graph.root)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -21,8 +20,7 @@ from ..engine.errors import ImageError
 from ..engine.session import Session
 
 # parameters in which crops of one image may differ
-_APART = ("chunk", "window", "resume", "graph", "stmap", "report", "fail")
-_SHARE = re.compile(r"(?:^|:)chunk=(\d+)/(\d+)(?:$|:)")
+_APART = ("window", "resume", "graph", "st", "report", "fail")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +28,7 @@ class Join(ScanThenMap):
     """Join crops of an image that were rendered separately, as on a farm.
 
     Takes all images on the stack, in any order. They must be crops of one display window, as `synth` renders them with
-    chunk=1/8 to chunk=8/8, and must cover it. They must have the same channels, pixel type and parts, and must be equal
+    `window`, and must cover it. They must have the same channels, pixel type and parts, and must be equal
     where they overlap. The result has the same pixels as a single run.
     """
 
@@ -104,7 +102,7 @@ class _Joined:
             self._whole |= window
         gap = first_gap(self._whole, windows)
         if gap is not None:
-            raise ImageError(f"{_missing(shares)}{gap} of {self._whole} is not covered by the {len(shares)} images")
+            raise ImageError(f"{gap} of {self._whole} is not covered by the {len(shares)} images")
         for n, part in enumerate(self._parts):
             for m in range(n):
                 self._require_equal(m, n, part.window & windows[m])
@@ -157,15 +155,3 @@ def first_gap(whole: Window, windows: Sequence[Window]) -> Window | None:
     end = begin + int(np.argmax(np.append(covered[row, begin:], True)))
     last = row + int(np.argmax(np.append(covered[row:, begin:end].any(1), True)))
     return Window(columns[begin][0], rows[row][0], columns[end - 1][1], rows[last - 1][1])
-
-
-def _missing(shares: Sequence[Image]) -> str:
-    """The missing crops, if the others record how many there are."""
-    matches = [_SHARE.search(share.first.spec.get_string_attribute("oiiotex:parameters")) for share in shares]
-    there = {(int(match[1]), int(match[2])) for match in matches if match}
-    counts = {count for _, count in there}
-    if len(counts) != 1:
-        return ""
-    (count,) = counts
-    absent = [f"{n}/{count}" for n in range(1, count + 1) if (n, count) not in there]
-    return f"chunk={', '.join(absent[:8])}{' ...' if len(absent) > 8 else ''} missing: " if absent else ""

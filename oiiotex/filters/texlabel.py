@@ -34,8 +34,8 @@ class Label(OnePart, InLab, ScanThenMap):
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016). The
     result has a part for each scale, from label.1, the finest, to the coarsest. Each label of a level lies within one
     label of the next level, its parent. Ids are 1, 2, ... of type uint32, and 0 only where alpha is 0: write them to
-    EXR or TIFF. With `keep` the photo is the first part. Attributes of a part record its scale in px (oiiotex:rho), its
-    number of labels (oiiotex:labels) and their parents, in order (oiiotex:parents).
+    EXR or TIFF. With `photo` the photo is the first part. Attributes of a part record its scale in px (oiiotex:rho),
+    its number of labels (oiiotex:labels) and their parents, in order (oiiotex:parents).
     """
 
     example: ClassVar[str] = """\
@@ -46,12 +46,14 @@ class Label(OnePart, InLab, ScanThenMap):
     name: ClassVar[str] = "label"
     carries: ClassVar[bool] = True
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="keep", of="source"),
+        Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="photo", of="source"),
         Output("label.N", Kind.IDS, "Label map at level N; 1 is the finest."),
-        Output("membership.N", Kind.MEASURE, "Membership G at level N, a channel for each label.", asked_by="soft"),
-        Output("fit.N", Kind.MEASURE, "Fit F / max F at level N, a channel for each label.", asked_by="soft"),
+        Output(
+            "membership.N", Kind.MEASURE, "Membership G at level N, a channel for each label.", asked_by="membership"
+        ),
+        Output("fit.N", Kind.MEASURE, "Fit F / max F at level N, a channel for each label.", asked_by="membership"),
         Output("cryptomatte", Kind.CRYPTOMATTE, "All levels as Cryptomatte.", asked_by="cryptomatte"),
-        Output("facts", Kind.TABLE, "Scales, number and areas of labels, and their tree.", asked_by="json"),
+        Output("facts", Kind.TABLE, "Scales, number and areas of labels, and their tree.", asked_by="facts"),
     )
 
     source: Image = image(help="Image to segment.")
@@ -60,11 +62,6 @@ class Label(OnePart, InLab, ScanThenMap):
         help="Features by which superpixels are compared. Keep textons (frequent local patterns), except for"
              " comparison. The paper uses moments.",
     )  # fmt: skip
-    cluster: str = param(
-        "nmf", choices=("nmf", "kmeans", "spectral"), advanced=True,
-        help="Clustering method. nmf (nonnegative matrix factorization) also finds the number of labels. kmeans and"
-             " spectral are for comparison: they require scikit-learn and use the number that nmf finds.",
-    )  # fmt: skip
     persistence: float = param(
         0.95,
         ge=0.01,
@@ -72,11 +69,6 @@ class Label(OnePart, InLab, ScanThenMap):
         help="Persistence of the random walk over superpixels (LSA16 section 4.4). Reduce it for fewer labels."
         " Level n uses its nth power.",
     )
-    share: float = param(
-        0.5, ge=0.01, le=1, advanced=True,
-        help="Fraction of a coarser level's superpixels that must contain several labels for that level to be"
-             " added. Reduce it for more levels. The paper: 1.",
-    )  # fmt: skip
     coarsest: bool = param(
         True, help="Add a coarsest level of subtextures, as `decompose` finds them. The paper has none."
     )
@@ -85,7 +77,7 @@ class Label(OnePart, InLab, ScanThenMap):
         help="Add a coarsest level of up to four materials, such as stone and mortar: superpixels are split by color"
         " and texture where these have two separate modes. If they do not, no level is added.",
     )
-    labels: int | None = param(
+    maxlabels: int | None = param(
         None,
         example="5",
         ge=1,
@@ -93,39 +85,17 @@ class Label(OnePart, InLab, ScanThenMap):
         unset="chosen by the filter",
         help="Maximum number of subtextures in the coarsest level.",
     )
-    neighbors: int = param(
-        256,
-        ge=8,
-        le=4096,
-        advanced=True,
-        help="Maximum number of similar superpixels to which each one is linked. Reduce it to save time and memory.",
-    )
-    tries: int = param(
-        0,
-        ge=0,
-        le=100,
-        advanced=True,
-        help="Number of additional random starts, whose results are combined with the first (boosting). Increase it"
-        " for more stable labels; time grows in proportion.",
-    )
-    runs: int = param(1, ge=1, le=1000, advanced=True, help="Number of SLIC runs. The best one is used. The paper: 10.")
-    minsize: int | None = param(
-        None, ge=1, unit="px", unset="sigma^2 / 4", example="25", advanced=True,
-        help="Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25.",
-    )  # fmt: skip
-    seed: int = param(
-        0, ge=0, le=2**32 - 1, advanced=True, help="Seed of the random starts. No effect with tries=0 and runs=1."
-    )
     paper: bool | str = param(
         False,
         choices=(False, True, "authors"),
-        help="Settings of the paper (LSA16): features=moments:persistence=0.95:share=1:coarsest=0:neighbors=256:runs=10"
-        ":minsize=25:tries=5, the same persistence at all levels, and labels split wherever a coarser border crosses"
-        " them. authors: the program that the authors published, which has at least two levels, and scales up to 30 %"
-        " of the longer side instead of 20 % of the shorter one.",
+        help="Settings of the paper (LSA16): features=moments:persistence=0.95:coarsest=0, the best of ten SLIC runs,"
+        " superpixels of at least 25 px, five additional random starts, a level only where it splits all superpixels of"
+        " the coarser one, the same persistence at all levels, and labels split wherever a coarser border crosses them."
+        " authors: the program that the authors published, which has at least two levels, and scales up to 30 % of the"
+        " longer side instead of 20 % of the shorter one.",
     )
-    keep: bool = param(False, help="Keep the photo as the first part, before the labels.")
-    soft: bool = param(
+    photo: bool = param(False, help="Keep the photo as the first part, before the labels.")
+    membership: bool = param(
         False,
         advanced=True,
         help="Append soft label maps for each level N: membership.N is how much a pixel belongs to each label,"
@@ -135,52 +105,43 @@ class Label(OnePart, InLab, ScanThenMap):
         False,
         help="Append Cryptomatte 1.2 of all levels as a part. A file name: also write the manifest to that file.",
     )
-    names: Path | None = param(None, example="labels.json", help=LabelNames.HELP)
-    single: bool = param(False, advanced=True, help=SINGLE)
-    json: Path | None = param(
+    palette: Path | None = param(None, example="labels.json", help=LabelNames.HELP)
+    onepart: bool = param(False, advanced=True, help=SINGLE)
+    facts: Path | None = param(
         None, example="facts.json", help="File for scales, number and areas of labels, and their tree."
     )
 
     PAPER: ClassVar[dict[str, Any]] = {
         "features": "moments",
-        "cluster": "nmf",
         "persistence": 0.95,
-        "share": 1.0,
         "coarsest": False,
-        "neighbors": 256,
-        "runs": 10,
-        "minsize": 25,
-        "tries": 5,
     }
 
     def compute(self, session: Session) -> dict[str, Any]:
         """Label parts, finest first, and what other outputs are requested."""
         self.require_single()
-        names = None if self.names is None else LabelNames(self.names)
+        names = None if self.palette is None else LabelNames(self.palette)
         from ..analysis.labels.scales import LabelSettings, label_maps  # scipy is not loaded before it is needed
         from ..analysis.segmentation.subtextures import superpixel_subtextures
 
         lens = lens_of(self.source, session.resources, self.working_space)
         settings = LabelSettings(
-            cluster=self.cluster,
-            neighbors=self.neighbors,
             persistence=self.persistence,
-            share=self.share,
+            share=1.0 if self.paper else LabelSettings.share,
             literal=bool(self.paper),
             authors=self.paper == "authors",
-            tries=self.tries,
-            seed=self.seed,
+            tries=5 if self.paper else LabelSettings.tries,
         )
         coarsest: list[Callable[..., np.ndarray]] = []
         if self.coarsest:
-            coarsest.append(functools.partial(superpixel_subtextures, count=self.labels))
+            coarsest.append(functools.partial(superpixel_subtextures, count=self.maxlabels))
         if self.materials:
             from ..analysis.segmentation.superpixel_materials import superpixel_materials
 
             coarsest.append(superpixel_materials)
         maps = label_maps(
             self.source, lens, session.resources, session.progress, self.features, settings,
-            runs=self.runs, minsize=self.minsize, coarsest=coarsest,
+            runs=10 if self.paper else 1, minsize=25 if self.paper else None, coarsest=coarsest,
         )  # fmt: skip
         for n, level in enumerate(maps.levels, 1):
             self.inform("label.%d: %d labels at %.1f px", n, level.count, level.scale)
@@ -189,7 +150,7 @@ class Label(OnePart, InLab, ScanThenMap):
         if names is not None:
             labels = names.of(labels)
         parts: dict[str, Any] = {}
-        if not self.single:
+        if not self.onepart:
             soft = itertools.product(levels, ("membership", "fit"))
             parts = {one.part.name: one.part for one in labels}
             parts |= {f"{name}.{n}": functools.partial(_soft_part, first, maps, n, name) for n, name in soft}
@@ -229,7 +190,7 @@ def _soft_part(like: Part, maps: LabelMaps, n: int, quantity: str) -> Part:
 
 
 def _facts(maps: LabelMaps) -> dict[str, Any]:
-    """Facts about the labels, for `json`."""
+    """Facts about the labels, for `facts`."""
     sizes = maps.superpixels.sizes
 
     def facts(n: int, level: LabelLevel) -> dict[str, Any]:

@@ -23,19 +23,19 @@ from ..surfaces.charts.drawing import Sheet, colored, label_tree, sampled, shown
 class LabelView(ScanThenMap):
     """Visualize label maps as a contact sheet of all levels, with the tree of labels.
 
-    Takes the result of `label` or `superpixel`, preferably with `keep`. The sheet shows the photo, then each label part
-    (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo and with
-    borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The result is an
-    8-bit sRGB image, subsampled from the labels, for display, not for measurement.
+    Takes the result of `label` or `superpixel`, preferably with `photo`. The sheet shows the photo, then each label
+    part (uint32, one channel) in colors that color-blind viewers can distinguish, over the lightness of the photo
+    and with borders. The tree has the coarsest labels at its top; the width of a node is the area of its label. The
+    result is an 8-bit sRGB image, subsampled from the labels, for display, not for measurement.
     """
 
-    example: ClassVar[str] = '>>> sheet = filters.labelview(filters.label("photo.png", keep=True))'
+    example: ClassVar[str] = '>>> sheet = filters.labelview(filters.label("photo.png", photo=True))'
     name: ClassVar[str] = "labelview"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "Contact sheet."),)
 
-    source: Image = image(help="Image with label parts, from `label` or `superpixel` with `keep`.")
-    side: int = param(384, ge=64, le=4096, unit="px", help="Longer side of a panel.")
+    source: Image = image(help="Image with label parts, from `label` or `superpixel` with `photo`.")
+    panel: int = param(384, ge=64, le=4096, unit="px", help="Longer side of a panel.")
     columns: int = param(3, ge=1, le=16, help="Number of panels in a row.")
     opacity: float = param(0.65, ge=0, le=1, help="Opacity of the label colors over the photo.")
 
@@ -52,7 +52,7 @@ class LabelView(ScanThenMap):
             )
         photo = None if holds_ids(self.source.first) else self.source.first
         spec = labels[0].part.spec
-        step = max(1, -(-max(spec.width, spec.height) // self.side))
+        step = max(1, -(-max(spec.width, spec.height) // self.panel))
         maps = [required_ids(sampled(one.part, step)[..., 0], one.part.name).astype(np.int64) for one in labels]
         lightness, panels = None, []
         if photo is not None:

@@ -30,14 +30,14 @@ class Paint(Reported, Quilted):
     Areas painted with label 3 are filled with the photo's texture of label 3, by guided quilting (`quilt`). An
     optional second painting, `fine`, overlays labels of the next finer level; where it is empty (black, id 0 or alpha
     0), the first painting applies (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
-    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE from `palette` maps colors to
-    labels; paintings of ids do not need it. To edit a result, write plan=FILE and pass it as previous=FILE to the next
-    run: patches whose labels did not change are kept, so pixels elsewhere are bit-identical.
+    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2). palette=FILE from `palette` maps colors to
+    labels; paintings of ids do not need it. To edit a result, write planfile=FILE and pass it as fromplan=FILE to
+    the next run: patches whose labels did not change are kept, so pixels elsewhere are bit-identical.
     """
 
     example: ClassVar[str] = """\
 >>> import numpy as np
->>> photo = filters.label("photo.png", keep=True)
+>>> photo = filters.label("photo.png", photo=True)
 >>> painting = np.ones((300, 400), np.uint32)  # label 1 everywhere
 >>> texture = filters.paint(photo, painting)
 """
@@ -46,30 +46,30 @@ class Paint(Reported, Quilted):
         Output("paint", Kind.PIXELS, COPIED),
         ST,
         CARRIED,
-        Output("plan", Kind.ARRAYS, "Painted labels and the patches used for them.", asked_by="plan"),
+        Output("planfile", Kind.ARRAYS, "Painted labels and the patches used for them.", asked_by="planfile"),
         REPORT,
     )
 
-    painting: Image = image(help="Painting of any size: label ids, or colors that table maps to labels.")
+    painting: Image = image(help="Painting of any size: label ids, or colors that `palette` maps to labels.")
     fine: Image | None = image(None, help="Painting of labels of the next finer level, overlaid on the first.")
-    level: int | None = param(
+    labellevel: int | None = param(
         None,
         example="2",
         ge=1,
         unset="the table's level, else the coarsest with several labels",
         help="Level of the painted labels: N of label.N.",
     )
-    table: Path | None = param(
-        None, example="palette.json", help="JSON table from `palette`, which maps colors to labels."
+    palette: Path | None = param(
+        None, example="palette.json", help="JSON table from `palette` (its facts), which maps colors to labels."
     )
     tolerance: float = param(0.2, ge=0, le=1, advanced=True, help=SOFT)
     size: Size | None = param(
         None, ge=8, le=1 << 22, unit="px", unset="the painting's size", help="Size of the result."
     )
-    plan: Path | None = param(
-        None, example="plan.npz", help="File (.npz) to write for a later edit: the next run reads it with `previous`."
+    planfile: Path | None = param(
+        None, example="plan.npz", help="File (.npz) to write for a later edit: the next run reads it with `fromplan`."
     )
-    previous: Path | None = param(
+    fromplan: Path | None = param(
         None, example="plan.npz", help="Plan of an earlier run. Patches whose labels did not change are kept."
     )
 
@@ -77,21 +77,21 @@ class Paint(Reported, Quilted):
         """The texture, and what other outputs are requested."""
         resources, progress = session.resources, session.progress
         if (
-            self.previous is not None
+            self.fromplan is not None
             and self.fine is None
-            and present(read_begun(self.previous, resources.budget)).fine
+            and present(read_begun(self.fromplan, resources.budget)).fine
         ):
-            self.inform("%s has a fine painting, which this run does not overlay", self.previous)
+            self.inform("%s has a fine painting, which this run does not overlay", self.fromplan)
         asked = self.size or self.painting.first.window.size
         quality = Quality.of_copies(self, resources, progress, asked, painted=True)
-        table = None if self.table is None else read_table(self.table, self.tolerance)
+        table = None if self.palette is None else read_table(self.palette, self.tolerance)
         levels = label_levels(self.exemplar, self.labels)
-        level = self.level or (table.level if table else None) or opened_level(levels)
-        layered = LayeredPainting(self, self.painting, self.fine, levels, level, table, self.size, self.previous)
+        level = self.labellevel or (table.level if table else None) or opened_level(levels)
+        layered = LayeredPainting(self, self.painting, self.fine, levels, level, table, self.size, self.fromplan)
         coarse = layered.coarse(resources.budget)
         coarse.require_memory(resources)
         layers, sources = layered.quilted(coarse, self.read(resources), resources, progress)
         spec, grid = self.exemplar.first.spec, layers[""].grid
-        plan = {"plan": lambda: painting_arrays(layers, (spec.width, spec.height))}
+        plan = {"planfile": lambda: painting_arrays(layers, (spec.width, spec.height))}
         parts = sewn_parts(self, sources, grid, resources) | plan
         return quality.add_to_copies(parts, lambda: layered.painted(Size(grid.width, grid.height)))

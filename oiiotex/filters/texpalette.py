@@ -45,7 +45,7 @@ class Palette(LabeledExemplar, InBands):
     """
 
     example: ClassVar[str] = """\
->>> photo = filters.label("photo.png", keep=True)
+>>> photo = filters.label("photo.png", photo=True)
 >>> sheet = filters.palette(photo)
 """
     name: ClassVar[str] = "palette"
@@ -57,12 +57,12 @@ class Palette(LabeledExemplar, InBands):
             "paints", Kind.PAINTS, "Named paint colors for GIMP, Krita and Inkscape, or Photoshop.", asked_by="paints"
         ),
         Output(
-            "table", Kind.TABLE, "Ids, names, colors, areas, parents, children and boxes of labels.", asked_by="json"
+            "facts", Kind.TABLE, "Ids, names, colors, areas, parents, children and boxes of labels.", asked_by="facts"
         ),
     )
 
-    side: int = param(96, ge=16, le=1024, unit="px", help="Height of a row.")
-    rows: int = param(24, ge=1, le=256, help="Maximum number of labels, the largest first.")
+    panel: int = param(96, ge=16, le=1024, unit="px", help="Height of a row.")
+    maxlabels: int = param(24, ge=1, le=256, help="Maximum number of labels, the largest first.")
     children: int = param(8, ge=0, le=64, help="Maximum number of children of each label, the largest first.")
     chips: bool | Path = param(
         False,
@@ -71,7 +71,7 @@ class Palette(LabeledExemplar, InBands):
     paints: Path | None = param(
         None, example="paints.gpl", help="File for the paint colors (.gpl or .aco), to load into a painting program."
     )
-    json: Path | None = param(
+    facts: Path | None = param(
         None, example="palette.json", help="File for ids, names, colors, areas, parents, children and boxes of labels."
     )
 
@@ -79,24 +79,24 @@ class Palette(LabeledExemplar, InBands):
         """The palette, its source coordinates, and the table of its labels."""
         resources, progress = session.resources, session.progress
         spec = self.exemplar.first.spec
-        labels = label_map(self.exemplar, self.labels, self.level)
+        labels = label_map(self.exemplar, self.labels, self.labellevel)
         finer = label_levels(self.exemplar, self.labels).get(labels.level - 1)
-        width = self.side * (2 if finer is None else 2 + self.children)
+        width = self.panel * (2 if finer is None else 2 + self.children)
         photo, held = self.exemplar.first, self.holds_photo(resources)
         looked_at = min(spec.width, self._reach) * min(spec.height, self._reach)
         needed = spec.width * spec.height * (_MASK_BYTES + (_SEEN_BYTES + photo.pixel_bytes if held else 0))
-        needed += _SWATCH_BYTES * looked_at + 20 * width * self.side * self.rows
+        needed += _SWATCH_BYTES * looked_at + 20 * width * self.panel * self.maxlabels
         resources.require(needed, f"a palette of {spec.width}x{spec.height}")
         seen = self.read(resources)
         shown = Legend(labels, areas_of(labels, seen.usable)).entries()
         below = [] if finer is None else Legend(finer, areas_of(finer, seen.usable)).entries()
         for entry in shown:
             entry["children"] = [e["id"] for e in below if e["parent"] == entry["id"]]
-        if len(shown) > self.rows:
-            self.warn("only %d of the %d labels of %s are shown", self.rows, len(shown), labels.part.name)
-        shown = shown[: self.rows]
+        if len(shown) > self.maxlabels:
+            self.warn("only %d of the %d labels of %s are shown", self.maxlabels, len(shown), labels.part.name)
+        shown = shown[: self.maxlabels]
         boxes = self._boxes(shown, {entry["id"]: entry for entry in below}, width)
-        source = SourceMap(np.empty((self.side * len(shown), width), np.uint32))
+        source = SourceMap(np.empty((self.panel * len(shown), width), np.uint32))
         maps = {labels.level: labels} | ({} if finer is None else {finer.level: finer})
         wanted = [(labels.level - down, entry["id"]) for down, entry, _ in boxes]
         windows: dict[tuple[int, int], Window] = {}
@@ -114,7 +114,7 @@ class Palette(LabeledExemplar, InBands):
         chips = functools.partial(paint_chips, [(entry, box) for _, entry, box in boxes], *source.packed.shape[::-1])
         paints = [Swatch(entry["name"], *map(int, entry["color"].split(","))) for entry in (*shown, *below)]
         copied = source.parts("palette", self.in_any_order(photo, held), by_rows=not held)
-        return copied | {"chips": chips, "paints": paints, "table": table}
+        return copied | {"chips": chips, "paints": paints, "facts": table}
 
     def holds_photo(self, resources: Resources) -> bool:
         """Whether the photo and its Lab values are held in memory."""
@@ -123,7 +123,7 @@ class Palette(LabeledExemplar, InBands):
     @property
     def _reach(self) -> int:
         """Maximum side of the window of the photo from which a swatch is made, in px."""
-        return -(-max(_REACH, 4 * self.side) // CELL) * CELL
+        return -(-max(_REACH, 4 * self.panel) // CELL) * CELL
 
     def _boxes(
         self, shown: list[dict[str, Any]], below: dict[int, dict[str, Any]], width: int
@@ -131,13 +131,13 @@ class Palette(LabeledExemplar, InBands):
         """(levels down, entry, box) of each swatch; together the boxes cover the picture."""
         boxes = []
         for row, entry in enumerate(shown):
-            top = row * self.side
+            top = row * self.panel
             children = entry["children"][: self.children]
-            left = width if not children else 2 * self.side
-            boxes.append((0, entry, Window(0, top, left, top + self.side)))
+            left = width if not children else 2 * self.panel
+            boxes.append((0, entry, Window(0, top, left, top + self.panel)))
             edges = np.linspace(left, width, len(children) + 1).astype(int).tolist()
             for child, begin, end in zip(children, edges, edges[1:], strict=False):
-                boxes.append((1, below[child], Window(begin, top, end, top + self.side)))
+                boxes.append((1, below[child], Window(begin, top, end, top + self.panel)))
         return boxes
 
     def _swatch(
@@ -159,7 +159,7 @@ class Palette(LabeledExemplar, InBands):
         widest = largest_window(allowed)
         patch = next((p for p in _PATCHES if p + 2 <= widest and p <= min(box.width, box.height) // 2), None)
         if patch is None:
-            side = min(16, self.side // 2)
+            side = min(16, self.panel // 2)
             cut = Layout(box.width, box.height, patch=side, passes=0, seed=seed)
             source = graph_cut(lab, allowed, cut, resources.budget, lambda done, total: None)
         else:

@@ -16,14 +16,14 @@ class PatchMatch(PatchSynthesis):
     """Resynthesize a photo by PatchMatch alone, for comparison: the baseline of MJH17 (section 5.2).
 
     This is `stationarize` without flattening and without evening out local statistics: use it to see what these
-    add. `tile=xy` is the paper's toroidal PatchMatch, `tile=none` its plain PatchMatch (MJH17: Moritz, James,
+    add. `tiles=xy` is the paper's toroidal PatchMatch, `tiles=none` its plain PatchMatch (MJH17: Moritz, James,
     Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017).
     """
 
     example: ClassVar[str] = '>>> tile = filters.patchmatch("photo.png", seed=7)'
     name: ClassVar[str] = "patchmatch"
 
-    contrast: float = param(
+    histogram: float = param(
         1.0,
         ge=0,
         le=1,
@@ -34,4 +34,4 @@ class PatchMatch(PatchSynthesis):
 
     def recipe(self, width: int, height: int) -> Recipe:
         """MJH17 without the stationarity projection."""
-        return self._recipe(width, height, None, self.contrast, False)
+        return self._recipe(width, height, None, self.histogram, False)

@@ -51,7 +51,10 @@ class Plate(Whole):
         ),
         Output("region", Kind.MASK, "Pixels to fill: frames need them, and none shows them."),
         Output(
-            "motion", Kind.ARRAYS, "Frames and their matrices, from frame to plate, for `project`.", asked_by="save"
+            "motionfile",
+            Kind.ARRAYS,
+            "Frames and their matrices, from frame to plate, for `project`.",
+            asked_by="motionfile",
         ),
     )
 
@@ -69,7 +72,7 @@ class Plate(Whole):
         unset="tracked",
         example="st.1001.exr",
         help="Motion of the surface: the image for the reference frame, in the convention of `vectors`, or a file"
-        " written by `save`.",
+        " written by `motionfile`.",
     )
     vectors: str = param(
         "st",
@@ -79,7 +82,7 @@ class Plate(Whole):
         " forward.v, otherwise the first two.",
     )
     flip: bool = param(False, help="Read `motion` with t or v pointing up, as in Nuke and Blender.")
-    save: Path | None = param(
+    motionfile: Path | None = param(
         None, example="shot.npz", help="File to write the motion of all frames to, for `project`."
     )
 
@@ -101,7 +104,7 @@ class Plate(Whole):
         layout = laid_out(shot, points, display.size, given)
         results, grain = self._assembled(layout, shown, regions, display, session)
         saved = {n: replace(motion, grain=grain) for n, motion in layout.shot.items()}
-        return {**results, "motion": lambda: stored(saved)}
+        return {**results, "motionfile": lambda: stored(saved)}
 
     def _frames(self) -> dict[int, tuple[str, str]]:
         """Files of the frame and of the region by number, the reference frame first; '': as on the stack."""

@@ -51,7 +51,7 @@ class Preview(Gather):
         example="2x2,plane",
         help=f"Panels to show, in order: {', '.join(PANELS)}.",
     )
-    height: int = param(512, ge=16, le=16384, unit="px", help="Height of each panel.")
+    panel: int = param(512, ge=16, le=16384, unit="px", help="Height of each panel.")
 
     def compute(self, session: Session) -> dict[str, Part]:
         """One image of all panels."""
@@ -62,9 +62,9 @@ class Preview(Gather):
         if photo is not None and photo.spec.nchannels != channels:
             raise ImageError(f"exemplar has {photo.spec.nchannels} channels, but the tile has {channels}: must match")
         widest = max(part.spec.width for part in (tile, photo or tile))
-        task = f"a preview of rows of {widest} px, {self.height} px high,"
+        task = f"a preview of rows of {widest} px, {self.panel} px high,"
         shown = {name: ((photo if name in _OF_EXEMPLAR else tile) or tile).spec for name in names}
-        sheet = sum(self.height * max(1.5, spec.width / spec.height) + _GAP for spec in shown.values())
+        sheet = sum(self.panel * max(1.5, spec.width / spec.height) + _GAP for spec in shown.values())
         values = channels * max(widest, round(sheet))  # in a row of an image and of the sheet
         resources.require(bytes_needed(values), task, "reduce height")
         if photo is not None and not photo.ready:
@@ -79,23 +79,23 @@ class Preview(Gather):
 
     def _panels(self, names: list[str], tile: Part, photo: Part | None, budget: int) -> dict[str, PreviewPanel]:
         """The requested panels, still empty."""
-        across, channels = self.height * 3 // 2, tile.spec.nchannels
-        kept = 8 * channels * (self.height + 1)  # bytes for the sums of a column
+        across, channels = self.panel * 3 // 2, tile.spec.nchannels
+        kept = 8 * channels * (self.panel + 1)  # bytes for the sums of a column
         need = sum(kept * ((photo if name in _OF_EXEMPLAR else tile) or tile).spec.width for name in names)
         here = need <= budget // 4
         makers: dict[str, Callable[[], PreviewPanel]] = {
-            "exemplar": lambda: reduced(present(photo), self.height),
-            "seamless": lambda: laid(present(photo).window.size, channels, 2, self.height, here),
-            "2x2": lambda: laid(tile.window.size, channels, 2, self.height, here),
-            "3x3": lambda: laid(tile.window.size, channels, 3, self.height, here),
-            "plane": lambda: plane(tile.window.size, channels, across, self.height, here),
+            "exemplar": lambda: reduced(present(photo), self.panel),
+            "seamless": lambda: laid(present(photo).window.size, channels, 2, self.panel, here),
+            "2x2": lambda: laid(tile.window.size, channels, 2, self.panel, here),
+            "3x3": lambda: laid(tile.window.size, channels, 3, self.panel, here),
+            "plane": lambda: plane(tile.window.size, channels, across, self.panel, here),
         }
         return {name: makers[name]() for name in names}
 
     def _sheet(self, tile: Part, panels: list[PreviewPanel]) -> Part:
         """All panels side by side, not yet drawn."""
         width = sum(panel.width for panel in panels) + _GAP * (len(panels) - 1)
-        spec = derived_spec(tile.spec, width, self.height)
+        spec = derived_spec(tile.spec, width, self.panel)
         dtype, channels = np.dtype(dtype_of(tile.spec)), tile.spec.nchannels
 
         def fetch(window: Window) -> np.ndarray:

@@ -11,7 +11,7 @@ from ..engine.core.image import Image, Part
 from ..engine.core.op import Kind, Output
 from ..engine.core.parameters import image, param
 from ..engine.core.source_map import COPIED, ST
-from ..engine.errors import ImageError, ParameterError, modifier, present
+from ..engine.errors import ImageError, ParameterError, present
 from ..engine.session import Session
 from ..synthesis.exemplar.exemplar_op import LABEL, MASK
 from ..synthesis.exemplar.photo_lattice import Structured
@@ -43,7 +43,7 @@ class Quilting(Reported, Quilted, Structured):
         Output("quilt", Kind.PIXELS, COPIED),
         ST,
         CARRIED,
-        Output("plan", Kind.ARRAYS, "Plan of the quilt: offsets and cuts.", asked_by="plan"),
+        Output("planfile", Kind.ARRAYS, "Plan of the quilt: offsets and cuts.", asked_by="planfile"),
         REPORT,
     )
 
@@ -51,10 +51,10 @@ class Quilting(Reported, Quilted, Structured):
     label: int | None = param(None, example="3", ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
     guide: Image | None = image(
         None,
-        help="Image of any size that controls the layout. Its pixels are label ids, or ids or colors that table"
+        help="Image of any size that controls the layout. Its pixels are label ids, or ids or colors that `palette`"
         " maps to labels.",
     )
-    table: Path | None = param(
+    palette: Path | None = param(
         None,
         example="table.json",
         advanced=True,
@@ -72,30 +72,24 @@ class Quilting(Reported, Quilted, Structured):
         advanced=True,
         help="Overlap of neighboring patches, at most patch / 3.",
     )
-    plan: Path | None = param(
+    planfile: Path | None = param(
+        None, example="plan.npz", advanced=True, help="File (.npz) to write the plan (offsets and cuts) to."
+    )
+    fromplan: Path | None = param(
         None,
         example="plan.npz",
         advanced=True,
-        help="File (.npz) to write the plan (offsets and cuts) to; with render=1, to read it from.",
-    )
-    render: bool = param(
-        False,
-        advanced=True,
-        help="Render the plan of an earlier run instead of computing one. The exemplar may be another map of the same"
+        help="Plan of an earlier run to render instead of computing one. The exemplar may be another map of the same"
         " size.",
     )
-
-    def files(self) -> dict[str, Path]:
-        """Output files; with render=1 the plan is an input."""
-        return {name: path for name, path in super().files().items() if name != "plan" or not self.render}
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The quilt and its further outputs."""
         resources, progress = session.resources, session.progress
         size = self.size or (self.guide or self.exemplar).first.window.size
         quality = Quality.of_copies(self, resources, progress, size)
-        if self.render:
-            return quality.add_to_copies(self._rendered(session))
+        if self.fromplan is not None:
+            return quality.add_to_copies(self._rendered(self.fromplan, session))
         sewing = self._sewing()
         sewing.require_memory(resources)
         return quality.add_to_copies(sewn_whole(sewing, self.read(resources), resources, progress))
@@ -103,28 +97,26 @@ class Quilting(Reported, Quilted, Structured):
     def _sewing(self) -> Sewing:
         if self.guide is not None and self.label is not None:
             raise ParameterError("guide conflicts with label; set only one of them")
-        if self.table is not None and self.guide is None:
-            raise ParameterError("table requires guide")
-        table = None if self.table is None else read_table(self.table, self.tolerance)
+        if self.palette is not None and self.guide is None:
+            raise ParameterError("palette requires guide")
+        table = None if self.palette is None else read_table(self.palette, self.tolerance)
         return Sewing(
-            op=self, guide=self.guide, level=self.level, size=self.size, patch=self.patch, overlap=self.overlap,
+            op=self, guide=self.guide, level=self.labellevel, size=self.size, patch=self.patch, overlap=self.overlap,
             structured=self, meaning=lambda there: meaning_of(present(self.guide).first, table, there),
         )  # fmt: skip
 
-    def _rendered(self, session: Session) -> dict[str, Part]:
+    def _rendered(self, path: Path, session: Session) -> dict[str, Part]:
         """The quilt, rendered from a plan."""
         resources = session.resources
-        if self.plan is None:
-            raise ParameterError(f"{modifier(render=True)} requires plan=FILE")
-        planned = self.size, self.mask, self.labels, self.guide, self.label, self.patch, self.overlap
+        planned = self.size, self.mask, self.labels, self.guide, self.label, self.patch, self.overlap, self.planfile
         if any(value is not None for value in planned):
-            given = "size, patch, overlap, mask, label, labels and guide"
-            raise ParameterError(f"{modifier(render=True)} conflicts with {given}: the plan contains them")
-        plan, size = Plan.load(self.plan, resources.budget)
+            names = "size, patch, overlap, mask, label, labels, guide and planfile"
+            raise ParameterError(f"fromplan conflicts with {names}: the plan contains them")
+        plan, size = Plan.load(path, resources.budget)
         spec = self.exemplar.first.spec
         if size != (spec.width, spec.height):
             raise ImageError(
-                f"{self.plan} requires an exemplar of {size[0]}x{size[1]}, but {self.exemplar.source} is"
+                f"{path} requires an exemplar of {size[0]}x{size[1]}, but {self.exemplar.source} is"
                 f" {spec.width}x{spec.height}"
             )
         renderer = Renderer.of(resources.device, plan, resources.budget)

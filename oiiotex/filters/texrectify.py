@@ -49,13 +49,13 @@ class Rectify(Gather):
     """Correct the perspective of a flat surface that was photographed obliquely.
 
     The four corners of a real rectangle become the corners of the result. The aspect ratio is derived from the
-    perspective (Zhang and He 2007: square pixels, uncropped photo) or from `physical`.
+    perspective (Zhang and He 2007: square pixels, uncropped photo) or from `meters`.
 
     Without `corners`, the lattice of a surface that repeats regularly in two directions (tiles, bricks, a weave) is
     detected and straightened. The result contains as many complete cells of the lattice as the photo, so it tiles along
     both axes.
 
-    With `physical`, the size of a pixel is stored in the metadata (XResolution, YResolution, ResolutionUnit), which all
+    With `meters`, the size of a pixel is stored in the metadata (XResolution, YResolution, ResolutionUnit), which all
     filters preserve. Stored values are filtered without conversion, and vectors in normal maps are not rotated.
     """
 
@@ -67,9 +67,9 @@ class Rectify(Gather):
         Output("rectified", Kind.PIXELS, "Surface seen from the front, in the photo's color space and type."),
         Output(
             "st", Kind.COORDINATES, "Source coordinates of every pixel, with subpixel precision, for `st_warp`.",
-            asked_by="stmap",
+            asked_by="st",
         ),
-        Output("geometry", Kind.TABLE, "Corners, size, cells, meters and matrix.", asked_by="json", lines=_lines),
+        Output("facts", Kind.TABLE, "Corners, size, cells, meters and matrix.", asked_by="facts", lines=_lines),
     )  # fmt: skip
 
     source: Image = image(help="Photo to rectify.")
@@ -81,10 +81,11 @@ class Rectify(Gather):
         None,
         ge=1,
         le=_LARGEST,
+        unit="px",
         unset="lengths of the longer sides in the photo",
         help="Size of the result.",
     )
-    physical: Numbers | None = param(
+    meters: Numbers | None = param(
         None,
         unit="m",
         ge=1e-9,
@@ -94,8 +95,8 @@ class Rectify(Gather):
         " lattice, such as a brick or a tile.",
     )
     filter: str = param("lanczos3", choices=tuple(FILTERS), help="Resampling filter.", advanced=True)
-    stmap: bool | Path = param(False, help=STMAP, example="st.exr", advanced=True)
-    json: Path | None = param(
+    st: bool | Path = param(False, help=STMAP, example="st.exr", advanced=True)
+    facts: Path | None = param(
         None, example="rectangle.json", advanced=True, help="JSON file for corners, size, cells, meters and the matrix."
     )
 
@@ -120,7 +121,7 @@ class Rectify(Gather):
             "matrix": matrix.tolist(),
         }  # fmt: skip
         rectified = Part(part.name, spec, self._seen(part, matrix, spec, session), part.stored)
-        return {"rectified": rectified, "st": _coordinates(matrix, part, spec), "geometry": geometry}
+        return {"rectified": rectified, "st": _coordinates(matrix, part, spec), "facts": geometry}
 
     def _corners(self, session: Session) -> tuple[np.ndarray, tuple[int, int] | None]:
         """Four points of the photo, and the lattice cells between them if these were detected."""
@@ -162,13 +163,13 @@ class Rectify(Gather):
 
     def _meters(self, cells: tuple[int, int] | None) -> tuple[float, float] | None:
         """Width and height of the result in the world."""
-        if self.physical is None:
+        if self.meters is None:
             return None
-        if len(self.physical) != 2:
+        if len(self.meters) != 2:
             expected = "two numbers: width,height in meters"
-            raise ParameterError(parameter="physical", value=self.physical, expected=expected)
+            raise ParameterError(parameter="meters", value=self.meters, expected=expected)
         across, down = cells or (1, 1)
-        return self.physical[0] * across, self.physical[1] * down
+        return self.meters[0] * across, self.meters[1] * down
 
     def _size(self, corners: np.ndarray, meters: tuple[float, float] | None) -> tuple[int, int]:
         """Size of the result, px."""

@@ -31,10 +31,10 @@ log = logging.getLogger("oiiotex")
 def _lines(facts: dict[str, Any]) -> Iterator[str]:
     """The table as printed lines."""
     for name in ("before", "after"):
-        yield f"{name}: sigma (px), amount, step to the next sigma (Lab)"
+        yield f"{name}: sigma (px), evenness, step to the next sigma (Lab)"
         for row in facts[name]["table"]:
             step = "" if row["step"] is None else f"{row['step']:9.3f}"
-            yield f"{row['sigma']:10.2f}{row['amount']:8.3f}{step}"
+            yield f"{row['sigma']:10.2f}{row['evenness']:8.3f}{step}"
         yield f"{name}: coefficient of variation of the steps {facts[name]['variation']:.3f}"
 
 
@@ -42,25 +42,25 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
 class Sigmas(InLab, Whole):
     """Compare the effect of sigma in `stationarize` on a photo, as a contact sheet with equal visible steps.
 
-    The sheet shows n small tiles, each repeated 2 x 2, from the largest sigma (amount 0) to the smallest (amount 1).
+    The sheet shows small tiles, each repeated 2 x 2, from the largest sigma (evenness 0) to the smallest (evenness 1).
     The visible effect of sigma depends on the photo: it is measured as the earth mover's distance between the
     histograms of neighboring tiles, and sigmas are spaced to make these steps equal (MJH17: Moritz, James, Haines,
     Ritschel, Weyrich, Texture Stationarization, Eurographics 2017, section 4.4).
 
-    The modifier amount of `stationarize` uses the same scale, which is stored in the user's cache. The table of sigmas
-    is printed, and written with `json`. The result is an 8-bit sRGB image for display, not for measurement.
+    `evenness` of `stationarize` uses the same scale, which is stored in the user's cache. The table of sigmas
+    is printed, and written with `facts`. The result is an 8-bit sRGB image for display, not for measurement.
     """
 
-    example: ClassVar[str] = '>>> sheet = filters.sigmas("photo.png", n=4)'
+    example: ClassVar[str] = '>>> sheet = filters.sigmas("photo.png", count=4)'
     name: ClassVar[str] = "sigmas"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("view", Kind.PICTURE, "Contact sheet."),
-        Output("table", Kind.TABLE, "Table of sigmas and amounts.", asked_by="json", lines=_lines),
+        Output("facts", Kind.TABLE, "Table of sigmas and their evenness.", asked_by="facts", lines=_lines),
     )
 
     exemplar: Image = image(help="Photo.")
-    n: int = param(9, ge=3, le=32, help="Number of sigmas.")
-    size: Size | None = param(
+    count: int = param(9, ge=3, le=32, help="Number of sigmas.")
+    tilesize: Size | None = param(
         None,
         ge=5,
         le=65536,
@@ -72,13 +72,13 @@ class Sigmas(InLab, Whole):
     order: int | None = param(None, example="3", ge=2, le=4, unset="2", help=ORDER, advanced=True)
     seed: int = param(0, ge=0, le=2**32 - 1, help=SEED)
     columns: int = param(3, ge=1, le=32, help="Number of tiles in a row.")
-    json: Path | None = param(None, example="sigmas.json", help="JSON file for the table.")
+    facts: Path | None = param(None, example="sigmas.json", help="JSON file for the table.")
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The sheet, and the table of sigmas."""
         resources, progress = session.resources, session.progress
         spec = self.exemplar.first.spec
-        width, height = self.size or Size(spec.width, spec.height)
+        width, height = self.tilesize or Size(spec.width, spec.height)
         order_of(self.measure, self.order)
         same = {name: getattr(self, name) for name in ("exemplar", "measure", "order", "seed")}
         how: Any = op_named("stationarize")(**same)
@@ -89,25 +89,25 @@ class Sigmas(InLab, Whole):
         seen = ExemplarPixels(lab, opaque, opaque, "transparent pixels")
         recipe = how.controlled(how.recipe(width, height), seen, resources, progress)
         tiles = SigmaTiles(resources.device, lab, opaque, recipe, resources.budget, seen.why)
-        scale = perceived_scale(tiles, self.n, progress.advance, scale_folder())
-        amounts = np.linspace(0, 1, self.n)
+        scale = perceived_scale(tiles, self.count, progress.advance, scale_folder())
+        amounts = np.linspace(0, 1, self.count)
         panels = []
         for amount in amounts:
             sigma = scale.sigma_at(float(amount))
             tile = np.tile(tiles.tile(sigma, 0, lambda *_: None), (2, 2, 1))
             shown = tile[..., :3] / 100 if self.data else srgb_of_lab(tile[..., :3].astype(np.float64))
-            panels.append((f"amount {amount:.3g}: sigma {sigma:.3g} px", np.clip(shown, 0, 1)))
-        return {"view": Sheet.of_panels(panels, self.columns).image(), "table": _table(scale)}
+            panels.append((f"evenness {amount:.3g}: sigma {sigma:.3g} px", np.clip(shown, 0, 1)))
+        return {"view": Sheet.of_panels(panels, self.columns).image(), "facts": _table(scale)}
 
 
 def _table(scale: Scale) -> dict[str, Any]:
-    """The scale before and after respacing, for `json`; sigmas descend, amounts ascend."""
+    """The scale before and after respacing, for `facts`; sigmas descend, amounts ascend."""
 
     def rows(sigmas: np.ndarray, steps: np.ndarray) -> dict[str, Any]:
         amounts = scale.amounts(sigmas)
         distances = [*map(float, steps[::-1]), None]
         table = [
-            {"sigma": float(s), "amount": float(a), "step": d}
+            {"sigma": float(s), "evenness": float(a), "step": d}
             for s, a, d in zip(sigmas[::-1], amounts[::-1], distances, strict=True)
         ]
         return {"table": table, "variation": variation(steps)}

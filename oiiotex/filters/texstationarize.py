@@ -27,8 +27,8 @@ from ..synthesis.exemplar.photo_lattice import STRUCTURE
 from ..synthesis.exemplar.presets import (
     CLEAN,
     CONTRAST,
-    KEEP_SIGMA_SHARE,
     LARGE_PATCH,
+    LARGE_SIGMA_SHARE,
     PAPER_SIGMA_SHARE,
     PRESET_HELP,
     PRESETS,
@@ -46,7 +46,7 @@ _DOMINANT_SHARE = 1  # time for the mask of preset=clean, relative to the synthe
 class Stationarize(PatchSynthesis):
     """Create a seamlessly tiling texture from a photo, without visible repetition.
 
-    Gradients of light and stains repeat visibly when a photo is tiled, so `flatten` removes them first. The photo is
+    Gradients of light and stains repeat visibly when a photo is tiled, so `flattening` removes them first. The photo is
     then resynthesized from its own patches while local statistics (by default histograms) are kept uniform above a
     scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017).
 
@@ -56,7 +56,7 @@ class Stationarize(PatchSynthesis):
     """
 
     example: ClassVar[str] = """\
->>> tile = filters.stationarize("photo.png", preset="keep", seed=7)
+>>> tile = filters.stationarize("photo.png", preset="large", seed=7)
 >>> tile.write("tile.png")
 True
 """
@@ -64,7 +64,7 @@ True
     outputs: ClassVar[tuple[Output, ...]] = (*PatchSynthesis.outputs, DRIFT)
 
     sigmamap: Image | None = image(None, help=SIGMAMAP)
-    flatten: float | None = param(
+    flattening: float | None = param(
         None,
         example="0.5",
         ge=0,
@@ -84,7 +84,7 @@ True
         help="Scale, in pixels, above which the result is statistically uniform. Smaller structures are kept. Reduce it"
         " if features still repeat visibly.",
     )
-    amount: float | None = param(
+    evenness: float | None = param(
         None,
         example="0.5",
         ge=0,
@@ -93,7 +93,7 @@ True
         help="Visible uniformity of the result, from 0 (least) to 1 (most), used instead of sigma. Equal steps make"
         " equally visible differences; `sigmas` shows them for a photo.",
     )
-    contrast: float | None = param(
+    histogram: float | None = param(
         None,
         example="0.3",
         ge=0,
@@ -108,22 +108,22 @@ True
         "flat",
         choices=("flat", "exemplar"),
         advanced=True,
-        help="Histogram that `contrast` matches. flat: that of the photo after evening out. exemplar: that of the"
+        help="Histogram that `histogram` matches. flat: that of the photo after evening out. exemplar: that of the"
         " photo as it is, matched only on the coarsest level, as in the paper.",
     )
 
     measure: str = param("histogram", choices=MEASURES, help=MEASURE, advanced=True)
     order: int | None = param(None, example="3", ge=2, le=4, unset="2", help=ORDER, advanced=True)
-    structure: float = param(0.5, ge=0, le=1, help=STRUCTURE)
+    lattice: float = param(0.5, ge=0, le=1, help=STRUCTURE)
     preset: str | None = param(None, choices=(*PRESETS, None), help=PRESET_HELP)
     paper: bool = param(
         False,
         advanced=True,
-        help="Settings of the paper (MJH17), for comparison: flatten=0:target=exemplar:contrast=1:structure=0,"
+        help="Settings of the paper (MJH17), for comparison: flattening=0:target=exemplar:histogram=1:lattice=0,"
         " sigma = longer side / 32, patch=11, no reuse penalties, and the paper's pyramid and iterations.",
     )
     PAPER: ClassVar[dict[str, Any]] = {
-        "flatten": 0.0, "target": "exemplar", "contrast": 1.0, "structure": 0.0, "preset": None,
+        "flattening": 0.0, "target": "exemplar", "histogram": 1.0, "lattice": 0.0, "preset": None,
     }  # fmt: skip
 
     @property
@@ -136,15 +136,15 @@ True
         if self.preset is None:
             return super().compute(session)
         stages = session.stages(_DOMINANT_SHARE if self.preset == CLEAN else 0, 1)
-        sigma = self.amount is None and self.sigmamap is None
+        sigma = self.evenness is None and self.sigmamap is None
         first = next(stages)
         op = filled(self, self.preset, first.resources, first.progress, sigma=sigma)
         return op.compute(next(stages))
 
     def _strength(self, resources: Resources) -> float:
         """Share of the low-frequency variation to remove."""
-        if self.flatten is not None:
-            return self.flatten
+        if self.flattening is not None:
+            return self.flattening
         color = self.map_kinds[0] == "color"
         if not color:
             return 0.0
@@ -165,10 +165,10 @@ True
         mask = self.mask
         if stained is not None and self.leaves_out_stains(resources):
             mask = mask_of(~stained if allowed is None else allowed & ~stained, part)
-            keep = spelled(f"to keep it, use {texture_filter('flatten')} first, then flatten=0")
+            keep = spelled(f"to keep it, use {texture_filter('flatten')} first, then flattening=0")
             self.inform("a stain covers %.0f %% of the photo and is not copied; %s", 100 * stained.mean(), keep)
         exemplar = Image((flat, *self.exemplar.parts[1:]), self.exemplar.source)
-        return replace(self, exemplar=exemplar, mask=mask, flatten=0.0), {"drift": drift}
+        return replace(self, exemplar=exemplar, mask=mask, flattening=0.0), {"drift": drift}
 
     def leaves_out_stains(self, resources: Resources) -> bool:
         """Whether stains of the photo are excluded from the source pixels."""
@@ -176,8 +176,8 @@ True
 
     @property
     def kept_structure(self) -> float:
-        """Value of `structure`."""
-        return self.structure
+        """Value of `lattice`."""
+        return self.lattice
 
     @property
     def sized(self) -> bool:
@@ -190,7 +190,7 @@ True
         # patches cannot restore what a projection removes from small tiles at scales far below a patch
         share = PAPER_SIGMA_SHARE if self.paper else SIGMA_SHARE
         sigma = self.sigma or max(max(width, height) / share, self.side / 4)
-        contrast = self.contrast if self.contrast is not None else CONTRAST
+        contrast = self.histogram if self.histogram is not None else CONTRAST
         plain = self._recipe(width, height, sigma, contrast, self.target == "flat")
         return replace(plain, measure=self.measure, order=order, complete=not self.paper, literal=self.paper)
 
@@ -200,35 +200,35 @@ True
         return self.variants == 1 and not self.paper
 
     def controlled(self, recipe: Recipe, seen: ExemplarPixels, resources: Resources, progress: Progress) -> Recipe:
-        """The recipe with the sigma that `amount` stands for (MJH17 section 4.4)."""
-        if self.amount is None:
+        """The recipe with the sigma that `evenness` stands for (MJH17 section 4.4)."""
+        if self.evenness is None:
             return recipe
         if self.sigma is not None:
-            raise ParameterError(f"conflicts with sigma={self.sigma:g}", parameter="amount", value=self.amount)
+            raise ParameterError(f"conflicts with sigma={self.sigma:g}", parameter="evenness", value=self.evenness)
         tiles = SigmaTiles(resources.device, seen.values, seen.usable, recipe, resources.budget, seen.why)
         scale = perceived_scale(tiles, DEFAULT_COUNT, progress.advance, scale_folder())
-        sigma = scale.sigma_at(self.amount)
-        self.inform("amount=%g corresponds to sigma=%.2f px", self.amount, sigma)
+        sigma = scale.sigma_at(self.evenness)
+        self.inform("evenness=%g corresponds to sigma=%.2f px", self.evenness, sigma)
         return replace(recipe, sigma=sigma)
 
     @property
     def judges_itself(self) -> bool:
         """True where no modifier sets sigma or patch."""
-        given = self.sigma, self.amount, self.sigmamap, self.patch
+        given = self.sigma, self.evenness, self.sigmamap, self.patch
         return not self.paper and all(one is None for one in given)
 
     def second_choice(self, recipe: Recipe) -> Recipe | None:
-        """The recipe of preset=keep, which preserves larger structures."""
+        """The recipe of preset=large, which preserves larger structures."""
         if not self.judges_itself:
             return None
-        sigma = max(recipe.size) / KEEP_SIGMA_SHARE
+        sigma = max(recipe.size) / LARGE_SIGMA_SHARE
         return replace(recipe, sigma=sigma, patch=LARGE_PATCH)
 
     def sigmas(self, width: int, height: int) -> np.ndarray | None:
         """Values of sigmamap."""
         if self.sigmamap is None:
             return None
-        for name, value in (("sigma", self.sigma), ("amount", self.amount)):
+        for name, value in (("sigma", self.sigma), ("evenness", self.evenness)):
             if value is not None:
                 raise ParameterError("conflicts with sigmamap", parameter=name, value=value)
         return sigmas_of(self.sigmamap, width, height)

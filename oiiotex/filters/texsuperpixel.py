@@ -9,7 +9,6 @@ from typing import ClassVar
 from ..analysis.superpixels.hierarchy import Hierarchy, hierarchy
 from ..analysis.superpixels.superpixels import (
     COMPACTNESS,
-    ITERATIONS,
     LEAST_SIGMA,
     Superpixels,
     label_part,
@@ -45,7 +44,7 @@ class Superpixel(InLab, ScanThenMap):
     name: ClassVar[str] = "superpixel"
     carries: ClassVar[bool] = True
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="keep", of="source"),
+        Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="photo", of="source"),
         Output("superpixels", Kind.IDS, "One channel of ids, in the image's windows. Write it to EXR or TIFF."),
     )
 
@@ -60,7 +59,7 @@ class Superpixel(InLab, ScanThenMap):
         help="Scale of the superpixels, rounded to the nearest level. Increase it for larger superpixels.",
     )
     count: int | None = param(None, example="400", ge=1, help="Number of superpixels, used instead of sigma.")
-    finest: float | None = param(
+    sigmamin: float | None = param(
         None,
         example="16",
         ge=2,
@@ -77,29 +76,7 @@ class Superpixel(InLab, ScanThenMap):
         help="Compactness m of SLIC: the Lab distance that weighs as much as one sigma in space. Increase it for"
         " rounder superpixels.",
     )
-    iterations: int = param(
-        ITERATIONS,
-        ge=1,
-        le=100000,
-        help="Maximum number of SLIC iterations. They end earlier if no center moves.",
-        advanced=True,
-    )
-    runs: int = param(
-        1, ge=1, le=1000, help="Number of SLIC runs. The best one by LSA16 eq. 3 is used. The paper: 10.", advanced=True
-    )
-    minsize: int | None = param(
-        None,
-        example="50",
-        ge=1,
-        unit="px",
-        unset="finest^2 / 4",
-        advanced=True,
-        help="Minimum area of a superpixel. Smaller ones are merged into a neighbor. The paper: 25.",
-    )
-    seed: int = param(
-        0, ge=0, le=2**32 - 1, help="Seed of the runs after the first, which start from other centers.", advanced=True
-    )
-    keep: bool = param(False, help="Keep the image as the first part, followed by the label map.")
+    photo: bool = param(False, help="Keep the image as the first part, followed by the label map.")
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The label map."""
@@ -108,8 +85,8 @@ class Superpixel(InLab, ScanThenMap):
             raise ParameterError("sigma conflicts with count; set only one of them")
         lens = lens_of(self.source, resources, self.working_space)
         finest = superpixels(
-            self.source, lens, resources, sigma=self.finest, compactness=self.compactness, iterations=self.iterations,
-            runs=self.runs, minsize=self.minsize, seed=self.seed, powers=False, advance=progress.advance,
+            self.source, lens, resources, sigma=self.sigmamin, compactness=self.compactness,
+            powers=False, advance=progress.advance,
         )  # fmt: skip
         sigma, partition = finest.sigma, np.arange(finest.count)
         if self.sigma is not None or self.count is not None:
@@ -123,7 +100,7 @@ class Superpixel(InLab, ScanThenMap):
             spec.attribute(SUPERPIXELS, count)
 
         # without the photo it takes the photo's name
-        name = part.name if self.keep else self.source.first.name
+        name = part.name if self.photo else self.source.first.name
         return {"superpixels": replace(part.respecced(mark), name=name)}
 
     def _level(self, finest: Superpixels, levels: Hierarchy) -> tuple[float, np.ndarray]:

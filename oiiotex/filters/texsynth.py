@@ -27,7 +27,6 @@ from ..synthesis.multiscale.synthesizer import MOST_LEVEL
 from ..synthesis.quality.report import REPORT, Quality
 
 _WINDOW = re.compile(r"([1-9]\d*)x([1-9]\d*)([+-]\d+)([+-]\d+)", re.ASCII)
-_SHARE = re.compile(r"([1-9]\d{0,9})/([1-9]\d{0,9})", re.ASCII)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +56,7 @@ class Synth(Multiscale, Structured):
             "transfer",
             Kind.COORDINATES,
             "Color offset added to each copied pixel: L, a and b of CIE Lab in R, G and B. Only with graph.",
-            asked_by="stmap",
+            asked_by="st",
         ),
         REPORT,
     )
@@ -68,10 +67,7 @@ class Synth(Multiscale, Structured):
     window: str | None = param(
         None, example="1920x1080+0-400", help="Window of the unbounded plane to compute, as WxH+X+Y."
     )
-    chunk: str | None = param(
-        None, example="1/4", advanced=True, help="Chunk I of N of the rows of the result, as I/N, for a render farm."
-    )
-    level: int | None = param(
+    lod: int | None = param(
         None,
         example="2",
         ge=0,
@@ -80,7 +76,7 @@ class Synth(Multiscale, Structured):
         help="Resolution. At level N, the root exemplar (without `graph`, the photo) is 2^N pixels wide. Reduce it"
         " for a preview.",
     )
-    tile: str = param(
+    tiles: str = param(
         "none",
         choices=("none", "xy"),
         help="Axes along which the result tiles. xy requires size, with sides that are multiples of 2^level pixels.",
@@ -91,7 +87,7 @@ class Synth(Multiscale, Structured):
         help="Save a checkpoint after each finished piece next to the output, in the folder OUTPUT.parts. Run the"
         " same command again to resume.",
     )
-    stmap: bool | Path = param(
+    st: bool | Path = param(
         False,
         example="st.exr",
         advanced=True,
@@ -109,25 +105,25 @@ class Synth(Multiscale, Structured):
     def compute(self, session: Session) -> dict[str, Any]:
         """The texture and its source coordinates."""
         resources, progress = session.resources, session.progress
-        asked, wrap = self._asked_window(), (self.tile == "xy",) * 2
+        asked, wrap = self._asked_window(), (self.tiles == "xy",) * 2
         # checks the limits before the work
         quality = Quality(op=self, resources=resources, progress=progress, wrap=wrap, copies=self.graph is None)
         plane = self.opened(resources, progress)
         first = plane.root.first
-        level = plane.finest + plane.graph.depth() if self.level is None else self.level
+        level = plane.finest + plane.graph.depth() if self.lod is None else self.lod
         display, window = self._windows(first.spec, asked)
         around = self._around(level, display)
         in_step = self._in_step(plane, level, around, session)
-        how: dict[str, Any] = {"seed": self.seed, "lock": self.lock, "jitter": self.jitter}
+        how: dict[str, Any] = {"seed": self.seed, "lock": self.keeplayout, "jitter": self.jitter}
         settings = plane.settings(**how, around=around, around_level=level, in_step=in_step)
         maker = self.maker(plane, settings, resources)
-        key = plane.key(settings, level) if self.resume or self.chunk else ""
+        key = plane.key(settings, level) if self.resume or self.window else ""
         states = States(resources, maker, level, window, display or window, key if self.resume else "")
-        spec = texture_spec(first.spec, states.display, states.place, self.tile)
+        spec = texture_spec(first.spec, states.display, states.place, self.tiles)
         spec.attribute("oiiotex:level", level)
         spec.attribute(WINDOW, str(window))
         note(spec, "oiiotex:seed", settings.seed)
-        if self.chunk:
+        if self.window:
             spec.attribute(PLANE, key)
         texture = Part(first.name, spec, lambda w: plane.pixels(states.read(w)), first.stored)
         results = {"texture": texture, **self._maps(plane, states, spec)}
@@ -140,8 +136,6 @@ class Synth(Multiscale, Structured):
 
     def _asked_window(self) -> Window | None:
         """The value of `window`, which must lie inside `size`; None if not given."""
-        if self.chunk and not _SHARE.fullmatch(self.chunk):
-            raise ParameterError(parameter="chunk", value=self.chunk, expected="I/N, I from 1 to N")
         if not self.window:
             return None
         match = _WINDOW.fullmatch(self.window)
@@ -158,35 +152,25 @@ class Synth(Multiscale, Structured):
         return window
 
     def _windows(self, spec: oiio.ImageSpec, asked: Window | None) -> tuple[Window | None, Window]:
-        """(display window by `size`, pixels to compute), both on the plane of the level.
-
-        `chunk` selects whole rows, so the chunks are assembled by pasting.
-        """
+        """(display window by `size`, pixels to compute), both on the plane of the level."""
         display = None if self.size is None else Window(0, 0, *self.size)
         window = asked or display or Window(0, 0, spec.width, spec.height)
-        if not self.chunk:
-            return display, window
-        share, count = map(int, self.chunk.split("/"))
-        if not 1 <= share <= count <= window.height:
-            expected = f"I/N, I from 1 to N, N at most {window.height} rows"
-            raise ParameterError(parameter="chunk", value=self.chunk, expected=expected)
-        rows = (window.top + window.height * n // count for n in (share - 1, share))
-        return display or window, Window(window.left, next(rows), window.right, next(rows))
+        return display, window
 
     def _around(self, level: int, display: Window | None) -> tuple[int, int] | None:
         """Period of the plane, in pixels of the level."""
-        if self.tile == "none":
+        if self.tiles == "none":
             return None
         if self.size is None or display is None:
-            raise ParameterError(f"{modifier(tile='xy')} requires size, the period of the texture")
+            raise ParameterError(f"{modifier(tiles='xy')} requires size, the period of the texture")
         if any(n % (1 << level) for n in self.size):
-            expected = f"multiples of {1 << level} px, for {modifier(tile='xy')} on level {level}"
+            expected = f"multiples of {1 << level} px, for {modifier(tiles='xy')} on level {level}"
             raise ParameterError(parameter="size", value=self.size, expected=expected)
         return display.width, display.height
 
     def _in_step(self, plane: Plane, level: int, around: tuple[int, int] | None, session: Session) -> InStep | None:
         """The lattice of the single exemplar, in px of its square; None with lock or paper."""
-        if self.graph is not None or self.lock or self.paper:
+        if self.graph is not None or self.keeplayout or self.paper:
             return None
         root = plane.exemplars[0]
         lattice = self.lattice_of(root.values, root.opaque, session.resources)

@@ -28,7 +28,7 @@ class Warp(Gather):
     """
 
     example: ClassVar[str] = """\
->>> made = filters.stationarize("photo.png", stmap=True)
+>>> made = filters.stationarize("photo.png", st=True)
 >>> rough_tile = filters.warp("roughness.png", made["st"])
 """
     name: ClassVar[str] = "warp"
@@ -39,20 +39,20 @@ class Warp(Gather):
     )
 
     source: Image = image(help="Image that provides the pixels.")
-    st: Image = image(help="Source coordinates: part 'st', or the first part if there is none of that name.")
+    stmap: Image = image(help="Source coordinates: part 'st', or the first part if there is none of that name.")
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The rearranged first part. The map is read in bands, once to check it; the image is held in memory."""
-        part, st = self.source.first, self.st.part("st") or self.st.first
+        part, st = self.source.first, self.stmap.part("st") or self.stmap.first
         if st.spec.nchannels != 2 or dtype_of(st.spec) not in (np.float32, np.float64):
             raise ImageError(
                 f"has {st.spec.nchannels} channels of {st.spec.format}: expected two float channels (s, t)",
-                subject=self.st.source,
+                subject=self.stmap.source,
             )
 
         def read(window: Window) -> SourceMap:
             at = window.shifted(st.spec.x, st.spec.y)
-            return SourceMap.of_coordinates(st.read(at), part.spec, self.st.source)
+            return SourceMap.of_coordinates(st.read(at), part.spec, self.stmap.source)
 
         spec = derived_spec(part.spec, st.spec.width, st.spec.height)
         with session.resources.stats.time("read"):

@@ -59,7 +59,7 @@ class Zoom(Multiscale):
         le=8,
         help="Octaves per frame. 1 doubles the scale each frame; negative values zoom out.",
     )
-    level: float | None = param(
+    lod: float | None = param(
         None,
         example="2",
         ge=0,
@@ -78,7 +78,7 @@ class Zoom(Multiscale):
     movie: Path | None = param(
         None, example="zoom.mp4", help="File for a preview movie: .gif (Pillow), or .mp4 (requires ffmpeg in $PATH)."
     )
-    frames: int = param(48, ge=2, le=1 << 16, help="Number of frames of the movie, from this frame on.")
+    count: int = param(48, ge=2, le=1 << 16, help="Number of frames of the movie, from this frame on.")
     fps: float = param(24.0, ge=0.1, le=240, help="Frames per second of the movie.")
 
     def single(self, name: str) -> Graph:
@@ -99,14 +99,14 @@ class Zoom(Multiscale):
         zoom = self._zoom(plane, number)
         side = 1 << plane.finest
         x, y = (Fraction(n) / side for n in self.center or (side / 2, side / 2))
-        last = self._zoom(plane, number + self.frames - 1) if self.movie else zoom
+        last = self._zoom(plane, number + self.count - 1) if self.movie else zoom
         farthest = max(zoom, last)
         if max(abs(x), abs(y)) * 2 ** math.ceil(farthest) > FARTHEST:
             problem = f"more than 2^60 px away from 0,0 at {farthest:.6g} octaves"
             raise ParameterError(problem, parameter="center", value=self.center)
         if self.movie and self.movie.suffix.lower() == ".gif":
-            resources.require(2 * self.frames * width * height, f"a GIF of {self.frames} frames", "reduce frames")
-        maker = self.maker(plane, plane.settings(seed=self.seed, lock=self.lock, jitter=self.jitter), resources)
+            resources.require(2 * self.count * width * height, f"a GIF of {self.count} frames", "reduce frames")
+        maker = self.maker(plane, plane.settings(seed=self.seed, lock=self.keeplayout, jitter=self.jitter), resources)
         whole = Window(0, 0, width, height)
 
         def frame_at(zoom: float) -> Part:
@@ -116,17 +116,17 @@ class Zoom(Multiscale):
             return Part(first.name, spec, shown.pixels, first.stored)
 
         def frames() -> Iterator[np.ndarray]:
-            for n in range(self.frames):
+            for n in range(self.count):
                 part = frame_at(self._zoom(plane, number + n))
                 yield np.rint(255 * shown_pixels(part.pixels(), part, resources)).astype(np.uint8)
-                progress.advance(n + 1, self.frames)
+                progress.advance(n + 1, self.count)
 
         results = {"frame": frame_at(zoom), "movie": lambda: (frames(), self.fps)}
         return with_report(quality, plane, results)
 
     def _zoom(self, plane: Plane, number: int) -> float:
         """The zoom of a frame: octaves below level 0, where one pixel covers the root."""
-        begin = plane.finest if self.level is None else self.level
+        begin = plane.finest if self.lod is None else self.lod
         zoom = begin + self.speed * (number - self.first)
         if not 0 <= zoom <= MOST_LEVEL:
             raise ParameterError(

@@ -120,7 +120,7 @@ def test_only_a_photo_with_courses_and_no_lattice_is_kept_in_courses(caplog):
         for name, photo in photos.items():
             caplog.clear()
             one, other = (
-                filters.stationarize(buffer(photo), structure=s, session=Session(), **common).get_pixels()
+                filters.stationarize(buffer(photo), lattice=s, session=Session(), **common).get_pixels()
                 for s in (0.5, 0.0)
             )
             made[name] = "the photo has courses" in caplog.text, bool((one == other).all())

@@ -179,12 +179,12 @@ def test_collages_of_five_textures_are_decomposed():
 def test_as_many_subtextures_as_are_asked_for(group):
     case = drawn_collage(0, 256)
     for count in (1, 2, 3) if group == "cliques" else (1, 2, 3, 5):  # joined, never cut
-        labels = run(Decompose(source=case.image, group=group, labels=count), Session())[0].image.first.pixels()
+        labels = run(Decompose(source=case.image, group=group, maxlabels=count), Session())[0].image.first.pixels()
         assert len(np.unique(labels)) == count, count
 
 
 def test_fewer_subtextures_than_are_asked_for_are_said(caplog):
-    assert ids_of(np.full((64, 64, 3), 0.5), labels=4).max() == 1
+    assert ids_of(np.full((64, 64, 3), 0.5), maxlabels=4).max() == 1
     assert "1 subtextures, not 4" in caplog.text
 
 
@@ -312,7 +312,7 @@ def test_parts_cryptomatte_json_and_the_view(tmp_path):
     picture, _ = quarters(96)
     save(picture, tmp_path / "photo.png")
     done = oiiotex(
-        "photo.png", "--texdecompose:keep=1:cryptomatte=manifest.json:json=facts.json", "-o", "all.exr", cwd=tmp_path
+        "photo.png", "--texdecompose:photo=1:cryptomatte=manifest.json:facts=facts.json", "-o", "all.exr", cwd=tmp_path
     )
     assert done.returncode == 0, done.stderr
     names = [oiio.ImageBuf(str(tmp_path / "all.exr"), n, 0).spec() for n in range(3)]

@@ -63,7 +63,7 @@ def test_a_clean_texture_is_nearly_all_dominant():
 def test_parts_attributes_and_json(tmp_path):
     _, picture, truth = composite(0)
     save(picture, tmp_path / "wall.png")
-    words = "--texdominant:keep=1:types=1:score=1:json=facts.json"
+    words = "--texdominant:photo=1:types=1:score=1:facts=facts.json"
     done = oiiotex("wall.png", words, "-d", "float", "-o", "all.exr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     specs = [oiio.ImageBuf(str(tmp_path / "all.exr"), n, 0).spec() for n in range(4)]
@@ -110,7 +110,7 @@ def test_the_chart_of_what_has_no_curve(tmp_path):
 def test_a_quilt_from_the_mask_takes_no_other_pixel(tmp_path):
     """The issue's command: the photo and its mask in one image, straight into the synthesis."""
     save(composite(3)[1], tmp_path / "wall.png")
-    chain = ("--texdominant:keep=1:step=2", "--texquilt:mask=dominant:size=160x120:patch=16:stmap=1")
+    chain = ("--texdominant:photo=1:step=2", "--texquilt:mask=dominant:size=160x120:patch=16:st=1")
     done = oiiotex("wall.png", "-d", "float", chain[0], "-o", "parts.exr", chain[1], "-o", "clean.exr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     mask, clean, st = load(tmp_path / "parts.exr", 1), load(tmp_path / "clean.exr", 0), load(tmp_path / "clean.exr", 1)
@@ -124,7 +124,7 @@ def test_a_quilt_from_the_mask_takes_no_other_pixel(tmp_path):
 
 def test_a_rejected_photo_cannot_be_quilted(tmp_path):
     save(np.random.default_rng(0).random((60, 60, 3)), tmp_path / "noise.png")
-    chain = ("--texdominant:keep=1", "--texquilt:mask=dominant:size=64x64")
+    chain = ("--texdominant:photo=1", "--texquilt:mask=dominant:size=64x64")
     done = oiiotex("noise.png", *chain, "-o", "clean.exr", cwd=tmp_path)
     warning, error = done.stderr.strip().splitlines()
     assert done.returncode == 1 and "noise.png has no dominant texture" in warning

@@ -42,7 +42,7 @@ def test_it_is_what_the_oracle_says(height, width, radius, side, amount, contras
     alpha = np.ones((height, width, 1))
     alpha[4:17, 5:15] = 0
     given = np.concatenate([picture, alpha], -1).astype(np.float32)
-    made = pixels(filters.flatten(linear(given), radius=radius, amount=amount, contrast=contrast, tone=tone))
+    made = pixels(filters.flatten(linear(given), radius=radius, flattening=amount, localcontrast=contrast, tone=tone))
     target = None if tone == "photo" else np.array([50.0, 0, 0])
     seen = alpha[..., 0] > 0
     wanted = reference.flattened(lab_of(given), seen, radius, side, amount, contrast, target)
@@ -158,7 +158,7 @@ def test_contrast_is_evened_out_and_bounded():
     assert gray[:, 210:].std() / gray[:, :90].std() > 9
     assert strong / weak < 6
     assert weak / gray[:, :90].std() == pytest.approx(2.0, abs=0.1)  # not beyond twice
-    kept = pixels(filters.flatten(data, radius=40, data=True, contrast=0))
+    kept = pixels(filters.flatten(data, radius=40, data=True, localcontrast=0))
     assert kept[:, :90].std() == pytest.approx(gray[:, :90].std(), rel=0.02)
 
 
@@ -173,7 +173,7 @@ def test_gray_forgets_the_photos_own_color():
 
 def test_amount_0_changes_no_bit_and_an_endless_radius_hardly_any():
     photo = linear(pictures.stained(pictures.bricks(60, 80, 1)) * 8 - 0.1)
-    np.testing.assert_array_equal(pixels(filters.flatten(photo, amount=0)), pixels(photo))
+    np.testing.assert_array_equal(pixels(filters.flatten(photo, flattening=0)), pixels(photo))
     np.testing.assert_allclose(pixels(filters.flatten(photo, radius=1e6)), pixels(photo), atol=2e-3)
 
 
@@ -181,7 +181,7 @@ def test_amount_0_changes_no_bit_and_an_endless_radius_hardly_any():
 @pytest.mark.parametrize(("size", "radius"), [((1, 1), None), ((1, 40), 1), ((40, 1), 1e4), ((2, 3), None)])
 def test_tiny_images(size, radius, tile):
     picture = np.random.default_rng(0).random((*size, 3))
-    made = pixels(filters.flatten(linear(picture), radius=radius, tile=tile))
+    made = pixels(filters.flatten(linear(picture), radius=radius, tiled=tile))
     assert made.shape == picture.shape and np.isfinite(made).all()
     if size == (1, 1):
         np.testing.assert_allclose(made, picture, atol=1e-2)
@@ -250,10 +250,10 @@ def steps_across(made: np.ndarray) -> list[float]:
 @pytest.mark.parametrize("size", [(97, 131), (64, 96), (40, 300)])
 def test_what_tiles_goes_on_to_tile(size):
     photo = wrapping(*size)
-    y, x = steps_across(pixels(filters.flatten(linear(photo), radius=40, tile="xy")))
+    y, x = steps_across(pixels(filters.flatten(linear(photo), radius=40, tiled="xy")))
     assert y <= 1.05 and x <= 1.05
     assert max(steps_across(pixels(filters.flatten(linear(photo), radius=40)))) > 1.5
-    made = filters.flatten(linear(photo), radius=40, tile="x")
+    made = filters.flatten(linear(photo), radius=40, tiled="x")
     y, x = steps_across(pixels(made))
     assert x <= 1.05 < y
     assert made.spec().get_string_attribute("wrapmodes") == "periodic,black"
@@ -262,18 +262,18 @@ def test_what_tiles_goes_on_to_tile(size):
 def test_a_torus_has_no_corner():
     """Turned by whole cells the result is the same, turned; by any number of pixels nearly so."""
     photo = wrapping(96, 120)
-    made = pixels(filters.flatten(linear(photo), radius=32, tile="xy"))
-    turned = pixels(filters.flatten(linear(np.roll(photo, (28, 52), (0, 1))), radius=32, tile="xy"))
+    made = pixels(filters.flatten(linear(photo), radius=32, tiled="xy"))
+    turned = pixels(filters.flatten(linear(np.roll(photo, (28, 52), (0, 1))), radius=32, tiled="xy"))
     np.testing.assert_allclose(np.roll(turned, (-28, -52), (0, 1)), made, atol=1e-5)
-    turned = pixels(filters.flatten(linear(np.roll(photo, (7, 13), (0, 1))), radius=32, tile="xy"))
+    turned = pixels(filters.flatten(linear(np.roll(photo, (7, 13), (0, 1))), radius=32, tiled="xy"))
     np.testing.assert_allclose(np.roll(turned, (-7, -13), (0, 1)), made, atol=2.5e-2)
 
 
 def test_bands_and_threads_do_not_show_in_what_tiles(monkeypatch):
     photo = linear(wrapping(97, 61))
-    made = pixels(filters.flatten(photo, radius=18, tile="xy"))
+    made = pixels(filters.flatten(photo, radius=18, tiled="xy"))
     monkeypatch.setattr("oiiotex.engine.scan.PIECE_PIXELS", 61 * 2)
-    again = pixels(filters.flatten(photo, radius=18, tile="xy", session=Session(threads=1)))
+    again = pixels(filters.flatten(photo, radius=18, tiled="xy", session=Session(threads=1)))
     np.testing.assert_array_equal(made, again)
 
 
@@ -282,7 +282,7 @@ def test_a_stain_is_no_source_of_a_tile_and_objects_are():
     for places in (((100, 120),), ((50, 60), (60, 190), (190, 70), (200, 200))):
         picture = np.ascontiguousarray(lab_with_spots(*places)[1])
         ColorConfig().from_lab("lin_rec709_scene")(picture)
-        made = filters.stationarize(linear(picture), iterations=3, stmap=True)
+        made = filters.stationarize(linear(picture), iterations=3, st=True)
         y, x = SourceMap.of_coordinates(pixels(made["st"]), linear(picture).spec(), "st").yx
         covered.append((np.min([np.hypot(y - cy, x - cx) for cy, cx in places], 0) < 22).mean())
     assert covered[0] == 0 < covered[1], covered

@@ -19,7 +19,7 @@ import hashlib, json
 import OpenImageIO as oiio
 from oiiotex import filters
 from tests.analysis.test_labels import buffer, quarters
-made = filters.label(buffer(quarters(144)[0]), soft=True)
+made = filters.label(buffer(quarters(144)[0]), membership=True)
 def bits(image):
     kind = oiio.UINT32 if image.spec().format == oiio.UINT32 else oiio.FLOAT
     return hashlib.sha256(image.get_pixels(kind).tobytes()).hexdigest()

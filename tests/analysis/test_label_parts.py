@@ -32,7 +32,7 @@ from tests.refusals import refused
 def written(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("labels")
     save(quarters(128)[0], folder / "photo.png")
-    words = "--texlabel:keep=1:soft=1:cryptomatte=manifest.json:json=tree.json"
+    words = "--texlabel:photo=1:membership=1:cryptomatte=manifest.json:facts=tree.json"
     done = oiiotex("photo.png", words, "-o", "a.exr", cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder
@@ -81,7 +81,7 @@ def test_tiff_holds_the_labels_and_png_is_refused_as_a_further_part(written):
     np.testing.assert_array_equal(
         ids_of(oiio.ImageBuf(str(written / "a.tif"))), ids_of(parts_of(written / "a.exr")["label.1"])
     )
-    done = oiiotex("photo.png", "--texlabel:keep=1", "-o", "a.png", cwd=written)
+    done = oiiotex("photo.png", "--texlabel:photo=1", "-o", "a.png", cwd=written)
     assert done.returncode == 1 and "label.1" in done.stderr
 
 
@@ -131,7 +131,7 @@ def test_a_cryptomatte_says_its_manifest():
 
 def test_in_python_parts_go_by_their_names():
     photo = buffer(quarters(96)[0])
-    found = filters.label(photo, keep=True)
+    found = filters.label(photo, photo=True)
     assert next(iter(found)) != "label.1" and "label.1" in found
     assert found["label.1"].spec().format == oiio.UINT32
     assert next(iter(filters.label(photo))) == "label.1"
@@ -154,7 +154,7 @@ def test_a_run_can_be_stopped_and_says_how_far_it_is():
 
 
 def test_the_view_shows_photo_levels_and_tree(written):
-    done = oiiotex("a.exr", "--texlabelview:side=128", "-o", "view.png", cwd=written)
+    done = oiiotex("a.exr", "--texlabelview:panel=128", "-o", "view.png", cwd=written)
     assert done.returncode == 0, done.stderr
     view = oiio.ImageBuf(str(written / "view.png"))
     assert view.spec().nchannels == 3 and view.spec().width > 3 * 128

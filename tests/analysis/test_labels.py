@@ -241,7 +241,7 @@ def test_a_given_level_is_the_coarsest_and_everything_lies_in_it():
 
 def test_the_coarsest_level_has_as_many_labels_as_are_asked_for():
     picture, truth = quarters(192)
-    made = filters.label(buffer(picture), labels=3)
+    made = filters.label(buffer(picture), maxlabels=3)
     last = sorted((p for p in made if p.startswith("label.")), key=lambda p: int(p[6:]))[-1]
     assert len(np.unique(made[last].get_pixels(oiio.UINT32))) == 3
 
@@ -250,14 +250,18 @@ def test_paper_is_lsa16_by_the_letter(monkeypatch):
     seen = []
     monkeypatch.setattr(scales, "Walk", lambda *a, **k: seen.append(k) or random_walk.Walk(*a, **k))
     op = filters.op_named("label")(source=from_buffer(buffer(quarters(128)[0])), paper=True)
-    assert (op.features, op.share, op.coarsest, op.runs, op.minsize) == ("moments", 1.0, False, 10, 25)
+    assert (op.features, op.persistence, op.coarsest) == ("moments", 0.95, False)
     best = best_score(op)[0]
     assert best.covering > 0.9 and 4 <= best.count <= 6  # the four textures, and their number
     assert seen and all(k == {"persistence": 0.95, "slowest": 0.0} for k in seen)  # the same at every level, no floor
     with refused(
-        errors.ParameterError, parameter="share", value=0.7, problem="conflicts with paper=1", expected="share=1.0"
+        errors.ParameterError,
+        parameter="persistence",
+        value=0.7,
+        problem="conflicts with paper=1",
+        expected="persistence=0.95",
     ):
-        filters.op_named("label")(source=op.source, paper=True, share=0.7)
+        filters.op_named("label")(source=op.source, paper=True, persistence=0.7)
 
 
 def test_the_authors_program_labels_at_two_scales_at_least():

@@ -28,17 +28,17 @@ def folder(tmp_path_factory):
 
 
 def view(folder, *words: str) -> np.ndarray:
-    done = oiiotex(*words, "--texlabelview:side=128", "-o", "view.png", cwd=folder)
+    done = oiiotex(*words, "--texlabelview:panel=128", "-o", "view.png", cwd=folder)
     assert done.returncode == 0, done.stderr
     return load(folder / "view.png").astype(int)
 
 
 @pytest.mark.slow
 def test_superpixels_behind_their_photo_are_shown(folder):
-    shown = view(folder, "photo.png", "--texsuperpixel:count=40:keep=1")
+    shown = view(folder, "photo.png", "--texsuperpixel:count=40:photo=1")
     alone = view(folder, "photo.png", "--texsuperpixel:count=40")
     assert shown.shape[1] > alone.shape[1] + 128  # a panel more: the photo
-    done = oiiotex("photo.png", "--texsuperpixel:count=40:keep=1", "-o", "cells.exr", cwd=folder)
+    done = oiiotex("photo.png", "--texsuperpixel:count=40:photo=1", "-o", "cells.exr", cwd=folder)
     assert done.returncode == 0, done.stderr
     # from a file, too; drawn text may end one step apart, and the photo has become half
     assert np.abs(view(folder, "cells.exr") - shown).max() <= 1
@@ -46,8 +46,8 @@ def test_superpixels_behind_their_photo_are_shown(folder):
 
 @pytest.mark.slow
 def test_superpixels_beside_labels_have_a_panel_and_no_place_in_the_tree(folder):
-    labels = view(folder, "photo.png", "--texlabel:keep=1")
-    both = view(folder, "photo.png", "--texsuperpixel:keep=1", "--texlabel:keep=1")
+    labels = view(folder, "photo.png", "--texlabel:photo=1")
+    both = view(folder, "photo.png", "--texsuperpixel:photo=1", "--texlabel:photo=1")
     count = len(filters.label(buffer(quarters(128)[0])))
     panels = 1 + count  # photo and levels, three in a row; then superpixels
     assert both.shape[1] - labels.shape[1] in ((0,) if panels >= 3 else (220 + 12,))

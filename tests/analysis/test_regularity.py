@@ -199,7 +199,7 @@ def test_a_tile_is_as_regular_as_its_photo(device, name):
 
 def test_structure_changes_nothing_where_there_is_no_lattice():
     photo = buffer(pictures.stained(pictures.moss(64, 72, 4)))
-    tiles = [filters.stationarize(photo, seed=2, iterations=4, structure=s, session=Session()) for s in (0.0, 0.5, 1.0)]
+    tiles = [filters.stationarize(photo, seed=2, iterations=4, lattice=s, session=Session()) for s in (0.0, 0.5, 1.0)]
     pixels = [np.asarray(tile.get_pixels(tile.spec().format)) for tile in tiles]
     np.testing.assert_array_equal(pixels[0], pixels[1])
     np.testing.assert_array_equal(pixels[0], pixels[2])

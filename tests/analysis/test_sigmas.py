@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texsigmas and :amount=: perceptually motivated control of sigma (MJH17 section 4.4)."""
+"""--texsigmas and :evenness=: perceptually motivated control of sigma (MJH17 section 4.4)."""
 
 from __future__ import annotations
 
@@ -106,13 +106,13 @@ def test_a_scale_is_kept_by_what_it_follows_from(device, tmp_path, monkeypatch):
 
 def test_amount_stands_for_the_sigma_of_the_scale(caplog):
     with caplog.at_level(logging.INFO, "oiiotex"):
-        made = filters.stationarize(photo(), amount=0.4, iterations=2)
-    line = next(r.getMessage() for r in caplog.records if "amount" in r.getMessage())
-    assert line.startswith("--texstationarize: amount=0.4 corresponds to sigma=")
+        made = filters.stationarize(photo(), evenness=0.4, iterations=2)
+    line = next(r.getMessage() for r in caplog.records if "evenness" in r.getMessage())
+    assert line.startswith("--texstationarize: evenness=0.4 corresponds to sigma=")
     sigma = float(line.split("=")[-1].removesuffix(" px"))
     low, high = 80 / 64, 80 / 2
     assert low < sigma < high
-    ends = [filters.stationarize(photo(), amount=a, iterations=2) for a in (0, 1)]
+    ends = [filters.stationarize(photo(), evenness=a, iterations=2) for a in (0, 1)]
     for one, limit in zip(ends, (high, low), strict=True):
         np.testing.assert_array_equal(pixels(one), pixels(filters.stationarize(photo(), sigma=limit, iterations=2)))
     assert (pixels(made) != pixels(ends[0])).any()
@@ -122,7 +122,7 @@ def test_the_sheet_and_its_table(tmp_path):
     said: list[str] = []
     seen: list[tuple[int, int]] = []
     session = Session(say=said.append, progress=lambda done, total: seen.append((done, total)))
-    sheet = filters.sigmas(photo(), n=4, columns=2, json=tmp_path / "t.json", session=session)
+    sheet = filters.sigmas(photo(), count=4, columns=2, facts=tmp_path / "t.json", session=session)
     assert (sheet.spec().nchannels, sheet.spec().format) == (3, oiio.UINT8)
     assert sheet.spec().width > 2 * 2 * 48 and sheet.spec().height > 2 * 2 * 38  # tiles 2 x 2, in two rows
     facts = json.loads((tmp_path / "t.json").read_text())
@@ -130,50 +130,50 @@ def test_the_sheet_and_its_table(tmp_path):
         table = facts[name]["table"]
         assert len(table) == 4 and table[-1]["step"] is None
         assert [row["sigma"] for row in table] == sorted((row["sigma"] for row in table), reverse=True)
-        amounts = [row["amount"] for row in table]
+        amounts = [row["evenness"] for row in table]
         assert amounts == sorted(amounts) and (amounts[0], amounts[-1]) == pytest.approx((0, 1))
         steps = np.array([row["step"] for row in table[:-1]])
         assert facts[name]["variation"] == pytest.approx(steps.std() / steps.mean())
         assert f"{name}: coefficient of variation of the steps {facts[name]['variation']:.3f}" in said
-    assert [row["amount"] for row in facts["after"]["table"]] == pytest.approx([0, 1 / 3, 2 / 3, 1])
+    assert [row["evenness"] for row in facts["after"]["table"]] == pytest.approx([0, 1 / 3, 2 / 3, 1])
     assert [done for done, _ in seen] == list(range(1, 4 * 2 + 1))
 
 
 def test_what_goes_wrong_says_what_is_allowed(fails, photo):
-    line = fails(photo, "--texstationarize:amount=nan")
-    assert "amount=nan" in line and " from 0 to 1" in line
-    assert "would overwrite exemplar, an input image" in fails(photo, f"--texsigmas:json={photo}")
+    line = fails(photo, "--texstationarize:evenness=nan")
+    assert "evenness=nan" in line and " from 0 to 1" in line
+    assert "would overwrite exemplar, an input image" in fails(photo, f"--texsigmas:facts={photo}")
     image = buffer(pictures.bricks(40, 40, 1))
     for value in (-0.1, 1.01):
-        with pytest.raises(errors.ParameterError, match=rf"amount={value}: .* from 0 to 1"):
-            filters.stationarize(image, amount=value)
-    with refused(errors.ParameterError, parameter="amount", value=0.5, problem="conflicts with sigma=8"):
-        filters.stationarize(image, amount=0.5, sigma=8)
-    with refused(errors.ParameterError, parameter="n", value=2, expected="an integer from 3 to 32"):
-        filters.sigmas(image, n=2)
+        with pytest.raises(errors.ParameterError, match=rf"evenness={value}: .* from 0 to 1"):
+            filters.stationarize(image, evenness=value)
+    with refused(errors.ParameterError, parameter="evenness", value=0.5, problem="conflicts with sigma=8"):
+        filters.stationarize(image, evenness=0.5, sigma=8)
+    with refused(errors.ParameterError, parameter="count", value=2, expected="an integer from 3 to 32"):
+        filters.sigmas(image, count=2)
     broken = pictures.bricks(40, 40, 1)
     broken[3, 5, 0] = np.nan
-    for call in (filters.sigmas, lambda b: filters.stationarize(b, amount=0.5)):
+    for call in (filters.sigmas, lambda b: filters.stationarize(b, evenness=0.5)):
         with refused(errors.ImageError, counts=[1, 0]):
             call(buffer(broken))
 
 
 def test_sigmamap_and_amount_do_not_go_together():
     sigmas = buffer(np.full((64, 80, 1), 8.0), space="data", names=("Y",))
-    with refused(errors.ParameterError, parameter="amount", value=0.5, problem="conflicts with sigmamap"):
-        filters.stationarize(photo(), amount=0.5, sigmamap=sigmas)
+    with refused(errors.ParameterError, parameter="evenness", value=0.5, problem="conflicts with sigmamap"):
+        filters.stationarize(photo(), evenness=0.5, sigmamap=sigmas)
 
 
 def test_a_run_can_be_stopped_while_a_scale_is_found():
     with pytest.raises(errors.Interrupted):
-        filters.stationarize(photo(), amount=0.5, session=Session(progress=lambda done, total: done < 2))
+        filters.stationarize(photo(), evenness=0.5, session=Session(progress=lambda done, total: done < 2))
 
 
 def test_neither_threads_nor_lanes_show_in_a_sheet(narrow_device, tmp_path, monkeypatch):
-    whole = pixels(filters.sigmas(photo(), n=3))
+    whole = pixels(filters.sigmas(photo(), count=3))
     for n, session in enumerate((Session(threads=1), Session())):
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / f"empty{n}"))
         if n:
             session.resources.device = narrow_device
-        np.testing.assert_array_equal(pixels(filters.sigmas(photo(), n=3, session=session)), whole)
-    assert (pixels(filters.sigmas(photo(), n=3, seed=4)) != whole).any()
+        np.testing.assert_array_equal(pixels(filters.sigmas(photo(), count=3, session=session)), whole)
+    assert (pixels(filters.sigmas(photo(), count=3, seed=4)) != whole).any()

@@ -32,7 +32,7 @@ def folder(tmp_path_factory) -> Path:
     save(np.concatenate([quarters(96)[0] * alpha, alpha], -1), made / "photo.png")
     (made / "sub").mkdir()
     for choice, out in (("1", "all.exr"), ("sub/names.json", "sub/apart.exr")):
-        done = oiiotex("photo.png", f"--texlabel:keep=1:cryptomatte={choice}", "-o", out, cwd=made)
+        done = oiiotex("photo.png", f"--texlabel:photo=1:cryptomatte={choice}", "-o", out, cwd=made)
         assert done.returncode == 0, done.stderr
     return made
 
@@ -88,7 +88,7 @@ def test_oiiotool_colors_every_layer_by_its_labels(folder, file):
 
 def test_the_part_is_found_by_its_name_and_says_nothing_of_one_level(folder):
     """Also before it was written."""
-    for words in (["all.exr"], ["photo.png", "--texlabel:keep=1:cryptomatte=1"]):
+    for words in (["all.exr"], ["photo.png", "--texlabel:photo=1:cryptomatte=1"]):
         done = oiiotex(*words, "--subimage", "cryptomatte", "-o", "alone.exr", cwd=folder)
         assert done.returncode == 0, done.stderr
         spec = oiio.ImageBuf(str(folder / "alone.exr")).spec()
@@ -97,7 +97,7 @@ def test_the_part_is_found_by_its_name_and_says_nothing_of_one_level(folder):
 
 
 def test_superpixels_are_found_by_their_name(folder):
-    words = ["photo.png", "--texsuperpixel:count=40:keep=1", "--subimage", "superpixels", "-o", "cells.exr"]
+    words = ["photo.png", "--texsuperpixel:count=40:photo=1", "--subimage", "superpixels", "-o", "cells.exr"]
     done = oiiotex(*words, cwd=folder)
     assert done.returncode == 0, done.stderr
     assert load(folder / "cells.exr").dtype == np.uint32
@@ -170,7 +170,7 @@ def test_a_window_is_the_whole_cropped():
 
 @pytest.mark.parametrize("op", ["label", "decompose"])
 def test_a_single_part_holds_the_photo_and_its_cryptomatte(folder, op):
-    done = oiiotex("photo.png", f"--tex{op}:cryptomatte=1:single=1", "-o", "single.exr", cwd=folder)
+    done = oiiotex("photo.png", f"--tex{op}:cryptomatte=1:onepart=1", "-o", "single.exr", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     parts = list(parts_of(folder / "single.exr"))
     assert len(parts) == 1
@@ -189,9 +189,9 @@ def test_a_single_part_holds_the_photo_and_its_cryptomatte(folder, op):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("single=1", "single=1: requires cryptomatte=1"),
-        ("single=1:cryptomatte=1:keep=1", "conflicts with keep:"),
-        ("single=1:cryptomatte=1:keep=1:soft=1", "conflicts with keep, soft:"),
+        ("onepart=1", "onepart=1: requires cryptomatte=1"),
+        ("onepart=1:cryptomatte=1:photo=1", "conflicts with photo:"),
+        ("onepart=1:cryptomatte=1:photo=1:membership=1", "conflicts with photo, membership:"),
     ],
 )
 def test_what_does_not_go_with_a_single_part_is_refused(folder, words, said):

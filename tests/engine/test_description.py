@@ -122,7 +122,7 @@ def test_without_software_attributes_the_color_space_is_said_alone(folder):
 
 
 def test_tiff_holds_labels_with_their_names(folder):
-    assert run(["albedo.png", "--texlabel:keep=1", "-o", "l.tif"], folder) == 0
+    assert run(["albedo.png", "--texlabel:photo=1", "-o", "l.tif"], folder) == 0
     held = read(folder / "l.tif")
     assert [p.name for p in held.parts][1:] and all(p.name.startswith("label.") for p in held.parts[1:])
     assert held.parts[1].spec.get_int_attribute("oiiotex:labels") >= 1

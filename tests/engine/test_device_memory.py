@@ -34,7 +34,7 @@ RUNS = {
     "stationarize": {"size": (36, 32), "iterations": 2, "seed": 1},
     "quilt": {"size": (70, 64), "seed": 1},
     "synth": {"size": (40, 24), "seed": 1},
-    "superpixel": {"finest": 8.0},
+    "superpixel": {"sigmamin": 8.0},
     "label": {},
 }
 

@@ -127,28 +127,27 @@ def is_either(node: ast.AST) -> bool:
 WRONG: dict[str, tuple[str, dict[str, object], str, str]] = {
     "range": ("stationarize:sigma=0", {"sigma": 0}, "sigma=0: expected a number from 0.5 to 1000000 px", ""),
     "word": (
-        "stationarize:tile=z", {"tile": "z"}, "tile=z: expected one of xy, x, y, none",
-        "tile='z': expected one of 'xy', 'x', 'y', 'none'",
+        "stationarize:tiles=z", {"tiles": "z"}, "tiles=z: expected one of none, x, y, xy",
+        "tiles='z': expected one of 'none', 'x', 'y', 'xy'",
     ),
     "size": (
         "stationarize:size=0x64", {"size": (0, 64)}, "size=0x64: expected pow2 or WIDTHxHEIGHT from 5 to 65536 px",
         "size=(0, 64): expected 'pow2' or (width, height) from 5 to 65536 px",
     ),
-    "requires": ("synth:tile=xy", {"tile": "xy"}, "tile=xy requires size", "tile=xy requires size"),
-    "plan": ("quilt:render=1", {"render": True}, "render=1 requires plan=FILE", "render=True requires plan=FILE"),
+    "requires": ("synth:tiles=xy", {"tiles": "xy"}, "tiles=xy requires size", "tiles=xy requires size"),
     "conflict": (
         "estimateheight:light=3:overcast=1", {"light": 3, "overcast": True}, "light=3: conflicts with overcast=1",
         "light='3': conflicts with overcast=True",
     ),
     "paper": (
-        "stationarize:paper=1:contrast=0.5", {"paper": True, "contrast": 0.5},
-        "contrast=0.5: conflicts with paper=1: expected contrast=1",
-        "contrast=0.5: conflicts with paper=True: expected contrast=1",
+        "stationarize:paper=1:histogram=0.5", {"paper": True, "histogram": 0.5},
+        "histogram=0.5: conflicts with paper=1: expected histogram=1",
+        "histogram=0.5: conflicts with paper=True: expected histogram=1",
     ),
     "inverse": ("lab:to=lin_rec709_scene", {"to": "lin_rec709_scene"}, "requires inverse=1", "requires inverse=True"),
     "labels": (
-        "quilt:label=1", {"label": 1}, "has no label parts; create them with --texlabel:keep=1",
-        "has no label parts; create them with filters.label(keep=True)",
+        "quilt:label=1", {"label": 1}, "has no label parts; create them with --texlabel:photo=1",
+        "has no label parts; create them with filters.label(photo=True)",
     ),
     "panels": ("preview:panels=no", {"panels": ["no"]}, "panels=no: expected ", "panels=('no',): expected "),
 }  # fmt: skip
@@ -176,7 +175,7 @@ def test_words_are_spelled_by_who_says_them():
     for text, line, python in (
         (modifier(mask=True), "mask=1", "mask=True"),
         (modifier(render=False, seed=3), "render=0:seed=3", "render=False, seed=3"),
-        (texture_filter("label", keep=True), "--texlabel:keep=1", "filters.label(keep=True)"),
+        (texture_filter("label", photo=True), "--texlabel:photo=1", "filters.label(photo=True)"),
         (texture_filter("warp"), "--texwarp", "filters.warp"),
     ):
         assert (spelled(f"<{text}>"), spelled(f"<{text}>", PYTHON)) == (f"<{line}>", f"<{python}>")

@@ -61,7 +61,7 @@ def marked(width: int, height: int, **more: object) -> Op:
 
 
 def shown(width: int, height: int, **more: object) -> Op:
-    return Preview(tile=Image((picture(width, height),)), exemplar=Image((picture(width, height),)), height=32, **more)
+    return Preview(tile=Image((picture(width, height),)), exemplar=Image((picture(width, height),)), panel=32, **more)
 
 
 def pixels_of(op: Op, session: Session, rows: int) -> np.ndarray:
@@ -95,7 +95,7 @@ def test_memory_does_not_grow_with_the_height(monkeypatch, op: Callable[..., Op]
     assert high - low < 1 << 20, f"{low >> 10} and {high >> 10} kB"  # its pixels alone are 5273 kB more
 
 
-@pytest.mark.parametrize("more", [{}, {"table": True}], ids=["marked", "table"])
+@pytest.mark.parametrize("more", [{}, {"keys": True}], ids=["marked", "keys"])
 def test_strips_do_not_show_in_contents(monkeypatch, more: dict[str, bool]):
     at_once = pixels_of(marked(150, 190, **more), Session(), 1000)
     monkeypatch.setattr(content_scan, "_STRIP_PIXELS", 150 * 20)
@@ -128,14 +128,16 @@ def test_photos_in_files_give_the_same(monkeypatch, op: type[Op]):
     spec = oiio.ImageSpec(150, 190, 4, oiio.UINT8)
     spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
     given = Image((Part("photo", spec, seen), ids))
-    values = {"label": 3, "size": Size(40, 30), "patch": 12} if op is Cut else {"side": 16, "rows": 3, "level": 1}
+    values = (
+        {"label": 3, "size": Size(40, 30), "patch": 12} if op is Cut else {"panel": 16, "maxlabels": 3, "labellevel": 1}
+    )
     monkeypatch.setattr(texpalette, "_REACH", 64)
     for module in (texpalette, content_scan):
         monkeypatch.setattr(module, "CELL", 32)
     made = []
     for held in (True, False):
         monkeypatch.setattr(op, "holds_photo", lambda *_, held=held: held)
-        parts = run(op(exemplar=given, stmap=True, **values), Session())[0].image.parts
+        parts = run(op(exemplar=given, st=True, **values), Session())[0].image.parts
         made.append([part.pixels() for part in parts])
     for one, other in zip(*made, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -161,9 +163,7 @@ def test_quilts_of_photos_in_files_are_the_same(monkeypatch, op: type[Quilted]):
         monkeypatch.setattr(Quilted, "holds", lambda *_, held=held: held)
         if not held:
             monkeypatch.setattr(photo_in_tiles, "_PHOTO_BYTES", 1 << 30)
-        use = op(
-            exemplar=given, stmap=True, keeplabels=True, patch=16, **more if op is Paint else {"size": Size(120, 90)}
-        )
+        use = op(exemplar=given, st=True, labelmaps=True, patch=16, **more if op is Paint else {"size": Size(120, 90)})
         made.append([part.pixels() for part in run(use, Session())[0].image.parts])
     assert len(made[0]) == 4
     for one, other in zip(*made, strict=True):

@@ -108,5 +108,7 @@ def test_limits_of_a_movie_are_said(tmp_path):
         filters.zoom(PHOTO, movie=tmp_path / "z.gif", **{**ZOOM, "frames": 1000})
     with refused(errors.ImageError, task="a GIF of 200 frames", budget=64 << 20):
         small = Session(budget=64 << 20)
-        filters.zoom(PHOTO, movie=tmp_path / "z.gif", frames=200, size=(640, 480), side=64, speed=0.001, session=small)
+        filters.zoom(
+            PHOTO, movie=tmp_path / "z.gif", count=200, size=(640, 480), exemplarside=64, speed=0.001, session=small
+        )
     assert not list(tmp_path.iterdir())

@@ -30,7 +30,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("paints")
     results = {}
     for suffix in ("gpl", "aco"):
-        results = filters.palette(photo(), side=48, chips=True, paints=folder / f"p.{suffix}", json=folder / "p.json")
+        results = filters.palette(photo(), panel=48, chips=True, paints=folder / f"p.{suffix}", facts=folder / "p.json")
     return results, json.loads((folder / "p.json").read_text()), folder
 
 
@@ -109,13 +109,13 @@ def test_chips_lie_as_the_swatches_and_have_text_in_them(made):
 
 def test_names_of_a_table_reach_parts_palettes_and_cryptomatte(tmp_path):
     save(pictures.stained(pictures.bricks(96, 96, seed=1)), tmp_path / "a.png")
-    words = "a.png --texlabel:keep=1 -o l.exr l.exr --texpalette:side=32:json=t.json -o p.exr"
+    words = "a.png --texlabel:photo=1 -o l.exr l.exr --texpalette:panel=32:facts=t.json -o p.exr"
     assert run(words.split(), tmp_path) == 0
     table, name = json.loads((tmp_path / "t.json").read_text()), "moss & m\u00f6rtel"
     label = table["labels"][0]["id"]
     table["labels"][0]["name"] = name
     (tmp_path / "t.json").write_text(json.dumps(table))
-    words = "a.png --texlabel:keep=1:names=t.json:cryptomatte=1 -o n.exr n.exr --texpalette:json=u.json -o q.exr"
+    words = "a.png --texlabel:photo=1:palette=t.json:cryptomatte=1 -o n.exr n.exr --texpalette:facts=u.json -o q.exr"
     assert run(words.split(), tmp_path) == 0
     again = json.loads((tmp_path / "u.json").read_text())
     assert next(e["name"] for e in again["labels"] if e["id"] == label) == name
@@ -146,7 +146,7 @@ def test_names_that_do_not_fit_are_refused(tmp_path, table, said):
     (tmp_path / "t.json").write_text(json.dumps(table))
     save(pictures.pebbles(64, 64, seed=1), tmp_path / "a.png")
     with pytest.raises(errors.Error, match=said):
-        run(["a.png", "--texdecompose:names=t.json", "-o", "l.exr"], tmp_path)
+        run(["a.png", "--texdecompose:palette=t.json", "-o", "l.exr"], tmp_path)
 
 
 def test_names_that_a_file_brings_are_not_trusted():

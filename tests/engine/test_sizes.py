@@ -149,7 +149,7 @@ def test_a_quilt_of_a_large_photo_keeps_to_the_budget(tmp_path):
     save(noise, tmp_path / "photo.exr", "half", "lin_rec709_scene")
     save(noise[:64, :64], tmp_path / "small.exr", "half", "lin_rec709_scene")
     large, small = (
-        peak_of(tmp_path, f"{name}.exr", f"--texquilt:{what}:structure=0", "--cache", "256", "-o", "out.exr")
+        peak_of(tmp_path, f"{name}.exr", f"--texquilt:{what}:lattice=0", "--cache", "256", "-o", "out.exr")
         for name, what in (("photo", "size=2000x2000"), ("small", "size=64x64:patch=16"))
     )
     assert large - small < 256

@@ -54,7 +54,7 @@ def case(words: str, *outputs: str) -> Case:
     return Case(tuple(words.split()), outputs)
 
 
-LABELS = "photo.tif --iscolorspace srgb_rec709_scene --texlabel:keep=1"
+LABELS = "photo.tif --iscolorspace srgb_rec709_scene --texlabel:photo=1"
 FRAMES = tuple(f"f.{n:04d}.exr" for n in range(1, 7))
 CASES = {
     "exr": case("big.tif -d half -o out.exr", "out.exr"),
@@ -67,7 +67,7 @@ CASES = {
     "gif": case("small.tif -o out.gif", "out.gif"),
     "texture": case("big.tif -otex out.tx", "out.tx"),
     "several": case("small.tif -o a.exr --flip -o b.png --dup -o c.tif -o d.jpg", "a.exr", "b.png", "c.tif", "d.jpg"),
-    "report": case(f"{LABELS} --texcontent:json=r.json -o s.exr", "r.json", "s.exr"),
+    "report": case(f"{LABELS} --texcontent:facts=r.json -o s.exr", "r.json", "s.exr"),
     "frames": case("--frames 1-6 small.tif --mulc 0.5 -o f.#.exr", *FRAMES),
     "parallel": case("--frames 1-6 --parallel-frames --threads 2 small.tif -o f.#.exr", *FRAMES),
     "library": Case(("ingest", "photos", "library", "--recipe", "recipe.toml", "--workers", "2"), (), tuple(LIBRARY)),

@@ -60,7 +60,7 @@ with bpy.context.temp_override(edit_image=image):
     print(bpy.ops.oiiotex.make_material(width=40, height=40, seed=2))
     print(color.image.name, bumps.image.name, bumps.image.colorspace_settings.name, bumps.image["oiiotex"], sep="|")
     panel = bpy.context.scene.oiiotex
-    panel.width, panel.height, panel.seed, panel.preset, panel.sigma, panel.structure = 40, 32, 7, "EVEN", 9, 0.25
+    panel.width, panel.height, panel.seed, panel.preset, panel.sigma, panel.lattice = 40, 32, 7, "EVEN", 9, 0.25
     with bpy.context.temp_override(edit_image=tile):  # its photo is used
         print(bpy.ops.oiiotex.next_seed())
     print(bpy.ops.oiiotex.cancel(), panel.seed)
@@ -170,7 +170,7 @@ def test_a_tile_is_the_programs(folder):
         "photo.png flat": filters.flatten(photo, **space),
         "photo.png tile.001": tiles[0],
         "photo.png tile.002": filters.stationarize(
-            photo, size=(40, 32), seed=8, preset="even", sigma=9, structure=0.25, **space
+            photo, size=(40, 32), seed=8, preset="even", sigma=9, lattice=0.25, **space
         ),
         "normal.png tile": tiles[1],
         "photo.png dominant": filters.dominant(photo, **space),
@@ -182,7 +182,7 @@ def test_a_tile_is_the_programs(folder):
     assert said.count("{'FINISHED'}") == 8 and "{'FINISHED'} 8" in said
     line = "oiiotex photo.png --iscolorspace srgb_rec709_scene"
     assert f"sRGB|{line} --texstationarize:size=48x32:seed=5" in said
-    assert f"{line} --texstationarize:size=40x32:seed=8:preset=even:sigma=9:structure=0.25" in said
+    assert f"{line} --texstationarize:size=40x32:seed=8:preset=even:sigma=9:lattice=0.25" in said
     assert any(
         one.endswith(f"|{line} normal.png --texstationarize:size=40x40:seed=2:kinds=color,normal") for one in said
     )

@@ -75,8 +75,8 @@ def folder(tmp_path_factory) -> Path:
     made = tmp_path_factory.mktemp("blender")
     save(quarters(SIDE)[0], made / "photo.png")
     for words in (
-        ["photo.png", "--texlabel:keep=1:cryptomatte=1", "-o", "all.exr"],
-        ["photo.png", "--texlabel:cryptomatte=1:single=1", "-o", "picks.exr"],
+        ["photo.png", "--texlabel:photo=1:cryptomatte=1", "-o", "all.exr"],
+        ["photo.png", "--texlabel:cryptomatte=1:onepart=1", "-o", "picks.exr"],
     ):
         done = oiiotex(*words, cwd=made)
         assert done.returncode == 0, done.stderr

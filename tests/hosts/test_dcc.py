@@ -79,8 +79,8 @@ def test_roles_are_the_ends_of_names(host):
     line = host("oiiotex_line")
     names = ("wall_BaseColor.png", "x.albedo.tif", "a_rough.png", "a-height.exr", "wall.png", "wall_nrm.png")
     assert [line.role_of(name) for name in names] == ["color", "color", "roughness", "height", None, "normal"]
-    words, _ = line.tile_line({"height": "h.exr"}, "out", stmap="C:/shots/st.exr", seed=3)
-    assert words[1:3] == ["h.exr", '--texstationarize:data=1:stmap="C:/shots/st.exr":seed=3']
+    words, _ = line.tile_line({"height": "h.exr"}, "out", st="C:/shots/st.exr", seed=3)
+    assert words[1:3] == ["h.exr", '--texstationarize:data=1:st="C:/shots/st.exr":seed=3']
 
 
 @pytest.mark.slow
@@ -169,14 +169,14 @@ def test_nuke_flips_the_coordinates_and_shows_the_tile(host, monkeypatch):
     monkeypatch.setattr(module, "run", lines.append)
     module.make_tile()
     line = " ".join(lines[0])
-    assert "/shots/photo.exr --iscolorspace ACEScg --texstationarize:stmap=/shots/photo_tile_st.exr:" in line
+    assert "/shots/photo.exr --iscolorspace ACEScg --texstationarize:st=/shots/photo_tile_st.exr:" in line
     assert "seed=7:preset=even" in line
     kinds = [kind for kind, _ in nuke.made]
     assert kinds == ["Read", "Tile", "Read", "Expression", "STMap"]
     assert nuke.made[0][1]["file"] in lines[0] and nuke.made[2][1]["raw"]
     assert nuke.made[3][1]["expr1"] == "1 - g" and nuke.made[4][1]["filter"] == "Impulse"
     module.pick_labels()
-    assert lines[1][1:] == ["/shots/photo.exr", "--texlabel:cryptomatte=1:single=1", "-o", "/shots/photo_labels.exr"]
+    assert lines[1][1:] == ["/shots/photo.exr", "--texlabel:cryptomatte=1:onepart=1", "-o", "/shots/photo_labels.exr"]
     module.wang_plane()
     assert [knobs.get("file") for _, knobs in nuke.made[-4:-2]] == ["/shots/wall_color.png", "/shots/wall_index.png"]
     monkeypatch.setattr(module, "run", mock.Mock(side_effect=RuntimeError("no such photo")))

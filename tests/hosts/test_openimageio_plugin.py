@@ -134,7 +134,7 @@ def level(number: int, window: str, seed: int = 3) -> np.ndarray:
     """What --texsynth makes of a window of a level, 0 the finest."""
     photo = pictures.stained(pictures.bricks(32, 40, seed=1))
     bytes_ = np.rint(np.clip(photo, 0, 1) * 255).astype(np.uint8)
-    made = filters.synth(bytes_, window=window, level=max(0, LAST - number), seed=seed, colorspace=SPACE)
+    made = filters.synth(bytes_, window=window, lod=max(0, LAST - number), seed=seed, colorspace=SPACE)
     return made.get_pixels(oiio.UINT8)
 
 
@@ -173,7 +173,7 @@ def test_maketx_reads_it(shell, folder):
 
 def test_a_plan_of_a_quilt_is_an_image(shell, folder):
     photo = oiio.ImageBuf(str(folder / "photo.png"))
-    whole = filters.quilt(photo, size=(300, 130), patch=16, plan=folder / "plan.npz", colorspace=SPACE)
+    whole = filters.quilt(photo, size=(300, 130), patch=16, planfile=folder / "plan.npz", colorspace=SPACE)
     (folder / "quilt.oiiotex").write_text('{"oiiotex": 1, "photo": "photo.png", "plan": "plan.npz"}')
     made = shell(BIN / "oiiotool", "quilt.oiiotex", "-o", "quilt.png")
     assert made.returncode == 0, made.stdout + made.stderr
@@ -211,7 +211,7 @@ def test_lookups_between_levels_are_those_of_a_file_of_these_levels(python, fold
         spec.attribute("textureformat", "Plain Texture")
         made = filters.synth(
             oiio.ImageBuf(str(photo)), window=f"{side}x{side}+0+0" if number <= LAST else "1x1+0+0",
-            level=max(0, LAST - number), seed=3,
+            lod=max(0, LAST - number), seed=3,
         ).get_pixels(oiio.HALF)  # fmt: skip
         assert output.open(str(folder / "same.exr"), spec, "AppendMIPLevel" if number else "Create")
         assert output.write_image(np.ascontiguousarray(np.broadcast_to(made, (side, side, 3)))), output.geterror()

@@ -290,15 +290,15 @@ def test_what_is_wrong_is_said_in_one_line(folder, line, says):
 
 def test_ids_move_with_pixels_and_are_never_mixed(folder, tmp_path):
     photo = str(folder / "a.png")
-    assert run([photo, "--texsuperpixel:finest=4:keep=1", "-o", "plain.exr"], tmp_path) == 0
-    words = [photo, "--texsuperpixel:finest=4:keep=1", "-a", "--flip", "--rotate90", "--crop", "20x20+5+5"]
+    assert run([photo, "--texsuperpixel:sigmamin=4:photo=1", "-o", "plain.exr"], tmp_path) == 0
+    words = [photo, "--texsuperpixel:sigmamin=4:photo=1", "-a", "--flip", "--rotate90", "--crop", "20x20+5+5"]
     assert run([*words, "-o", "moved.exr"], tmp_path) == 0
     plain, moved = load(tmp_path / "plain.exr", 1), load(tmp_path / "moved.exr", 1)
     assert moved.dtype == np.uint32
     np.testing.assert_array_equal(moved, np.rot90(plain[::-1], -1)[5:25, 5:25])
     for op in (["--resize", "50%"], ["--addc", "1"], ["--blur", "3x3"]):
         with pytest.raises(Error, match="holds ids"):
-            run([photo, "--texsuperpixel:keep=1", "-a", *op, "-o", "x.exr"], tmp_path)
+            run([photo, "--texsuperpixel:photo=1", "-a", *op, "-o", "x.exr"], tmp_path)
     for words in (["-d", "half", "-o", "x.exr"], ["-o", "x.png"], ["-d", "uint8", "-o", "x.tif"]):
         with pytest.raises(Error, match="uint"):
             run([photo, "--texsuperpixel", *words], tmp_path)

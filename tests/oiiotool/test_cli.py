@@ -27,7 +27,7 @@ def done_well(folder: Path, line: str) -> None:
 
 def test_the_readmes_line_works_on_a_linear_exr(tmp_path):
     save(pictures.stained(pictures.bricks(80, 96, 0)) * 4, tmp_path / "photo.exr", "half")
-    filter = "--texstationarize:flatten=0:sigma=8:size=64x64:seed=7"
+    filter = "--texstationarize:flattening=0:sigma=8:size=64x64:seed=7"
     done_well(tmp_path, f"photo.exr --iscolorspace ACEScg {filter} -o tile.exr")
     tile = oiio.ImageBuf(str(tmp_path / "tile.exr"))
     assert (tile.spec().width, tile.spec().height, str(tile.spec().format)) == (64, 64, "half")
@@ -38,7 +38,7 @@ def test_the_readmes_line_works_on_a_linear_exr(tmp_path):
 
 def test_an_st_map_remakes_the_tile_to_the_bit(tmp_path, photo):
     for line in (
-        "photo.png --texstationarize:iterations=4:stmap=1 -o both.exr",
+        "photo.png --texstationarize:iterations=4:st=1 -o both.exr",
         "photo.png --texflatten both.exr --texwarp -d uint8 -o again.png",
         "photo.png --texstationarize:iterations=4 -o tile.png",
     ):
@@ -51,7 +51,7 @@ def test_an_st_map_remakes_the_tile_to_the_bit(tmp_path, photo):
 
 @pytest.mark.skipif(not OIIOTOOL.exists(), reason="no oiiotool")
 def test_oiiotool_reads_the_st_map_as_we_do_where_sizes_agree(tmp_path, photo):
-    done_well(tmp_path, "photo.png --texstationarize:flatten=0:iterations=4:stmap=st.exr -o tile.png")
+    done_well(tmp_path, "photo.png --texstationarize:flattening=0:iterations=4:st=st.exr -o tile.png")
     subprocess.run([OIIOTOOL, photo, "st.exr", "--st_warp:filter=box", "-o", "warped.png"], cwd=tmp_path, check=True)
     same = subprocess.run([OIIOTOOL.parent / "idiff", "warped.png", "tile.png"], cwd=tmp_path, capture_output=True)
     assert same.returncode == 0, same.stdout
@@ -60,7 +60,7 @@ def test_oiiotool_reads_the_st_map_as_we_do_where_sizes_agree(tmp_path, photo):
 def test_st_maps_refer_to_the_display_window_as_oiiotools_do(tmp_path):
     picture = pictures.stained(pictures.bricks(60, 70, 0))
     save(picture, tmp_path / "crop.exr", "float", "srgb_rec709_scene", x=9, y=4, full_width=100, full_height=80)
-    done_well(tmp_path, "crop.exr --texstationarize:flatten=0:iterations=4:stmap=1 -o both.exr")
+    done_well(tmp_path, "crop.exr --texstationarize:flattening=0:iterations=4:st=1 -o both.exr")
     st = load(tmp_path / "both.exr", 1)
     assert st[..., 0].min() > 9 / 100 and st[..., 0].max() < 79 / 100
     done_well(tmp_path, "crop.exr both.exr --texwarp -o again.exr")
@@ -72,7 +72,7 @@ def test_a_tile_has_no_seam_along_the_axes_it_tiles(tmp_path, tile):
     slope = np.linspace(0.2, 0.9, 96)
     picture = 0.5 * pictures.pebbles(96, 96, 0) + 0.5 * (slope[None, :, None] + slope[:, None, None]) / 2
     save(picture, tmp_path / "slope.png")
-    assert oiiotex("slope.png", f"--texpatchmatch:tile={tile}", "-o", "tile.png", cwd=tmp_path).returncode == 0
+    assert oiiotex("slope.png", f"--texpatchmatch:tiles={tile}", "-o", "tile.png", cwd=tmp_path).returncode == 0
     gray = load(tmp_path / "tile.png").astype(float).mean(-1)
     for axis, name in ((1, "x"), (0, "y")):
         jumps = np.abs(gray - np.roll(gray, 1, axis)).mean(1 - axis)
@@ -95,11 +95,11 @@ nan.exr --iscolorspace ACEScg --texstationarize | 2 NaN and 1 Inf values: add --
 nan.exr --fixnan glue | strategy=glue: expected one of none, black, box3, error
 photo.png --texwarp | expected 2 image(s) on the stack, found 1
 photo.png photo.png --texwarp | has 3 channels of uint8: expected two float channels
-photo.png --texstationarize:QUICK:stmap=photo.png | photo.png would overwrite exemplar, an input image
-photo.png --texstationarize:QUICK:stmap=old.png | cannot hold part 'st' as float
-photo.png --texstationarize:QUICK:stmap=st.jpg | cannot hold part 'st' as float
+photo.png --texstationarize:QUICK:st=photo.png | photo.png would overwrite exemplar, an input image
+photo.png --texstationarize:QUICK:st=old.png | cannot hold part 'st' as float
+photo.png --texstationarize:QUICK:st=st.jpg | cannot hold part 'st' as float
 photo.png far.exr --texwarp | --texwarp : far.exr has 4 coordinates outside
-photo.png --texstationarize:QUICK:stmap=1 | png holds one image, not part0, st
+photo.png --texstationarize:QUICK:st=1 | png holds one image, not part0, st
 photo.png -d float | png cannot hold part 'part0' as float
 photo.png -d uint31 | unknown pixel type 'uint31'
 photo.png --threads two | --threads two: expected an integer from 0
@@ -134,7 +134,7 @@ def test_bad_input_is_one_clear_line(case, bad_inputs, fails):
 
 
 def test_a_tile_does_not_overwrite_its_map(tmp_path, photo):
-    done = oiiotex(photo, f"--texstationarize{QUICK}:stmap=x.exr", "-o", "x.exr", cwd=tmp_path)
+    done = oiiotex(photo, f"--texstationarize{QUICK}:st=x.exr", "-o", "x.exr", cwd=tmp_path)
     assert done.returncode == 1 and "would overwrite a file written by an earlier op" in done.stderr
     assert not (tmp_path / "x.exr").exists()
 
@@ -162,7 +162,7 @@ def test_a_report_says_what_was_done_and_where_the_time_went(tmp_path, photo):
 
 def test_help_and_warp_need_no_opencl(tmp_path, photo):
     """pyopencl is imported by what computes on a device, and by nothing else."""
-    done_well(tmp_path, f"photo.png --texstationarize{QUICK}:flatten=0:stmap=st.exr -o tile.png")
+    done_well(tmp_path, f"photo.png --texstationarize{QUICK}:flattening=0:st=st.exr -o tile.png")
     for words in (["--help", "all"], ["photo.png", "--texwarp", "st.exr", "-o", "again.png"]):
         script = (
             f"import sys; sys.modules['pyopencl'] = None; from oiiotex.oiiotool.cli.main import main; main({words!r})"

@@ -76,7 +76,7 @@ def test_a_dry_run_prints_the_lines(folder, capsys):
         (["--each", "photos/**/a.png", "--flip", "-o", "out/{name}.png"],
          "out/a.png is an input or output of both photos/a.png and photos/more/a.png"),
         (["--each", "photos/[ai]*.png", "--flip", "-o", "photos/it's.png"], "photos/it's.png is an input or output of"),
-        (["--each", "photos/[ai]*.png", "--texlabel:json=out/x.json", "-o", "out/{name}.exr"],
+        (["--each", "photos/[ai]*.png", "--texlabel:facts=out/x.json", "-o", "out/{name}.exr"],
          "out/x.json is an input or output of both"),
         (["--each", "photos/a.png", "--flip", "-o", "photos/{name}.{ext}"], "photos/a.png is the input; use another"),
         (["--each", "none/*", "-o", "x.png"], "no files match 'none/[*]'; quote the pattern"),

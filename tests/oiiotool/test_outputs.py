@@ -25,7 +25,7 @@ from oiiotex.engine.session import Session
 from tests.any_filter import PHOTO, buffer, of, operands, settings
 from tests.conftest import oiiotex, save
 
-READ = {"names", "graph", "table", "previous", "mesh", "motion"}  # parameters that name a file which the op reads
+READ = {"palette", "graph", "draw", "fromplan", "mesh", "motion"}  # parameters that name a file which the op reads
 TYPES = {
     Kind.IDS: "uint", Kind.MASK: "float", Kind.COORDINATES: "float", Kind.MEASURE: "float", Kind.CRYPTOMATTE: "float",
     Kind.PICTURE: "uint8", Kind.PIXELS: "half",
@@ -42,10 +42,10 @@ SIDE_FILES = [
 ]
 
 
-def used(op: type[Op], photo: Image | None = None, **values: Any) -> Op:
+def used(op: type[Op], source: Image | None = None, **values: Any) -> Op:
     """One cheap use of the op, on a photo in halfs."""
     given = [from_buffer(b) for b in operands(op, buffer(PHOTO, oiio.HALF))]
-    given[0] = photo or given[0]
+    given[0] = source or given[0]
     images = {i.name: (one,) if i.many else one for i, one in zip(op.images(), given, strict=True)}
     small = settings(op)
     small |= {"labels": from_buffer(small["labels"])} if "labels" in small else {}
@@ -194,21 +194,21 @@ def test_an_undeclared_output_is_a_mistake(monkeypatch):
 
 
 def test_a_plan_that_is_read_is_not_overwritten(tmp_path):
-    filters.quilt(buffer(PHOTO), size=(40, 40), plan=tmp_path / "p.npz")
+    filters.quilt(buffer(PHOTO), size=(40, 40), planfile=tmp_path / "p.npz")
     held = (tmp_path / "p.npz").read_bytes()
-    with pytest.raises(errors.ParameterError, match="would overwrite plan, an input file"):
-        filters.quilt(buffer(PHOTO), plan=tmp_path / "p.npz", render=True, stmap=tmp_path / "p.npz")
+    with pytest.raises(errors.ParameterError, match="would overwrite fromplan, an input file"):
+        filters.quilt(buffer(PHOTO), fromplan=tmp_path / "p.npz", st=tmp_path / "p.npz")
     assert (tmp_path / "p.npz").read_bytes() == held
 
 
 def test_a_line_does_not_write_one_file_twice(tmp_path, photo):
-    words = [photo, "--texcut:stmap=st.exr:size=16x16"] * 2
+    words = [photo, "--texcut:st=st.exr:size=16x16"] * 2
     done = oiiotex(*words, cwd=tmp_path)
-    assert done.returncode == 1 and "stmap=st.exr would overwrite a file written by an earlier op" in done.stderr
-    done = oiiotex(photo, "--nosoftwareattrib", "--texcut:stmap=st.exr:size=16x16", "-o", "a.exr", cwd=tmp_path)
+    assert done.returncode == 1 and "st=st.exr would overwrite a file written by an earlier op" in done.stderr
+    done = oiiotex(photo, "--nosoftwareattrib", "--texcut:st=st.exr:size=16x16", "-o", "a.exr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert read(tmp_path / "st.exr").first.spec.get_string_attribute("oiiotex:filter") == ""
-    done = oiiotex(photo, "--texcut:stmap=st.exr:size=16x16", "-otex", "st.exr", cwd=tmp_path)
+    done = oiiotex(photo, "--texcut:st=st.exr:size=16x16", "-otex", "st.exr", cwd=tmp_path)
     assert done.returncode == 1 and "would overwrite a file written by an earlier op" in done.stderr
 
 

@@ -53,7 +53,7 @@ def test_results_are_arrays_for_others_and_pil_images_are_taken():
     array = filters.flatten(Image.fromarray(PHOTO), colorspace=SRGB, as_array=True)
     assert type(array) is np.ndarray and array.dtype == shown.dtype
     np.testing.assert_array_equal(array, shown)
-    parts = filters.superpixel(PHOTO, colorspace=SRGB, keep=True, as_array=True)
+    parts = filters.superpixel(PHOTO, colorspace=SRGB, photo=True, as_array=True)
     assert {name: type(part) for name, part in parts.items()} == {"part0": np.ndarray, "superpixels": np.ndarray}
     assert parts["superpixels"].shape == PHOTO.shape[:2] and parts["superpixels"].dtype.kind == "u"
     assert np.asarray(filters.dominant(PHOTO, colorspace=SRGB)).shape == PHOTO.shape[:2]
@@ -216,7 +216,7 @@ def test_errors_speak_python(tmp_path):
             lambda: filters.stationarize(broken, colorspace=SRGB),
             "repair them with OpenImageIO.ImageBufAlgo.fixNonFinite",
         ),
-        (lambda: filters.quilt(PHOTO, colorspace=SRGB, label=1), "create them with filters.label(keep=True)"),
+        (lambda: filters.quilt(PHOTO, colorspace=SRGB, label=1), "create them with filters.label(photo=True)"),
         (
             lambda: filters.stationarize(PHOTO, colorspace=SRGB, session=Session(budget=1 << 10)),
             "the session's budget",
@@ -280,7 +280,7 @@ def test_results_are_as_the_stub_says():
         "cut": (photo, {}),
         "superpixel": (photo, {}),
         "lab": (photo, {}),
-        "composite": (labeled, {"level": 1, "size": (64, 64), "tries": 1}),
+        "composite": (labeled, {"labellevel": 1, "size": (64, 64), "restarts": 1}),
         "dominant": (photo, {"patch": 5} if "patch" in inspect.signature(filters.dominant).parameters else {}),
     }
     for op in filters.OURS:
@@ -310,17 +310,17 @@ from oiiotex.engine.session import Session
 
 def work(photo: NDArray[np.uint8]) -> oiio.ImageBuf:
     session = Session(threads=1, progress=lambda done, total: done < 9)
-    assert_type(filters.stationarize(photo, sigma=32, size=(64, 64), tile="x", session=session), oiio.ImageBuf)
-    assert_type(filters.stationarize("photo.png", stmap=True), dict[str, oiio.ImageBuf])
-    assert_type(filters.stationarize(Path("photo.png"), stmap=Path("st.exr")), oiio.ImageBuf)
-    parts = filters.superpixel(photo, keep=True, colorspace="srgb_rec709_scene")
+    assert_type(filters.stationarize(photo, sigma=32, size=(64, 64), tiles="x", session=session), oiio.ImageBuf)
+    assert_type(filters.stationarize("photo.png", st=True), dict[str, oiio.ImageBuf])
+    assert_type(filters.stationarize(Path("photo.png"), st=Path("st.exr")), oiio.ImageBuf)
+    parts = filters.superpixel(photo, photo=True, colorspace="srgb_rec709_scene")
     assert_type(parts, dict[str, oiio.ImageBuf])
     assert_type(filters.labelview(parts), oiio.ImageBuf)
     assert_type(filters.lab(photo, inverse=True), oiio.ImageBuf)
     assert_type(filters.flatten(photo), oiio.ImageBuf)
     width: int = filters.stationarize(photo, as_array=True).shape[1]
     print(width)
-    assert_type(filters.graph(photo, photo, json="g.json"), oiio.ImageBuf)
+    assert_type(filters.graph(photo, photo, graphfile="g.json"), oiio.ImageBuf)
     tiles = filters.stationarize(photo, maps=[photo], kinds=["color", "normal"], mapweights=(1, 0.5))
     if isinstance(tiles, list):
         print(len(tiles))
@@ -332,7 +332,7 @@ def work(photo: NDArray[np.uint8]) -> oiio.ImageBuf:
 MISTAKES = (
     'filters.stationarize("p.png", sigma="20")',
     'filters.stationarize("p.png", sgima=20)',
-    'filters.stationarize("p.png", tile="z")',
+    'filters.stationarize("p.png", tiles="z")',
     'filters.stationarize("p.png", size=64)',
     "filters.stationarize()",
     "filters.stationarize(3)",

@@ -45,7 +45,7 @@ REFUSED = {
     "a format without ids": ("photo.png --texlabel -o lab.png", "png cannot hold part 'label.1' as uint"),
     "a type that would lose ids": ("photo.png --texlabel -d uint8 -o lab.tif", "would change its values"),
     "ids behind a flip": ("photo.png --texlabel --flip -o lab.png", "cannot hold"),
-    "parts in a format of one": ("photo.png --texstationarize:stmap=1 -o t.png", "png holds one image"),
+    "parts in a format of one": ("photo.png --texstationarize:st=1 -o t.png", "png holds one image"),
     "a folder that is not there": ("photo.png --texstationarize -o nosuch/t.exr", "no such folder"),
     "an unknown suffix": ("photo.png --texstationarize -o t.xyz", "no writer for '.xyz'"),
     "a type that the format lacks": ("photo.png --texstationarize -d half -o t.png", "cannot hold"),
@@ -56,7 +56,6 @@ REFUSED = {
     "a later op": ("photo.png --texstationarize -o t.exr photo.png --texsynth:window=bad -o s.exr", "window=bad"),
     "a window": ("photo.png --texsynth:window=32by32 -o t.exr", "expected WxH+X+Y"),
     "a window outside": ("photo.png --texsynth:size=64x64:window=32x32+60+0 -o t.exr", "expected a window inside size"),
-    "a share": ("photo.png --texsynth:chunk=3of9 -o t.exr", "expected I/N"),
     "memory of synthesis": ("--cache 1 photo.png --texsynth -o t.exr", "analyzing exemplars needs"),
     "memory of a tile": (
         "--cache 64 photo.png --texstationarize:size=2048x2048 -o t.exr",
@@ -75,10 +74,10 @@ REFUSED = {
     "memory of labeling": ("--cache 2 photo.png --texlabel -o t.exr", "labeling needs"),
     "memory of whole images": ("--cache 1 photo.png --resize 900x900 --fft -o t.exr", "the budget is 1 MB"),
     "source coordinates that the output replaces": (
-        "photo.png --texsynth:stmap=q.exr -o q.exr",
+        "photo.png --texsynth:st=q.exr -o q.exr",
         "would overwrite a file written by an earlier op",
     ),
-    "a table over an input": ("photo.png --texlabel:json=photo.png -o l.exr", "would overwrite"),
+    "a table over an input": ("photo.png --texlabel:facts=photo.png -o l.exr", "would overwrite"),
     "a color space": ("photo.png --iscolorspace nosuch --texstationarize -o t.exr", "nosuch"),
     "an op that lacks an operand": ("photo.png --texstationarize -o t.exr --over", "image"),
     "a loop without end": ("photo.png --texstationarize -o t.exr --for i 3", "--for is not closed: expected --endfor"),
@@ -167,7 +166,7 @@ def test_a_mask_that_is_newer_counts(folder, idle):
 HOLDS = [
     # what is not there yet, but will be
     "photo.png -o a.exr a.exr --texflatten -o b.exr",
-    "photo.png --texsuperpixel:keep=1 -o a.exr a.exr --subimage 1 -o b.tif",
+    "photo.png --texsuperpixel:photo=1 -o a.exr a.exr --subimage 1 -o b.tif",
     "--create-dir photo.png -o new/folder/a.exr new/folder/a.exr -o b.exr",
     # what hangs on pixels
     "photo.png --ch R --if '{TOP.AVGCOLOR > 2}' -o nosuch/x.exr --endif -o b.exr",
@@ -206,7 +205,7 @@ def test_bad_frames_are_skipped_and_the_others_done(folder):
 @pytest.mark.parametrize("suffix", ["png", "tif", "jpg", "exr"])
 @pytest.mark.parametrize("place", ["+5000-300", "-40-30", "+40+30"])
 def test_a_window_off_the_origin_keeps_its_pixels(folder, suffix, place):
-    line = f"photo.png --texsynth:level=8:window=32x24{place} -o w.{suffix} -d half -o w2.exr"
+    line = f"photo.png --texsynth:lod=8:window=32x24{place} -o w.{suffix} -d half -o w2.exr"
     assert run(shlex.split(line), folder) == 0
     found, whole = load(folder / f"w.{suffix}"), load(folder / "w2.exr")
     assert found.shape == (24, 32, 3)

@@ -33,7 +33,7 @@ from tests import pictures
 
 SETTINGS = ResidentSettings(budget=1 << 30, idle=30)
 SPACE = "srgb_rec709_scene"
-SMALL = {"size": "64x64", "sigma": 6, "contrast": 0.7}
+SMALL = {"size": "64x64", "sigma": 6, "histogram": 0.7}
 LONG = SMALL | {"iterations": 1000, "size": "256x256"}
 
 
@@ -79,7 +79,7 @@ def test_pixels_are_those_of_the_program_and_come_coarse_first(client, photo, pi
     reply, (tile,) = client.make(
         "stationarize", [photo], SMALL | {"seed": 3}, read="", on_look=lambda *look: looks.append(look)
     ).result(60)
-    same = filters.stationarize(pixels, size=(64, 64), sigma=6, contrast=0.7, seed=3, colorspace=SPACE)
+    same = filters.stationarize(pixels, size=(64, 64), sigma=6, histogram=0.7, seed=3, colorspace=SPACE)
     np.testing.assert_array_equal(tile, same.get_pixels(oiio.FLOAT))
     assert [whole for _, whole in looks] == [False] * (len(looks) - 1) + [True]
     sizes = [look.shape[0] for look, _ in looks]

@@ -69,10 +69,10 @@ def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
         ({"plan": "loop.json"}, "", "size conflicts with plan, which requires a photo and defines the rest"),
         ({"plan": "loop.json", "size": None, "seed": None}, "?seed=7", "seed conflicts with plan"),
         ({"tiles": "photo.exr"}, "", "not photo and tiles"),
-        ({"photo": None, "tiles": "photo.exr", "level": 3}, "", "level conflicts with tiles, which have one level"),
+        ({"photo": None, "tiles": "photo.exr", "lod": 3}, "", "lod conflicts with tiles, which have one level"),
         ({"seed": -1}, "", "seed: expected an integer from 0 to 4294967295, not -1"),
         ({"seed": True}, "", "seed: expected an integer .*, not True"),
-        ({"level": 61}, "", "level: expected an integer from 0 to 60, not 61"),
+        ({"lod": 61}, "", "lod: expected an integer from 0 to 60, not 61"),
         ({"autocc": 1}, "", "autocc: expected true or false, not 1"),
         ({"photo": None, "graph": "loop.json", "colorspace": "ACEScg"}, "", "colorspace requires photo"),
         ({}, "?sed=7", r"'\?sed=7': expected seed, size"),
@@ -188,7 +188,7 @@ def test_tiles_are_windows_of_the_levels(folder, session):
     for level, left, top, width, height in ((0, 250, 60000, 64, 64), (2, 64, 0, 300, 20), (5, 0, 64, 64, 64)):
         tile = texture.tile(level, Window.sized(left, top, width, height), session)
         window = f"{width}x{height}+{left}+{top}"
-        same = filters.synth(photo, window=window, level=5 - level, seed=3, colorspace="lin_rec709_scene")
+        same = filters.synth(photo, window=window, lod=5 - level, seed=3, colorspace="lin_rec709_scene")
         np.testing.assert_array_equal(tile.astype(np.float32), same.get_pixels(oiio.FLOAT))
     coarsest = texture.tile(5, Window(0, 0, 1, 1), session)
     assert (texture.tile(9, Window(0, 64, 64, 128), session) == coarsest).all()
@@ -196,15 +196,15 @@ def test_tiles_are_windows_of_the_levels(folder, session):
 
 def test_a_graph_is_a_texture_too_at_any_level(folder, session):
     name = wall(folder, photo=None, graph="loop.json")
-    texture = opened(read_texture_file(f"{name}?level=7").text(), session)
+    texture = opened(read_texture_file(f"{name}?lod=7").text(), session)
     tile = texture.tile(1, Window(128, 0, 192, 64), session)
-    same = filters.synth(graph=folder / "loop.json", window="64x64+128+0", level=6, seed=3)
+    same = filters.synth(graph=folder / "loop.json", window="64x64+128+0", lod=6, seed=3)
     np.testing.assert_array_equal(tile.astype(np.float32), same.get_pixels(oiio.FLOAT))
 
 
 def test_a_plan_is_a_texture_of_one_level(folder, session):
     photo = oiio.ImageBuf(str(folder / "tagged.exr"))
-    whole = filters.quilt(photo, size=(300, 130), patch=16, seed=5, plan=folder / "plan.npz").get_pixels(oiio.FLOAT)
+    whole = filters.quilt(photo, size=(300, 130), patch=16, seed=5, planfile=folder / "plan.npz").get_pixels(oiio.FLOAT)
     name = wall(folder, photo="tagged.exr", plan="plan.npz", size=None, seed=None)
     texture = opened(read_texture_file(name).text(), session)
     assert (texture.spec.width, texture.spec.height, texture.spec.tile_width, texture.levels) == (300, 130, 64, 1)

@@ -26,7 +26,7 @@ from tests import pictures
 from tests.conftest import load, oiiotex, save
 
 LINE = ["a.png", "--resize", "200x1500", "--blur", "9x9", "-d", "half"]
-SYNTH = ["a.png", "--texsynth:size=300x1200:seed=2:stmap=1"]
+SYNTH = ["a.png", "--texsynth:size=300x1200:seed=2:st=1"]
 
 
 @pytest.fixture

@@ -68,7 +68,7 @@ name = "tile"
 line = "$maps --texstationarize:kinds=$kinds:iterations=1:report=$report $outputs"
 [[product]]
 name = "labels"
-line = "$color --texlabel:keep=1 -o $output"
+line = "$color --texlabel:photo=1 -o $output"
 [assets.checks]
 size_m = [3.0, 2.0]
 """

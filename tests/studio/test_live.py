@@ -229,9 +229,9 @@ def test_a_painted_area_is_filled(page, folder):
     [
         ({"mask": "dominant"}, ":mask=dominant"),
         ({"mask": 1}, ":label=1"),
-        ({"amount": 0.7}, ":amount=0.7"),
+        ({"evenness": 0.7}, ":evenness=0.7"),
         ({"preset": "clean"}, ":preset=clean"),
-        ({"measure": "moments", "patch": 7, "width": 80, "height": 64, "structure": 0, "contrast": 0.3}, ":size=80x64"),
+        ({"measure": "moments", "patch": 7, "width": 80, "height": 64, "lattice": 0, "histogram": 0.3}, ":size=80x64"),
     ],
     ids=lambda value: None if isinstance(value, str) else next(iter(value)),
 )
@@ -305,7 +305,7 @@ def test_a_stroke_changes_its_neighborhood_alone_and_is_undone_to_the_bit(page, 
     table = json.loads((folder / "photo.palette.json").read_text())
     finer = table["labels"][chosen]["children"][0]
     paint = next(n for n, word in enumerate(words) if word.startswith("--texpaint"))
-    words = [*words[1:paint], f"{words[paint]}:keeplabels=1", "-o", "labels.exr"]
+    words = [*words[1:paint], f"{words[paint]}:labelmaps=1", "-o", "labels.exr"]
     done = oiiotex(*words, cwd=folder)
     assert done.returncode == 0, done.stderr
     labels = load(folder / "labels.exr", table["level"] - 1)[..., 0]  # after the picture comes label.1
@@ -377,13 +377,13 @@ def test_tiles_of_a_zoom_are_windows_of_a_line_twenty_levels_down(browser, folde
         words = []
         for number, (level, x, y) in enumerate(tuple(map(int, name.split("/"))) for name in tiles):
             window = f"256x256{256 * x:+d}{256 * y:+d}"
-            words += [f"--texsynth:graph=graph.json:level={level}:window={window}", "-o", f"tile{number}.exr"]
+            words += [f"--texsynth:graph=graph.json:lod={level}:window={window}", "-o", f"tile{number}.exr"]
         done = oiiotex(*words, cwd=folder)
         assert done.returncode == 0, done.stderr
         for number, pixels in enumerate(tiles.values()):
             np.testing.assert_array_equal(pixels, shown(folder / f"tile{number}.exr", "lin_rec709_scene"))
         words = copied_line(page)
-        assert any(":window=" in word and ":level=26" in word for word in words)
+        assert any(":window=" in word and ":lod=26" in word for word in words)
         number = page.get_by_label("Jitter (number)")
         number.fill("0.3")
         number.press("Enter")

@@ -107,7 +107,7 @@ def test_numbers_out_of_range_are_refused_and_automatic_values_are_those_in_effe
     assert state(page, "tile.height") is None and height.get_attribute("placeholder") == "64"
     wait(page, "document.querySelector('.line').value.includes('size=48x64')")
     patch = page.locator("select[title^='Patch size'] option").first
-    for preset, shown in (("keep", "21 px"), ("even", "11 px"), (None, "13 px")):
+    for preset, shown in (("large", "21 px"), ("even", "11 px"), (None, "13 px")):
         page.select_option("select[title^='Keep:']", f'"{preset}"' if preset else "null")
         assert patch.inner_text() == f"Automatic ({shown})"
 
@@ -174,8 +174,8 @@ CANVAS = """async (path) => {
   const canvas = path.reduce((one, name) => (one instanceof Map ? one.get(name) : one[name]), rooms.tile);
   return [...canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data];
 }"""
-USUAL = dict.fromkeys(("flatten", "sigma", "amount", "contrast", "patch", "width", "height", "preset"))
-USUAL |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "fill": ""}
+USUAL = dict.fromkeys(("flattening", "sigma", "evenness", "histogram", "patch", "width", "height", "preset"))
+USUAL |= {"lattice": 0.5, "seed": 0, "measure": "histogram", "mask": "", "fill": ""}
 
 
 DRAWN = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
@@ -202,18 +202,18 @@ def test_a_preset_is_shown_coarse_and_chosen_by_a_click(page):
     assert thumbs.all_inner_texts() == ["Automatic", "Even", "Clean", "Keep"]
     finished(page, **USUAL)
     page.get_by_role("button", name="Show presets").click()
-    shown = {preset: page.evaluate(CANVAS, ["strip", "presets", preset]) for preset in ("", "even", "keep")}
+    shown = {preset: page.evaluate(CANVAS, ["strip", "presets", preset]) for preset in ("", "even", "large")}
     assert shown[""] == page.evaluate(CANVAS, ["tile"]) and thumbs.first.get_attribute("aria-pressed") == "true"
     finished(page, sigma=3)
     assert not page.locator(".strip .thumb[aria-pressed=true]").count()
-    for number, preset in ((3, "keep"), (1, "even")):
+    for number, preset in ((3, "large"), (1, "even")):
         page.evaluate("delete document.querySelector('[data-tile]').dataset.tile")
         thumbs.nth(number).click()
         page.wait_for_selector("[data-tile=whole]")
         assert state(page, "tile") == USUAL | {"preset": preset}
         assert page.evaluate(CANVAS, ["tile"]) == shown[preset]
     wait(page, "document.querySelector('.measures').textContent.includes('preset=even is equivalent to')")
-    assert "stmap" not in page.inner_text(".measures") + page.input_value(".line >> nth=0")
+    assert ":st=" not in page.inner_text(".measures") + page.input_value(".line >> nth=0")
     page.locator("canvas[aria-label=Tile]").focus()
 
 
@@ -281,7 +281,7 @@ def test_values_under_the_pointer_and_false_color_are_those_of_the_files(page, f
         np.testing.assert_allclose(told, values[y, x, :3], rtol=1e-4)
     page.keyboard.press("r")
     wait(page, "document.querySelector('.ramp') !== null")
-    done = oiiotex("photo.exr", "--texstationarize:stmap=st.exr", "-o", "again.exr", cwd=folder)
+    done = oiiotex("photo.exr", "--texstationarize:st=st.exr", "-o", "again.exr", cwd=folder)
     assert done.returncode == 0, done.stderr
     spec = Image((from_array(load(folder / "photo.exr")).first,), "").first.spec
     uses, shown = region_uses(load(folder / "st.exr")[..., :2], spec)

@@ -295,15 +295,15 @@ def test_autosave_goes_on_after_a_full_disk_and_keeps_the_last_state(tmp_path, m
             why = f"{path}: {os.strerror(kind)}. Your work is kept in memory until saving succeeds."
             with monkeypatch.context() as patch:
                 full_disk(patch, kind)
-                hub.document.change("tile", {"seed": seed, "structure": 0.1})
+                hub.document.change("tile", {"seed": seed, "lattice": 0.1})
                 await until(lambda: bool(hub.unsaved))
-                hub.document.change("tile", {"structure": 0.2})
+                hub.document.change("tile", {"lattice": 0.2})
                 await asyncio.sleep(0.05)  # it is tried again, and said once
                 assert told == [{"do": "unsaved", "text": f"Not saved: {why}"}] and hub.unsaved == f"Not saved: {why}"
             await until(lambda: not hub.unsaved)
             assert told[1:] == [{"do": "unsaved", "text": ""}]
             tile = json.loads(path.read_text())["tile"]
-            assert (tile["seed"], tile["structure"]) == (seed, 0.2)
+            assert (tile["seed"], tile["lattice"]) == (seed, 0.2)
             told.clear()
         assert not saving.done()
         saving.cancel()
@@ -367,8 +367,8 @@ def test_a_step_after_undo_keeps_what_was_undone_and_a_gesture_is_one_step(tmp_p
     for gesture, values in enumerate(({"seed": 1}, {"sigma": 4.0}, {"seed": 2})):
         for _ in range(2):  # the second is the same gesture, of the same values
             document.change("tile", values, gesture=gesture)
-        document.change("tile", {"flatten": 0.5}, gesture=gesture)
-        document.change("tile", {"flatten": None}, gesture=gesture)  # and back: no change
+        document.change("tile", {"flattening": 0.5}, gesture=gesture)
+        document.change("tile", {"flattening": None}, gesture=gesture)  # and back: no change
     assert len(document.history.steps) == 3 and document.go(True) is None
     assert [seen(False) for _ in range(2)] == [(1, 4.0), (1, None)]
     document.change("tile", {"seed": 9})

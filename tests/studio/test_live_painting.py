@@ -273,17 +273,17 @@ def test_a_canvas_of_another_size_keeps_its_patches(tmp_path, spare):
     steps, photo = Steps(tmp_path, spare), test_painting.photo()
 
     def painted(ids: np.ndarray, name: str, **more: object) -> np.ndarray:
-        return filters.paint(photo, ids_buffer(ids), plan=tmp_path / name, **more).get_pixels(oiio.FLOAT)
+        return filters.paint(photo, ids_buffer(ids), planfile=tmp_path / name, **more).get_pixels(oiio.FLOAT)
 
     shown = painted(coarse, "000000.npz", patch=16)
     larger = np.full((200, 260), 1)
     larger[:160, :200] = coarse
-    around = painted(larger, "larger.npz", previous=steps.resized(0, (260, 200), 1 << 26))
+    around = painted(larger, "larger.npz", fromplan=steps.resized(0, (260, 200), 1 << 26))
     np.testing.assert_array_equal(around[:128, :168], shown[:128, :168])  # as far as two patches from the old border
     assert (around[:160, :200] == shown).mean() > 0.9
     anew = painted(larger, "anew.npz", patch=16, seed=0)
     assert (anew[:128, :168] != shown[:128, :168]).any()
-    smaller = painted(coarse[:100, :90], "smaller.npz", previous=steps.resized(0, (90, 100), 1 << 26))
+    smaller = painted(coarse[:100, :90], "smaller.npz", fromplan=steps.resized(0, (90, 100), 1 << 26))
     np.testing.assert_array_equal(smaller[:68, :58], shown[:68, :58])
 
 
@@ -309,12 +309,12 @@ def test_a_painting_many_times_larger_is_sewn_around_the_patches_that_are_shown(
 
     def painted(name: str, **more: object) -> np.ndarray:
         path = tmp_path / name
-        filters.paint(photo, ids_buffer(coarse), fine=ids_buffer(fine), plan=path, **more)
+        filters.paint(photo, ids_buffer(coarse), fine=ids_buffer(fine), planfile=path, **more)
         return np.load(path)
 
     shown = painted("000000.npz", patch=16)
     before = steps.enlarged(0, 3, 1 << 26)
-    around, anew = (painted(f"{n}.npz", size=(600, 480), **more) for n, more in enumerate(({"previous": before}, {})))
+    around, anew = (painted(f"{n}.npz", size=(600, 480), **more) for n, more in enumerate(({"fromplan": before}, {})))
     for layer in ("", "fine_"):
         small = shown[f"{layer}offsets"]
         assert (around[f"{layer}facts"][3:5] == shown[f"{layer}facts"][3:5]).all()  # patch and overlap

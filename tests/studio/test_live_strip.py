@@ -55,14 +55,14 @@ def test_photos_are_added_asked_for_their_color_space_and_get_the_settings_of_an
     chosen(page, tmp_path / "loose.tif")  # the same again
     wait(page, "document.getElementById('status').textContent === 'This photo is already open'")
     assert [path.name for path in folder.glob("loose*.tif")] == ["loose.tif"]
-    page.select_option("select[title^='Keep:']", '"keep"')
+    page.select_option("select[title^='Large:']", '"large"')
     page.get_by_role("button", name="Apply to all").click()
     wait(page, "document.querySelector('.photo small')?.textContent.startsWith('saved: ')")
     made = folder / page.locator(".photo small").first.inner_text().removeprefix("saved: ")
     page.click(".photo >> nth=0")
     wait(page, "document.getElementById('undo').title === 'Undo: Parameters of loose (Ctrl Z)'")
-    assert state(page, "tile.preset") == "keep"
-    wait(page, "document.querySelector('.line').value.includes('preset=keep')")
+    assert state(page, "tile.preset") == "large"
+    wait(page, "document.querySelector('.line').value.includes('preset=large')")
     line = shlex.split(page.input_value(".line >> nth=0"))
     pixels = load(made)
     made.unlink()
@@ -101,13 +101,13 @@ def test_a_closed_photo_leaves_its_pages_and_the_memory_and_its_document_brings_
     while clients(folder) >= before:
         assert time.monotonic() < until
         time.sleep(0.05)
-    assert json.loads((folder / "loose.texlive.json").read_text())["tile"]["preset"] == "keep"
+    assert json.loads((folder / "loose.texlive.json").read_text())["tile"]["preset"] == "large"
     other.close()
     page.click("#open")
     page.check("dialog[open] input[value='loose.tif']")
     page.click("dialog[open] >> text=Open >> nth=-1")
     page.wait_for_url("**/?photo=3*")
-    wait(page, "document.querySelector('.line')?.value.includes('preset=keep')")
+    wait(page, "document.querySelector('.line')?.value.includes('preset=large')")
     assert state(page, "photo.space") == "ACEScg"
 
 

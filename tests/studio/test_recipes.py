@@ -186,8 +186,8 @@ def test_the_printed_recipe_holds_also_with_all_its_offers_taken(tmp_path):
             "--texstationarize:report=/tmp/x.json: is not in the product's folder",
         ),
         (
-            '[[product]]\nname = "t"\nline = "$maps --texstationarize:stmap=../x.exr $outputs"\n',
-            "--texstationarize:stmap=../x.exr: is not in the product's folder",
+            '[[product]]\nname = "t"\nline = "$maps --texstationarize:st=../x.exr $outputs"\n',
+            "--texstationarize:st=../x.exr: is not in the product's folder",
         ),
         ('[[product]]\nname = "T"\nline = "$maps $outputs"\n', "name 'T': expected a-z"),
         ('[[product]]\nname = "t"\n', r"product\[0\]: line is missing: expected a string"),

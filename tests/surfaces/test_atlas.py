@@ -134,7 +134,7 @@ def test_texture_runs_on_over_borders_of_charts(kind, tmp_path):
     path, out = mesh_file(kind, tmp_path), tmp_path / "out.obj"
     across, beside = 0.0, 0.0
     for seed in range(3):
-        made = filters.atlas(buffer(PHOTO), mesh=path, size=(SIDE, SIDE), unwrapped=out, seed=seed)
+        made = filters.atlas(buffer(PHOTO), mesh=path, size=(SIDE, SIDE), obj=out, seed=seed)
         more = differences(out.read_text(), pixels(made))
         across, beside = across + more[0], beside + more[1]
     assert across / beside <= 1.15
@@ -203,7 +203,7 @@ def test_neighbors_lie_where_steps_on_the_surface_lead(device, tmp_path):
 
 def test_threads_do_not_show_and_the_map_says_where_pixels_come_from(tmp_path):
     path, photo = mesh_file("cube", tmp_path), buffer(PHOTO)
-    one = filters.atlas(photo, mesh=path, size=(128, 96), stmap=True, nthreads=1)
+    one = filters.atlas(photo, mesh=path, size=(128, 96), st=True, nthreads=1)
     three = filters.atlas(photo, mesh=path, size=(128, 96), nthreads=3)
     image, st = one["atlas"], one["st"]
     np.testing.assert_array_equal(pixels(image), pixels(three))
@@ -220,7 +220,7 @@ def test_only_what_the_mask_allows_is_taken(tmp_path):
 def test_charts_that_are_made_are_handed_out(tmp_path):
     path, out = mesh_file("sphere", tmp_path), tmp_path / "out.obj"
     save(PHOTO, tmp_path / "photo.png")
-    done = oiiotex("photo.png", f"--texatlas:mesh={path}:size=96x96:unwrapped={out}", "-v", "-o", "a.exr", cwd=tmp_path)
+    done = oiiotex("photo.png", f"--texatlas:mesh={path}:size=96x96:obj={out}", "-v", "-o", "a.exr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "charts by xatlas" in done.stderr + done.stdout
     made, again = read_mesh(path, 96, 96), read_mesh(out, 96, 96)
@@ -264,7 +264,7 @@ def test_what_is_missing_or_does_not_fit_is_said(tmp_path, monkeypatch):
     with pytest.raises(errors.ParameterError, match=r"a pixel of the photo .* expected 0.5 to 2"):
         filters.atlas(photo, mesh=cube, scale=100.0)
     with pytest.raises(errors.ParameterError, match=r"ends in \.obj"):
-        filters.atlas(photo, mesh=cube, unwrapped=tmp_path / "out.ply")
+        filters.atlas(photo, mesh=cube, obj=tmp_path / "out.ply")
     monkeypatch.setitem(sys.modules, "xatlas", None)
     with pytest.raises(errors.ParameterError, match=r"no UVs.*pip install 'oiiotex\[atlas\]'"):
         filters.atlas(photo, mesh=sphere)
@@ -292,7 +292,7 @@ def test_scale_is_the_width_of_the_photo_on_the_surface(tmp_path):
     """Pieces that are copied whole go on by so many pixels of the photo for one of the atlas."""
     path = mesh_file("plane", tmp_path)
     for scale in (0.8, 1.2):
-        st = pixels(filters.atlas(buffer(PHOTO), mesh=path, size=(120, 120), scale=scale, stmap=True)["st"])
+        st = pixels(filters.atlas(buffer(PHOTO), mesh=path, size=(120, 120), scale=scale, st=True)["st"])
         on = np.rint(np.diff(st[..., 0], axis=1) * 96)
         whole = (on >= 0) & (on <= 2)
         assert whole.mean() > 0.5
@@ -313,7 +313,7 @@ def test_normals_turn_with_the_texture(convention, tmp_path):
         path.write_text(flat + f"f {a} {b} {c}\nf {a} {c} {d}\n")
         color, made = filters.atlas(
             buffer(PHOTO[:64, :64]), maps=[buffer(normals)], mesh=path, size=(48, 48), kinds=("color", "normal"),
-            mapweights=(1, 0), convention=convention,
+            mapweights=(1, 0), normals=convention,
         )  # fmt: skip
         mesh = read_mesh(path, 48, 48)
         right = Frames.of(mesh, 1.0).step[0, :, 0]
@@ -340,9 +340,7 @@ def test_udim_tiles_are_one_atlas_that_is_cut(tmp_path):
         lines.append(line)
     (tmp_path / "cube.obj").write_text("\n".join(lines))
     save(PHOTO, tmp_path / "photo.png")
-    words = (
-        "photo.png --texatlas:mesh=cube.obj:size=32x32:udim=3x2:unwrapped=out.obj -o all.exr -o:udim=3x2 t.<UDIM>.exr"
-    )
+    words = "photo.png --texatlas:mesh=cube.obj:size=32x32:udim=3x2:obj=out.obj -o all.exr -o:udim=3x2 t.<UDIM>.exr"
     assert run(words.split(), tmp_path) == 0
     whole = load(tmp_path / "all.exr")
     assert whole.shape == (64, 96, 3)

@@ -182,7 +182,7 @@ def test_bands_do_not_show(monkeypatch):
 def test_the_run_goes_to_its_end_and_exits_3(tmp_path):
     save(albedo(), tmp_path / "a.exr", "half", "lin_rec709_scene")
     save(0.5 + 0.5 * reliefs.normals(HEIGHT) * [1, -1, 1], tmp_path / "n.exr", "half", "data")
-    words = ["a.exr", "n.exr", "--texcheckmaterial:kinds=color,normal:json=found.json", "-o", "n2.exr"]
+    words = ["a.exr", "n.exr", "--texcheckmaterial:kinds=color,normal:facts=found.json", "-o", "n2.exr"]
     done = oiiotex(*words, cwd=tmp_path)
     assert done.returncode == 3
     assert (
@@ -194,7 +194,7 @@ def test_the_run_goes_to_its_end_and_exits_3(tmp_path):
     assert report["maps"][1]["measures"]["convention"] == "directx"
     same = oiio.ImageBuf(str(tmp_path / "n2.exr"))
     np.testing.assert_array_equal(pixels(same), pixels(oiio.ImageBuf(str(tmp_path / "n.exr"))))
-    words[2] += ":convention=directx"
+    words[2] += ":normals=directx"
     assert oiiotex(*words, cwd=tmp_path).returncode == 0
 
 
@@ -203,4 +203,4 @@ def test_python_has_the_maps_and_an_error_that_holds_them():
     with pytest.raises(errors.QualityError, match="from 2 to 2") as caught:
         filters.checkmaterial(maps[0], maps=maps[1:], kinds=KINDS)
     assert len(caught.value.result) == 4
-    assert len(filters.checkmaterial(maps[0], maps=maps[1:], kinds=KINDS, fail="none")) == 4
+    assert len(filters.checkmaterial(maps[0], maps=maps[1:], kinds=KINDS, failon="none")) == 4

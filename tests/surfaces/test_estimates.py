@@ -93,12 +93,12 @@ def test_light_from_the_other_end_turns_the_relief_over():
 def test_invert_turns_the_relief_over_and_bright_joints_are_not_guessed():
     photo = reliefs.stones(SIDE, 1)
     photo = 0.3 + 0.1 * photo / np.abs(photo).max()
-    assert correlation(height_of(photo, overcast=True), height_of(photo, overcast=True, invert=True)) < -0.999
+    assert correlation(height_of(photo, overcast=True), height_of(photo, overcast=True, negate=True)) < -0.999
     y, x = np.mgrid[:SIDE, :SIDE] % 24
     mortar = np.where((x < 6) | (y < 6), 0.6, 0.15) + np.random.default_rng(1).normal(0, 0.01, (SIDE, SIDE))
-    with pytest.raises(errors.ImageError, match=r"joints.*overcast=True.*invert=True"):
+    with pytest.raises(errors.ImageError, match=r"joints.*overcast=True.*negate=True"):
         filters.estimateheight(gray(mortar))
-    assert correlation(height_of(mortar, overcast=True, invert=True), -mortar) > 0.5
+    assert correlation(height_of(mortar, overcast=True, negate=True), -mortar) > 0.5
     with pytest.raises(errors.ImageError, match="two materials"):
         filters.estimateheight(gray(np.where((x < 12) ^ (y < 12), 0.6, 0.15)))  # a chessboard
     filters.estimateheight(gray(np.where((x < 3) | (y < 3), 0.15, 0.6)))  # dark joints
@@ -107,25 +107,25 @@ def test_invert_turns_the_relief_over_and_bright_joints_are_not_guessed():
 def test_slow_light_and_exposure_are_no_relief():
     photo = reliefs.lit(RELIEFS["stones"], 90)
     slow = 0.2 * (1 + 0.5 * np.cos(2 * np.pi * np.arange(SIDE) / SIDE))[None]
-    plain, dimmed = (height_of(p, light=90.0, tile="xy") for p in (photo, photo * slow))
+    plain, dimmed = (height_of(p, light=90.0, tiled="xy") for p in (photo, photo * slow))
     assert correlation(plain, dimmed) > 0.98
 
 
 def test_a_photo_that_tiles_has_heights_that_tile():
     photo = reliefs.lit(RELIEFS["hills"], 135)
-    made = pixels(filters.estimateheight(gray(photo), light=135.0, tile="xy"))
-    turned = pixels(filters.estimateheight(gray(np.roll(photo, (37, 81), (0, 1))), light=135.0, tile="xy"))
+    made = pixels(filters.estimateheight(gray(photo), light=135.0, tiled="xy"))
+    turned = pixels(filters.estimateheight(gray(np.roll(photo, (37, 81), (0, 1))), light=135.0, tiled="xy"))
     np.testing.assert_allclose(np.roll(made, (37, 81), (0, 1)), turned, atol=1e-3)
 
 
 def test_normals_are_those_of_the_heights():
     photo = gray(reliefs.lit(RELIEFS["hills"], 135))
-    made = filters.estimateheight(photo, light=135.0, tile="xy", normal=True)
+    made = filters.estimateheight(photo, light=135.0, tiled="xy", normal=True)
     heights = pixels(made["height"])[..., 0] * made["height"].spec().getattribute(HEIGHT_PX)
     np.testing.assert_allclose(2 * pixels(made["normal"]) - 1, reliefs.normals(heights), atol=2e-3)
     assert correlation(reliefs.normals(RELIEFS["hills"])[..., 0], pixels(made["normal"])[..., 0]) > 0.6
     assert correlation(reliefs.normals(RELIEFS["hills"])[..., 1], pixels(made["normal"])[..., 1]) > 0.6
-    down = filters.estimateheight(photo, light=135.0, tile="xy", normal=True, convention="directx")["normal"]
+    down = filters.estimateheight(photo, light=135.0, tiled="xy", normal=True, normals="directx")["normal"]
     np.testing.assert_allclose(pixels(down)[..., 1], 1 - pixels(made["normal"])[..., 1], atol=1e-6)
 
 
@@ -160,7 +160,7 @@ def test_a_photo_of_which_nothing_is_to_be_seen_is_refused():
 @pytest.mark.parametrize("relief", list(RELIEFS))
 def test_ambient_occlusion_is_what_rays_say(relief):
     heights = RELIEFS[relief][:96, :96] if relief != "hills" else reliefs.hills(96, 3)
-    made = pixels(filters.estimateao(gray(heights, "data"), radius=12, relief=1.0, tile="xy"))[..., 0]
+    made = pixels(filters.estimateao(gray(heights, "data"), radius=12, relief=1.0, tiled="xy"))[..., 0]
     rays = reliefs.visible_sky(heights, 12)
     assert correlation(made, rays) > 0.99
     assert np.sqrt(((made - rays) ** 2).mean()) < 0.02
@@ -200,7 +200,7 @@ def test_how_high_the_heights_are_comes_with_them(tmp_path):
 def test_occlusion_looks_around_what_tiles(tile):
     heights = np.zeros((48, 48))
     heights[:, 0] = heights[0, :] = 8.0  # a wall along the left and the upper border
-    made = pixels(filters.estimateao(gray(heights, "data"), radius=6, relief=1.0, tile=tile))[..., 0]
+    made = pixels(filters.estimateao(gray(heights, "data"), radius=6, relief=1.0, tiled=tile))[..., 0]
     behind = {"x": made[24, -2], "y": made[-2, 24]}
     assert behind.pop(tile) < 0.75 and next(iter(behind.values())) > 0.95
 
@@ -240,7 +240,7 @@ def test_roughness_is_the_middle_where_nothing_is_to_be_seen():
 
 
 def test_roughness_stays_within_its_amount():
-    made = pixels(filters.estimateroughness(buffer(pictures.pebbles(96, 96, 1)), middle=0.5, amount=0.2))
+    made = pixels(filters.estimateroughness(buffer(pictures.pebbles(96, 96, 1)), middle=0.5, spread=0.2))
     assert 0.3 <= made.min() < made.max() <= 0.7
 
 

@@ -59,7 +59,7 @@ def shot(tmp_path_factory):
 
 
 def plate(folder, *more: str, modifiers: str = ":motion=st.1001.exr"):
-    words = f"--texplate:region=1:frames=1001-{1000 + COUNT}:save=shot.npz{modifiers}"
+    words = f"--texplate:region=1:frames=1001-{1000 + COUNT}:motionfile=shot.npz{modifiers}"
     first = "plate.1001.exr", "--iscolorspace", "lin_rec709_scene", "mask.1001.exr"
     return oiiotex(*first, words, "-o", "open.exr", *more, cwd=folder)
 

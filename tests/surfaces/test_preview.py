@@ -60,12 +60,12 @@ def test_make_seamless_has_no_seam_and_keeps_the_middle():
 
 def test_panels_stand_side_by_side_in_the_order_asked_for():
     tile, photo = buffer(TILE), buffer(pictures.pebbles(60, 60, 2))
-    every = pixels(filters.preview(tile, exemplar=photo, height=48))
+    every = pixels(filters.preview(tile, exemplar=photo, panel=48))
     assert every.shape == (48, 48 + 48 + 64 + 64 + 72 + 4 * 8, 3)
-    few = pixels(filters.preview(tile, panels=["plane", "2x2"], height=48))
+    few = pixels(filters.preview(tile, panels=["plane", "2x2"], panel=48))
     np.testing.assert_array_equal(few[:, :72], every[:, -72:])
     np.testing.assert_allclose(few[:, -64:], repeated(TILE.astype(np.float32), 2, 48), atol=1e-6)
-    assert pixels(filters.preview(tile, height=48)).shape[1] == 64 + 64 + 72 + 2 * 8
+    assert pixels(filters.preview(tile, panel=48)).shape[1] == 64 + 64 + 72 + 2 * 8
 
 
 @pytest.mark.parametrize(
@@ -90,6 +90,6 @@ def test_a_tile_that_does_not_fit_the_budget_is_refused_with_the_figure():
 def test_on_the_command_line(tmp_path):
     save(TILE, tmp_path / "tile.png")
     save(TILE, tmp_path / "photo.png")
-    done = oiiotex("tile.png", "--texpreview:exemplar=photo.png:height=32", "-o", "seen.png", cwd=tmp_path)
+    done = oiiotex("tile.png", "--texpreview:exemplar=photo.png:panel=32", "-o", "seen.png", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert load(tmp_path / "seen.png").shape[0] == 32

@@ -95,7 +95,7 @@ def test_fine_detail_is_filtered_where_it_becomes_smaller():
 def test_coordinates_lead_st_warp_to_the_same_pixels(tmp_path):
     photo = pictures.smooth_noise(96, 128, 16, 1)[..., None] * np.ones(3)
     save(photo, tmp_path / "photo.exr", "float", "lin_rec709_scene")
-    words = "--texrectify:corners=10,6,120,14,108,90,4,80:size=128x96:stmap=st.exr"
+    words = "--texrectify:corners=10,6,120,14,108,90,4,80:size=128x96:st=st.exr"
     done = oiiotex("photo.exr", words, "-o", "front.exr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     done = oiiotex("photo.exr", "st.exr", "--st_warp", "-o", "warped.exr", cwd=tmp_path)
@@ -136,7 +136,7 @@ def test_the_photo_may_be_turned(kind, turned):
 def test_the_lattice_gives_corners_that_can_be_said_for_the_next_map(tmp_path):
     seen, _ = shot(wall(), 0.3, 0.2)
     save(seen, tmp_path / "photo.exr", "half", "lin_rec709_scene")
-    words = "--texrectify:physical=0.25,0.15:json=found.json"
+    words = "--texrectify:meters=0.25,0.15:facts=found.json"
     done = oiiotex("photo.exr", words, "-o", "front.exr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "found.json").read_text())

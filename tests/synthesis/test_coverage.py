@@ -88,7 +88,7 @@ def test_an_exemplar_may_say_what_is_at_its_borders(tmp_path):
     outcomes = {}
     for wrap in (None, "mirror", "periodic"):
         drawn(tmp_path, [("root", "root", 1)], root={} if wrap is None else {"wrap": wrap})
-        run(tmp_path, "--texsynth:graph=g.json:size=64x64:level=6", "-o", "a.exr")
+        run(tmp_path, "--texsynth:graph=g.json:size=64x64:lod=6", "-o", "a.exr")
         outcomes[wrap] = load(tmp_path / "a.exr")
     np.testing.assert_array_equal(outcomes[None], outcomes["mirror"])
     assert (outcomes["periodic"] != outcomes["mirror"]).any()

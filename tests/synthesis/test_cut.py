@@ -212,7 +212,7 @@ def test_only_allowed_pixels_are_used_and_what_the_others_look_like_is_not_looke
     made = []
     for photo in (PHOTO, np.where(mask > 0, PHOTO, other)):
         photo = buffer(np.concatenate([photo, mask], -1), names=("R", "G", "B", "id"))
-        made.append(pixels(filters.cut(photo, mask=buffer(mask), size=size, tile=tile, passes=1, patch=24)))
+        made.append(pixels(filters.cut(photo, mask=buffer(mask), size=size, tiles=tile, passes=1, patch=24)))
     assert made[0].shape == (size[1], size[0], 4) and (made[0][..., 3] == 1).all()
     np.testing.assert_array_equal(made[0], made[1])
 
@@ -221,9 +221,9 @@ def test_one_label_of_a_photo(tmp_path):
     """End to end: labels found, one taken, source coordinates beside it; each pixel has that label."""
     left, right = pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)
     save(np.concatenate([left, right], 1), tmp_path / "photo.png")
-    words = ("photo.png", "--iscolorspace", "sRGB", "--texlabel:keep=1", "-o", "labeled.exr")
+    words = ("photo.png", "--iscolorspace", "sRGB", "--texlabel:photo=1", "-o", "labeled.exr")
     assert oiiotex(*words, cwd=tmp_path).returncode == 0
-    done = oiiotex("labeled.exr", "--texcut:label=2:size=100x80:stmap=1:patch=32", "-o", "cut.exr", cwd=tmp_path)
+    done = oiiotex("labeled.exr", "--texcut:label=2:size=100x80:st=1:patch=32", "-o", "cut.exr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     last = oiio.ImageBuf(str(tmp_path / "labeled.exr")).nsubimages - 1
     labels = load(tmp_path / "labeled.exr", last)[..., 0]
@@ -337,7 +337,7 @@ def test_what_is_wrong_is_said(tmp_path):
     with pytest.raises(errors.ParameterError, match="patch=3"):
         filters.cut(buffer(PHOTO), patch=3)
     photo = tmp_path / "photo.png"
-    done = oiiotex(photo, "--iscolorspace", "sRGB", f"--texcut:stmap={photo}", "-o", tmp_path / "a.exr")
+    done = oiiotex(photo, "--iscolorspace", "sRGB", f"--texcut:st={photo}", "-o", tmp_path / "a.exr")
     assert done.returncode == 1 and "would overwrite exemplar, an input image" in done.stderr
 
 

@@ -45,9 +45,9 @@ NORMALS = (0.5 + 0.4 * RANDOM.random((HEIGHT, WIDTH, 3))).astype(np.float32)
 SMALL = {"size": (72, 64), "iterations": 2, "patch": 7, "seed": 3}
 WITH_ALPHA = np.concatenate([PHOTO * HOLE, HOLE], -1)
 OPS: dict[str, tuple[str, dict[str, Any]]] = {
-    "a photo": ("stationarize", {"stmap": True}),
+    "a photo": ("stationarize", {"st": True}),
     "alpha and a mask": ("stationarize", {"exemplar": WITH_ALPHA, "mask": 1 - marked(110, 170, 80, 120)}),
-    "weights": ("stationarize", {"weight": WEIGHT, "measure": "moments"}),
+    "weights": ("stationarize", {"weightmap": WEIGHT, "measure": "moments"}),
     "a part anew": ("fill", {"region": marked(60, 80, 60, 90), "size": None}),
     "a material": ("patchmatch", {"maps": [NORMALS, PHOTO[..., :1]], "kinds": ("color", "normal", "height")}),
     "variants": ("stationarize", {"variants": 2, "measure": "moments", "iterations": 1}),

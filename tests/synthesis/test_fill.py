@@ -49,7 +49,7 @@ def made(region: np.ndarray = STAIN, photo: oiio.ImageBuf | None = None, **more:
 
 
 def test_outside_nothing_changes_and_inside_nothing_stays_of_the_stain():
-    found = made(stmap=True, blend=0.0)
+    found = made(st=True, fade=0.0)
     filled, st = pixels(found["fill"]), pixels(found["st"])
     photo = PHOTO.astype(np.float32)
     np.testing.assert_array_equal(filled[~HOLE], photo[~HOLE])
@@ -71,7 +71,7 @@ def test_new_pixels_fit_the_old_ones():
 def test_a_resynthesized_border_makes_a_photo_tile():
     y, x = np.indices((96, 112))
     border = (np.minimum(np.minimum(x, 111 - x), np.minimum(y, 95 - y)) < 14)[..., None]
-    tile = pixels(made(border, tile="xy"))
+    tile = pixels(made(border, tiled="xy"))
     np.testing.assert_array_equal(tile[~border[..., 0]], PHOTO.astype(np.float32)[~border[..., 0]])
     for axis in (0, 1):
         assert seam_ratio(tile[..., 1], axis) < 0.6 * seam_ratio(PHOTO[..., 1], axis)
@@ -84,7 +84,7 @@ def test_windows_stay_and_transparent_pixels_are_no_source():
     photo = oiio.ImageBuf(spec)
     alpha = (np.indices((96, 112))[1] < 100)[..., None] * 1.0
     photo.set_pixels(photo.roi, np.concatenate([PHOTO * alpha, alpha], -1).astype(np.float32))
-    for more in ({}, {"adapt": 1.0}):
+    for more in ({}, {"matchlight": 1.0}):
         found = made(photo=photo, **more)
         assert found.roi == photo.roi and found.roi_full == photo.roi_full
         np.testing.assert_array_equal(pixels(found)[~HOLE], pixels(photo)[~HOLE])
@@ -100,10 +100,12 @@ def gradient(scale: float = 0.6) -> np.ndarray:
 
 
 def test_another_photo_takes_the_light_of_its_surroundings():
-    """The mean of the fill follows the light; adapt=0 gives verbatim copies instead."""
+    """The mean of the fill follows the light; matchlight=0 gives verbatim copies instead."""
     photo, region = buffer(gradient(0.3), space="lin_rec709_scene"), np.indices((96, 112))[0] // 32 == 1
     source = buffer(OTHER * 0.2, space="lin_rec709_scene")
-    lit, plain = (made(region[..., None], photo, source=source, adapt=a, blend=b) for a, b in ((None, 4.0), (0.0, 0.0)))
+    lit, plain = (
+        made(region[..., None], photo, source=source, matchlight=a, fade=b) for a, b in ((None, 4.0), (0.0, 0.0))
+    )
     known = {p.tobytes() for p in pixels(source).reshape(-1, 3)}
     assert all(p.tobytes() in known for p in pixels(plain)[region])
     of_thirds = [pixels(lit)[32:64, a:b].mean() / gradient(0.3)[:32, a:b].mean() for a, b in ((0, 37), (75, 112))]
@@ -147,7 +149,7 @@ def test_a_blended_border_changes_color_alone_and_keeps_light_and_alpha():
     photo = buffer(np.concatenate([(PHOTO - PHOTO.min()) ** 4 * 60, alpha], -1), space="lin_rec709_scene")
     normal = buffer(np.random.default_rng(1).uniform(0, 1, (96, 112, 3)), space="data")
     both = [
-        filters.fill(photo, mask(STAIN), maps=[normal], kinds=("color", "normal"), blend=blend, **QUICK)
+        filters.fill(photo, mask(STAIN), maps=[normal], kinds=("color", "normal"), fade=blend, **QUICK)
         for blend in (0.0, 4.0)
     ]
     plain, blended = ([pixels(one) for one in made] for made in both)
@@ -163,7 +165,7 @@ def test_a_blended_border_changes_color_alone_and_keeps_light_and_alpha():
 
 
 def test_coordinates_and_drift_give_the_pixels_of_another_photo():
-    found = made(source=buffer(OTHER), stmap=True, drift=True, adapt=0.0, blend=0.0)
+    found = made(source=buffer(OTHER), st=True, drift=True, matchlight=0.0, fade=0.0)
     st, drift = pixels(found["st"]), pixels(found["drift"])
     np.testing.assert_array_equal(st[..., 2], HOLE)
     x, y = (np.floor(st[..., i] * n).astype(int) for i, n in ((0, 64), (1, 80)))
@@ -199,7 +201,14 @@ def test_all_maps_come_from_the_same_pixels():
     source = {"color": buffer(OTHER), "normal": buffer(normal, space="data")}
     own = buffer(np.full((96, 112, 3), 0.5), space="data")
     found = filters.fill(
-        buffer(PHOTO), mask(STAIN), maps=[own], kinds=("color", "data"), source=source, adapt=0.0, blend=0.0, **QUICK
+        buffer(PHOTO),
+        mask(STAIN),
+        maps=[own],
+        kinds=("color", "data"),
+        source=source,
+        matchlight=0.0,
+        fade=0.0,
+        **QUICK,
     )
     both = np.concatenate([pixels(one)[HOLE] for one in found], -1)
     known = {p.tobytes() for p in np.concatenate([OTHER, normal], -1).astype(np.float32).reshape(-1, 6)}
@@ -213,12 +222,12 @@ def test_all_maps_come_from_the_same_pixels():
 def test_a_label_of_the_photo_is_replaced_from_a_label_of_the_source():
     x = np.indices((96, 112))[1]
     labels = ids(1 + (x > 40) + (x > 80).astype(int))
-    found = pixels(filters.fill(buffer(PHOTO), labels=labels, label=2, sourcelabel=3, stmap=True, **QUICK)["st"])
+    found = pixels(filters.fill(buffer(PHOTO), labels=labels, replace=2, label=3, st=True, **QUICK)["st"])
     columns = np.floor(found[..., 0] * 112).astype(int)
     assert (columns[:, 41:81] > 80).all()
     np.testing.assert_array_equal(columns[:, :41], x[:, :41])
-    with pytest.raises(errors.ParameterError, match="sourcelabel=9: not in"):
-        filters.fill(buffer(PHOTO), labels=labels, label=2, sourcelabel=9, **QUICK)
+    with pytest.raises(errors.ParameterError, match="label=9: not in"):
+        filters.fill(buffer(PHOTO), labels=labels, replace=2, label=9, **QUICK)
     with pytest.raises(errors.ParameterTypeError, match=r"2 images.* 1$"):
         filters.fill(buffer(PHOTO), None)
 
@@ -247,7 +256,7 @@ def test_an_object_of_a_cryptomatte_is_replaced():
 
 def test_a_cut_stays_in_its_zone():
     away = np.hypot(*(np.indices((96, 112)) - 50))
-    cut = pixels(made((away < 22)[..., None], source=buffer(PHOTO[::-1]), cut=9, adapt=0.0))
+    cut = pixels(made((away < 22)[..., None], source=buffer(PHOTO[::-1]), seamzone=9, matchlight=0.0))
     new = (cut != PHOTO.astype(np.float32)).any(-1)
     assert not new[away > 31].any() and new[away < 22].mean() > 0.9 and new[(away > 23) & (away < 31)].any()
 
@@ -281,7 +290,7 @@ def test_small_scattered_and_empty_regions(caplog):
         (STAIN, {"mask": mask(STAIN)}, "no source pixels remain: all are transparent, or excluded"),
         (STAIN, {"mask": mask(STAIN), "source": buffer(OTHER)}, "mask is 112x96, but the source is 64x80: expected"),
         (STAIN, {"source": buffer(OTHER[:5])}, "the exemplar of 64x5 px is smaller than a patch of 7x7"),
-        (STAIN, {"level": 1}, "level and labels require label or sourcelabel"),
+        (STAIN, {"labellevel": 1}, "labellevel and labels require replace or label"),
         (STAIN, {"relevel": True}, "relevel=True requires kinds with a height"),
         (
             STAIN,
@@ -320,7 +329,7 @@ def test_regions_on_the_command_line(tmp_path):
 
 def test_a_good_fill_passes_and_a_bad_one_is_called_bad(tmp_path, caplog):
     """Pasted texture of another photo in another light has a visible border, and there is a warning without report."""
-    bad = {"source": buffer(OTHER * 0.3 + 0.6), "adapt": 0.0, "blend": 0.0}
+    bad = {"source": buffer(OTHER * 0.3 + 0.6), "matchlight": 0.0, "fade": 0.0}
     with caplog.at_level(logging.WARNING):
         made(report=tmp_path / "good.json", fail=["border>1.5", "sharp<0.5"])
         assert not caplog.text

@@ -48,13 +48,13 @@ def test_flatten_is_texflatten_first(kind):
     given = buffer(light * pictures.pebbles(96, 112, 3), space="lin_rec709_scene", kind=kind)  # stains are not copied
     made = filters.stationarize(given, **QUICK)
     flat = filters.flatten(given)
-    again = filters.stationarize(flat, flatten=0, **QUICK)
+    again = filters.stationarize(flat, flattening=0, **QUICK)
     np.testing.assert_array_equal(pixels(made), pixels(again))
 
 
 def test_a_copy_corrected_by_the_field_that_is_written_out():
     given = photo()
-    made = filters.stationarize(given, stmap=True, drift=True, **QUICK)
+    made = filters.stationarize(given, st=True, drift=True, **QUICK)
     st, field = pixels(made["st"]), pixels(made["drift"])
     x, y = (np.floor(st[..., k] * n).astype(int) for k, n in ((0, 112), (1, 96)))
     corrected = lab_of(given) * field[..., :3] + field[..., 3:]
@@ -67,7 +67,7 @@ def test_a_copy_corrected_by_the_field_that_is_written_out():
 
 def test_without_flatten_nothing_is_corrected():
     given = photo()
-    made = filters.stationarize(given, flatten=0, drift=True, **QUICK)
+    made = filters.stationarize(given, flattening=0, drift=True, **QUICK)
     field = pixels(made["drift"])
     assert (field[..., :3] == 1).all() and not field[..., 3:].any()
     known = {p.tobytes() for p in pixels(given).reshape(-1, 3)}
@@ -91,7 +91,7 @@ def test_data_are_not_flattened_by_default():
 @pytest.mark.parametrize("value", [-0.1, 1.5, float("nan")])
 def test_flatten_out_of_range_is_refused(value):
     with pytest.raises(errors.ParameterError, match="flatten="):
-        filters.stationarize(photo(), flatten=value)
+        filters.stationarize(photo(), flattening=value)
 
 
 # --- the pyramid's start ---
@@ -226,7 +226,7 @@ def test_a_photo_that_tiles_gets_a_hint(caplog):
     tiling = np.concatenate([tiling, tiling[:, ::-1]], 1) ** 2.2
     with caplog.at_level(logging.WARNING, "oiiotex"):
         filters.stationarize(buffer(tiling, space="lin_rec709_scene"), **QUICK)
-    assert "already tiles" in caplog.text and "--texflatten:tile=xy" in caplog.text
+    assert "already tiles" in caplog.text and "--texflatten:tiled=xy" in caplog.text
     caplog.clear()
     with caplog.at_level(logging.WARNING, "oiiotex"):
         filters.stationarize(photo(), **QUICK)
@@ -237,7 +237,7 @@ def test_reuse_is_a_modifier_of_its_own(tmp_path):
     shown = []
     for number, reuse in enumerate((0, 1)):
         report = tmp_path / f"{number}.json"
-        filters.stationarize(photo(96, 96), reusepenalty=reuse, size=(192, 192), report=report)
+        filters.stationarize(photo(96, 96), repeatpenalty=reuse, size=(192, 192), report=report)
         shown.append(json.loads(report.read_text())["results"][0]["measures"]["repeat"])
     assert shown[1] < shown[0]
 

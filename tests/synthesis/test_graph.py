@@ -32,22 +32,22 @@ def folder(tmp_path_factory):
 
 
 def takes(folder, graph):
-    run_in(folder, "--autocc", f"--texsynth:graph={graph}:size=40x30:side=32", "-o", "taken.png")
+    run_in(folder, "--autocc", f"--texsynth:graph={graph}:size=40x30:exemplarside=32", "-o", "taken.png")
     assert load(folder / "taken.png").std() > 5
 
 
 @pytest.mark.slow
 def test_photos_become_a_chain_that_is_synthesized_at_once(folder):
     photos = ("moss.png", "bricks.png", "pebbles.png")
-    run_in(folder, *photos, "--texgraph:json=sub/chain.json:ratio=4,3", "-o", "chain.png")
+    run_in(folder, *photos, "--texgraph:graphfile=sub/chain.json:ratio=4,3", "-o", "chain.png")
     graph = read_graph(folder / "sub" / "chain.json")
     assert graph.names == ("moss", "bricks", "pebbles") and graph.root == 0
     assert graph.edges == (Edge(0, 1, 2), Edge(1, 2, 2)) and graph.factors == pytest.approx((1, 1, 4 / 3))
     assert all(file.is_file() for file in graph.files)
     takes(folder, "sub/chain.json")
-    run_in(folder, "small.png", "small.png", "--texgraph:json=small.json", "-o", "small_graph.png")
+    run_in(folder, "small.png", "small.png", "--texgraph:graphfile=small.json", "-o", "small_graph.png")
     assert read_graph(folder / "small.json").edges == (Edge(0, 1, 1),)  # r_max = L - 3
-    done = run_in(folder, "moss.png", "moss.png", "--texgraph:json=twice.json:loop=1", "-o", "twice.png")
+    done = run_in(folder, "moss.png", "moss.png", "--texgraph:graphfile=twice.json:loop=1", "-o", "twice.png")
     assert "no ratio given: assuming that each photo is 8 times finer" in done.stderr
     graph = read_graph(folder / "twice.json")
     assert graph.names == ("moss", "moss-2") and graph.edges == (Edge(0, 1, 3), Edge(1, 1, 1))
@@ -55,13 +55,13 @@ def test_photos_become_a_chain_that_is_synthesized_at_once(folder):
 
 def test_one_photo_gets_an_edge_to_itself(folder):
     for more, r in ((":loop=3", 3), ("", 1)):
-        run_in(folder, "moss.png", f"--texgraph:json=loop.json{more}", "-o", "loop.png")
+        run_in(folder, "moss.png", f"--texgraph:graphfile=loop.json{more}", "-o", "loop.png")
         assert read_graph(folder / "loop.json").edges == (Edge(0, 0, r),)
     takes(folder, "loop.json")
 
 
 def test_a_chain_is_cut_from_one_photo(folder):
-    run_in(folder, "pebbles.png", "--texgraph:json=cut.json:scales=3", "-o", "cut.png")
+    run_in(folder, "pebbles.png", "--texgraph:graphfile=cut.json:scales=3", "-o", "cut.png")
     graph = read_graph(folder / "cut.json")
     assert [file.name for file in graph.files] == ["cut_4.png", "cut_2.png", "cut_1.png"]
     assert graph.edges == (Edge(0, 1, 1), Edge(1, 2, 1))
@@ -79,7 +79,7 @@ def test_the_picture_shows_exemplars_by_their_octaves(folder):
     graph["edges"] = [{"from": "moss", "to": n, "r": 2} for n in ("bricks", "pebbles")]
     graph["edges"].append({"from": "pebbles", "to": "pebbles", "r": 1})
     (folder / "tree.json").write_text(json.dumps(graph))
-    picture = filters.graph(graph=folder / "tree.json", thumb=64, side=64).get_pixels(oiio.UINT8)
+    picture = filters.graph(draw=folder / "tree.json", panel=64, exemplarside=64).get_pixels(oiio.UINT8)
     first, second = 24, 24 + 64 + 72  # columns: the root's, and that of both others
     for name, x, y in (("moss", first, 46), ("bricks", second, 46), ("pebbles", second, 46 + 64 + 56 + 32)):
         held = load(folder / f"{name}.png")
@@ -89,7 +89,7 @@ def test_the_picture_shows_exemplars_by_their_octaves(folder):
     drawn = (picture.max(-1) < 100).sum()
     graph["edges"].pop()
     (folder / "tree.json").write_text(json.dumps(graph))
-    fewer = filters.graph(graph=folder / "tree.json", thumb=64, side=64).get_pixels(oiio.UINT8)
+    fewer = filters.graph(draw=folder / "tree.json", panel=64, exemplarside=64).get_pixels(oiio.UINT8)
     assert drawn - (fewer.max(-1) < 100).sum() > 100  # the loop's arrow
 
 
@@ -104,8 +104,8 @@ WRONG = [
     (("moss",), {"scales": 4}, "scales=4: reduces .*moss.png to 8 px: expected at least 16 px"),
     (("moss",), {"scales": 2, "ratio": 3}, "ratio=.3.0,.: expected one power of two >= 2, with scales"),
     (("moss",), {"loop": 5}, r"edge moss -> moss: r=5 is more than r_max = L - 3 = 3 of exemplars"),
-    (("small",), {"graph": "none.json"}, "graph: takes 0 images"),
-    ((), {"graph": "none.json"}, "none.json: No such file"),
+    (("small",), {"draw": "none.json"}, "graph: takes 0 images"),
+    ((), {"draw": "none.json"}, "none.json: No such file"),
     ((), {}, r"graph: takes one image or more \(photos\), not 0"),
 ]
 
@@ -118,9 +118,9 @@ def test_what_is_wrong_is_said(folder, names, values, message):
 
 
 def test_a_graph_names_files_that_hold_what_was_seen(folder):
-    done = oiiotex("moss.png", "--mulc", "0.5", "--texgraph:json=never.json", "-o", "never.png", cwd=folder)
+    done = oiiotex("moss.png", "--mulc", "0.5", "--texgraph:graphfile=never.json", "-o", "never.png", cwd=folder)
     assert done.returncode == 1 and "moss.png differs from its file, which the graph names" in done.stderr
     with refused(errors.ImageError, subject="ImageBuf"):
         filters.graph(oiio.ImageBufAlgo.resize(photo(folder, "moss.png"), roi=oiio.ROI(0, 32, 0, 32)),
-                      json=folder / "never.json")  # fmt: skip
+                      graphfile=folder / "never.json")  # fmt: skip
     assert not (folder / "never.json").exists()

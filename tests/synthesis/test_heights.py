@@ -133,8 +133,8 @@ def test_a_height_is_matched_at_low_weight_when_match_is_left_out():
 
 
 def test_levelled_pieces_are_copies_plus_constants_and_nothing_else_changes():
-    tile, plain = made(**BLIND, stmap=True)
-    again, levelled = made(**BLIND, relevel=True, stmap=True)
+    tile, plain = made(**BLIND, st=True)
+    again, levelled = made(**BLIND, relevel=True, st=True)
     for name in ("tile", "st"):
         np.testing.assert_array_equal(pixels(tile[name]), pixels(again[name]))
     places = places_of(tile["st"])

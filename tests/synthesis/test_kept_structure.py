@@ -25,8 +25,8 @@ from tests.any_filter import buffer
 from tests.lattices import regular
 
 OPS = [Quilting, Cut]
-TILING = {Quilting: {"tile": "xy"}, Cut: {"tile": "xy", "patch": 32}}
-WITHOUT_END = {"size": Size(256, 256), "side": 128, "tile": "xy"}
+TILING = {Quilting: {"tiles": "xy"}, Cut: {"tiles": "xy", "patch": 32}}
+WITHOUT_END = {"size": Size(256, 256), "exemplarside": 128, "tiles": "xy"}
 
 
 @pytest.mark.parametrize(("op", "name"), [(Quilting, "oblique"), (Cut, "bricks")])
@@ -36,7 +36,7 @@ def test_a_result_is_as_regular_as_its_photo(op, name):
     lattice = find_lattice(lab)
     own, least = peaks_over_floor(lab, lattice, False), {}
     for structure in (0.0, 0.5):
-        tile = op(exemplar=image, seed=1, structure=structure, **TILING[op]).compute(session)[op.main().name]
+        tile = op(exemplar=image, seed=1, lattice=structure, **TILING[op]).compute(session)[op.main().name]
         seen, _ = working_values(from_buffer(buffer(tile.pixels())), session.resources)
         closed = replace(lattice, frequencies=lattice.on_torus(Domain(seen.shape[1], seen.shape[0], True, True)))
         least[structure] = (peaks_over_floor(seen, closed, True) / own).min()
@@ -57,7 +57,7 @@ def test_a_texture_without_end_is_as_regular_as_its_photo(name):
     lattice, least = find_lattice(lab), {}
     own = peaks_over_floor(lab, lattice, False)
     for structure in (0.0, 0.5):
-        tile = Synth(exemplar=image, seed=1, structure=structure, **WITHOUT_END).compute(session)["texture"]
+        tile = Synth(exemplar=image, seed=1, lattice=structure, **WITHOUT_END).compute(session)["texture"]
         seen, _ = working_values(from_buffer(buffer(tile.pixels())), session.resources)
         closed = replace(lattice, frequencies=lattice.on_torus(Domain(256, 256, True, True)))
         least[structure] = (peaks_over_floor(seen, closed, True) / own).min()
@@ -67,7 +67,7 @@ def test_a_texture_without_end_is_as_regular_as_its_photo(name):
 @pytest.mark.parametrize("op", [*OPS, Synth])
 def test_structure_changes_nothing_where_there_is_no_lattice(op):
     image = from_buffer(buffer(pictures.stained(pictures.moss(64, 72, 4))))
-    made = [op(exemplar=image, seed=2, structure=s).compute(Session())["st"].pixels() for s in (0.0, 0.5, 1.0)]
+    made = [op(exemplar=image, seed=2, lattice=s).compute(Session())["st"].pixels() for s in (0.0, 0.5, 1.0)]
     np.testing.assert_array_equal(made[0], made[1])
     np.testing.assert_array_equal(made[0], made[2])
 
@@ -82,7 +82,7 @@ def test_the_size_follows_the_lattice_or_is_warned_of(op, caplog):
     given = op(exemplar=image, size=Size(125, 135), **TILING[op]).compute(Session())[op.main().name]
     assert given.spec.width == 125
     assert "116x135" in next(r for r in caplog.records if r.levelno == logging.WARNING).getMessage()
-    one_sided = op(exemplar=image, **TILING[op] | {"tile": "none"}).compute(Session())[op.main().name]
+    one_sided = op(exemplar=image, **TILING[op] | {"tiles": "none"}).compute(Session())[op.main().name]
     assert (one_sided.spec.width, one_sided.spec.height) == (128, 128)
 
 

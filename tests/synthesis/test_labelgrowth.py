@@ -126,9 +126,9 @@ def test_a_composite_is_filled_as_it_was_grown(caplog):
             {"photo": buffer(PHOTO), "label.1": ids_buffer(LABELS)},
             size=(400, 360),
             patch=16,
-            tries=1,
+            restarts=1,
             grown=True,
-            keeplabels=True,
+            labelmaps=True,
         )
     assert list(made) == ["composite", "label.1", "grown"]
     wanted, filled = pixels(made["grown"])[..., 0], pixels(made["label.1"])[..., 0]
@@ -142,7 +142,7 @@ def test_a_composite_is_filled_as_it_was_grown(caplog):
 
 def test_a_composite_is_a_quilt_of_its_own_grown_map():
     photo = {"photo": buffer(PHOTO), "label.1": ids_buffer(LABELS)}
-    made = filters.composite(photo, size=(300, 200), patch=16, tries=1, grown=True, seed=3)
+    made = filters.composite(photo, size=(300, 200), patch=16, restarts=1, grown=True, seed=3)
     quilt = filters.quilt(photo, guide=made["grown"], size=(300, 200), patch=16, seed=3)
     np.testing.assert_array_equal(pixels(made["composite"]), pixels(quilt))
 
@@ -150,7 +150,13 @@ def test_a_composite_is_a_quilt_of_its_own_grown_map():
 @pytest.mark.slow
 def test_one_command_from_a_photo(tmp_path):
     save(PHOTO, tmp_path / "photo.png")
-    line = ("photo.png", "--iscolorspace", "sRGB", "--texlabel:keep=1", "--texcomposite:size=300x260:tile=xy:patch=16")
+    line = (
+        "photo.png",
+        "--iscolorspace",
+        "sRGB",
+        "--texlabel:photo=1",
+        "--texcomposite:size=300x260:tiles=xy:patch=16",
+    )
     found = []
     for name, more in (("a.exr", ()), ("b.exr", ("--threads", "1", "--cache", "600"))):
         done = oiiotex(*line, *more, "-o", name, cwd=tmp_path)
@@ -164,8 +170,8 @@ def test_one_command_from_a_photo(tmp_path):
     ("words", "said"),
     [
         ((), "no label parts"),
-        (("--texlabel:keep=1", ":level=99"), "level=99: expected one of"),
-        (("--texlabel:keep=1", ":size=4194304x4194304"), "quilting 4194304x4194304"),
+        (("--texlabel:photo=1", ":labellevel=99"), "labellevel=99: expected one of"),
+        (("--texlabel:photo=1", ":size=4194304x4194304"), "quilting 4194304x4194304"),
     ],
 )
 def test_what_is_wrong_is_said(fails, tmp_path, words, said):

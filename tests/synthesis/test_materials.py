@@ -45,7 +45,7 @@ def made(given: list[oiio.ImageBuf] | None = None, **more: object):
 
 
 def test_all_maps_come_from_the_same_places():
-    tiles = made(stmap=True, flatten=0)
+    tiles = made(st=True, flattening=0)
     st = tiles[0]["st"]
     assert [t.spec().format for t in (tiles[0]["tile"], *tiles[1:])] == [oiio.FLOAT, oiio.HALF, oiio.UINT16]
     for tile, source in zip((tiles[0]["tile"], *tiles[1:]), images(), strict=True):
@@ -87,7 +87,7 @@ def test_normals_of_length_0_are_never_a_source(caplog, none):
     broken = NORMAL.copy()
     broken[20:30, 30:50] = none
     with caplog.at_level(logging.WARNING):
-        tiles = made(images(broken), stmap=True)
+        tiles = made(images(broken), st=True)
     assert "200 normals have length 0; these pixels are not used as a source" in caplog.text
     assert (np.abs(pixels(tiles[1]).astype(float) - none).max(-1) > 0.02).all()
     with pytest.raises(errors.ImageError, match="contains only normals of length 0"):

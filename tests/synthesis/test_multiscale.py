@@ -190,7 +190,7 @@ def test_what_does_not_fit_is_refused_with_a_figure(device, plain):
         Synthesizer(device, plain, settings(), 1 << 10)
     with refused(MemoryBudgetError, task="a window of 4096x4096 pixels", budget=4 << 20):
         Synthesizer(device, plain, settings(), 4 << 20).window(5, Window(0, 0, 4096, 4096))
-    with pytest.raises(ParameterError, match="level=61"):
+    with pytest.raises(ParameterError, match="lod=61"):
         Synthesizer(device, plain, settings(), BUDGET).window(61, Window(0, 0, 4, 4))
 
 

@@ -55,7 +55,7 @@ def disc(height: int = 240, width: int = 260, inner: int = 2, outer: int = 1) ->
 @pytest.fixture(scope="module")
 def palette(tmp_path_factory):
     folder = tmp_path_factory.mktemp("palette")
-    made = filters.palette(photo(), side=48, json=folder / "p.json", stmap=True)
+    made = filters.palette(photo(), panel=48, facts=folder / "p.json", st=True)
     return made, json.loads((folder / "p.json").read_text()), folder / "p.json"
 
 
@@ -98,7 +98,7 @@ def test_colors_to_paint_with_are_never_the_same():
 
 def test_thin_labels_and_levels_without_children_have_swatches():
     thin = (1 + (X % 40 < 3)).astype(np.uint32)
-    made = filters.palette({"photo": buffer(PHOTO), "label.1": ids_buffer(thin)}, side=32, stmap=True)
+    made = filters.palette({"photo": buffer(PHOTO), "label.1": ids_buffer(thin)}, panel=32, st=True)
     at = (pixels(made["st"]) * SIDE).astype(int)
     assert at.shape == (64, 64, 2)
     assert (thin[at[:32, :, 1], at[:32, :, 0]] == 1).all() and (thin[at[32:, :, 1], at[32:, :, 0]] == 2).all()
@@ -122,12 +122,12 @@ def painted(ids: np.ndarray, entries: list[dict]) -> oiio.ImageBuf:
 
 def test_a_painting_of_ids_and_one_of_colors_are_followed(palette):
     _, facts, table = palette
-    made = filters.paint(photo(), ids_buffer(disc()), patch=16, stmap=True)
+    made = filters.paint(photo(), ids_buffer(disc()), patch=16, st=True)
     found = painted_labels(made, COARSE)
     assert found.shape == (240, 260)
     near = np.abs(np.hypot(*(np.indices(found.shape) - np.array([120, 130])[:, None, None])) - 80) < 12
     assert (found == disc())[~near].mean() > 0.97
-    by_color = filters.paint(photo(), painted(disc(), facts["labels"]), table=table, patch=16)
+    by_color = filters.paint(photo(), painted(disc(), facts["labels"]), palette=table, patch=16)
     np.testing.assert_array_equal(pixels(by_color), pixels(made["paint"]))
 
 
@@ -136,11 +136,11 @@ def test_a_fine_painting_lies_over_the_coarse_one(palette):
     fine = np.zeros((240, 260), int)
     fine[20:110, 20:90], fine[100:150, 100:160] = 2, 3  # elsewhere nothing is painted
     made = filters.paint(
-        photo(), painted(disc(), facts["labels"]), fine=painted(fine, facts["finer"]), table=table, patch=16,
-        stmap=True,
+        photo(), painted(disc(), facts["labels"]), fine=painted(fine, facts["finer"]), palette=table, patch=16,
+        st=True,
     )  # fmt: skip
     # what the coarse painting does not say is up to chance: all of a place or nothing of it, by the seed
-    without = [filters.paint(photo(), ids_buffer(disc()), patch=16, stmap=True, seed=seed) for seed in range(4)]
+    without = [filters.paint(photo(), ids_buffer(disc()), patch=16, st=True, seed=seed) for seed in range(4)]
     found, alone = painted_labels(made, FINE), without[0]
     for place, label in (((slice(28, 102), slice(28, 82)), 2), ((slice(108, 142), slice(108, 152)), 3)):
         assert (found[place] == label).mean() > 0.95
@@ -159,8 +159,8 @@ def test_a_local_edit_changes_nothing_elsewhere(with_fine, tmp_path):
     fine = np.zeros(painting.shape, int)
     fine[30:90, 40:120] = 2
     more = {"fine": ids_buffer(fine)} if with_fine else {}
-    before = filters.paint(photo(), ids_buffer(painting), patch=patch, plan=tmp_path / "a.npz", **more)
-    after = filters.paint(photo(), ids_buffer(edited), previous=tmp_path / "a.npz", plan=tmp_path / "b.npz", **more)
+    before = filters.paint(photo(), ids_buffer(painting), patch=patch, planfile=tmp_path / "a.npz", **more)
+    after = filters.paint(photo(), ids_buffer(edited), fromplan=tmp_path / "a.npz", planfile=tmp_path / "b.npz", **more)
     touched = np.zeros(painting.shape, bool)
     touched[210 - patch : 240 + patch, 250 - patch : 290 + patch] = True
     changed = (pixels(before) != pixels(after)).any(-1)
@@ -168,7 +168,7 @@ def test_a_local_edit_changes_nothing_elsewhere(with_fine, tmp_path):
     assert changed[215:235, 255:285].mean() > 0.9  # the edit itself is there
     from_nothing = filters.paint(photo(), ids_buffer(edited), patch=patch, **more)
     assert (pixels(before) != pixels(from_nothing)).any(-1)[~touched].any()  # what the plan is kept for
-    undone = filters.paint(photo(), ids_buffer(edited), previous=tmp_path / "b.npz", **more)
+    undone = filters.paint(photo(), ids_buffer(edited), fromplan=tmp_path / "b.npz", **more)
     np.testing.assert_array_equal(pixels(undone), pixels(after))  # nothing edited, nothing changed
 
 
@@ -177,10 +177,10 @@ def test_an_edit_of_the_fine_painting_leaves_the_rest(tmp_path):
     fine[30:90, 40:120] = 2
     edited = fine.copy()
     edited[200:240, 200:260] = 3
-    given = {"painting": ids_buffer(disc(300, 320)), "plan": tmp_path / "a.npz", "patch": 16}
+    given = {"painting": ids_buffer(disc(300, 320)), "planfile": tmp_path / "a.npz", "patch": 16}
     painting = given.pop("painting")
     before = filters.paint(photo(), painting, fine=ids_buffer(fine), **given)
-    after = filters.paint(photo(), painting, fine=ids_buffer(edited), previous=tmp_path / "a.npz")
+    after = filters.paint(photo(), painting, fine=ids_buffer(edited), fromplan=tmp_path / "a.npz")
     touched = np.zeros(fine.shape, bool)
     touched[200 - 16 : 240 + 16, 200 - 16 : 260 + 16] = True
     changed = (pixels(before) != pixels(after)).any(-1)
@@ -188,13 +188,13 @@ def test_an_edit_of_the_fine_painting_leaves_the_rest(tmp_path):
 
 
 def test_a_plan_of_a_painting_is_one_of_a_quilt(tmp_path):
-    made = filters.paint(photo(), ids_buffer(disc()), patch=16, plan=tmp_path / "a.npz")
-    again = filters.quilt(buffer(PHOTO), plan=tmp_path / "a.npz", render=True)
+    made = filters.paint(photo(), ids_buffer(disc()), patch=16, planfile=tmp_path / "a.npz")
+    again = filters.quilt(buffer(PHOTO), fromplan=tmp_path / "a.npz")
     np.testing.assert_array_equal(pixels(made), pixels(again))
 
 
 def test_repetition_of_a_painted_label_is_reported_and_capped(tmp_path):
-    """A label of small spots over a whole painting: reuse=1e9 repeats what lies in one spot, the default does not."""
+    """A label of small spots over a whole painting: freeuses=1e9 repeats what lies in one spot, the default not."""
     spots = np.where(np.hypot(X % 80 - 30, Y % 80 - 30) < 14, 2, 1).astype(np.uint32)
     values = np.where(spots[..., None] == 2, [0.8, 0.6, 0.4], [0.2, 0.25, 0.2]) + 0.2 * pictures.moss(SIDE, SIDE, 3)
     given = {"photo": buffer(np.clip(values, 0, 1)), "label.1": ids_buffer(spots)}
@@ -202,7 +202,7 @@ def test_repetition_of_a_painted_label_is_reported_and_capped(tmp_path):
     measured = {}
     for reuse in (1.0, 1e9):
         path = tmp_path / f"{reuse:g}.json"
-        filters.paint(given, ids_buffer(painted), patch=16, reuse=reuse, report=path)
+        filters.paint(given, ids_buffer(painted), patch=16, freeuses=reuse, report=path)
         measured[reuse] = json.loads(path.read_text())["results"][0]["measures"]
         assert measured[reuse]["label"] == 2
         assert measured[reuse]["label_repeat"] == pytest.approx(
@@ -211,7 +211,7 @@ def test_repetition_of_a_painted_label_is_reported_and_capped(tmp_path):
     assert measured[1.0]["label_repeat"] < 0.75 * measured[1e9]["label_repeat"], measured
     assert measured[1.0]["label_repeat"] < 1.5, measured
     with pytest.raises(errors.QualityError, match="label_repeat"):
-        filters.paint(given, ids_buffer(painted), patch=16, reuse=1e9, fail=["label_repeat>0.1"])
+        filters.paint(given, ids_buffer(painted), patch=16, freeuses=1e9, fail=["label_repeat>0.1"])
     with refused(errors.ParameterError, parameter="fail", value="label_repeat>3"):
         filters.quilt(given["photo"], patch=16, fail=["label_repeat>3"])
 
@@ -223,14 +223,14 @@ def test_soft_brushes_are_taken_for_the_nearest_color(palette, caplog):
     first, second = (np.array([int(n) for n in e["color"].split(",")]) / 255 for e in _by_id(facts["labels"]))
     soft = buffer(second * weight + first * (1 - weight))
     with caplog.at_level("WARNING"):
-        made = filters.paint(photo(), soft, table=table, patch=16, stmap=True)
-        hard = filters.paint(photo(), painted(disc(), facts["labels"]), table=table, patch=16, stmap=True)
+        made = filters.paint(photo(), soft, palette=table, patch=16, st=True)
+        hard = filters.paint(photo(), painted(disc(), facts["labels"]), palette=table, patch=16, st=True)
     assert re.search(r"\d+ % of the samples match no color of the table; nearest color used", caplog.text)
     assert len(caplog.records) == 1  # the hard one has no such colors
     shares = [(painted_labels(one, COARSE) == 2)[inside].mean() for one in (made, hard)]
     assert shares[0] > shares[1] - 0.02
     with pytest.raises(errors.ImageError, match="colors without a label: "):
-        filters.paint(photo(), soft, table=table, patch=16, tolerance=0)
+        filters.paint(photo(), soft, palette=table, patch=16, tolerance=0)
 
 
 def test_a_soft_fine_painting_ends_where_it_covers_less_than_half(palette):
@@ -257,29 +257,29 @@ def test_what_is_wrong_is_said(palette, tmp_path):
         match=r"farther than tolerance=0.2 from every color of the table.: 255,0,255"
         r" \(\d+ samples, first at 1\d\d,1\d\d\)",
     ):
-        filters.paint(photo(), stray, table=table, patch=16)
+        filters.paint(photo(), stray, palette=table, patch=16)
     fine = painted(disc(inner=3, outer=0), facts["finer"])
     oiio.ImageBufAlgo.render_box(fine, 100, 100, 110, 110, (1, 0, 1), True)
     with pytest.raises(errors.ImageError, match=r"fine painting.*: 255,0,255 .*100,100"):
-        filters.paint(photo(), ids_buffer(disc()), fine=fine, table=table, patch=16)
+        filters.paint(photo(), ids_buffer(disc()), fine=fine, palette=table, patch=16)
     with pytest.raises(errors.ParameterError, match="fine contains colors"):
         filters.paint(photo(), ids_buffer(disc()), fine=fine, patch=16)
     with pytest.raises(errors.ParameterError, match=r"fine: requires label\.0"):
-        filters.paint(photo(), ids_buffer(disc()), fine=ids_buffer(disc()), level=1, patch=16)
+        filters.paint(photo(), ids_buffer(disc()), fine=ids_buffer(disc()), labellevel=1, patch=16)
     (tmp_path / "bad.json").write_text('{"labels": 3}')
-    with refused(errors.ImageError, parameter="table", value=str(tmp_path / "bad.json")):
-        filters.paint(photo(), stray, table=tmp_path / "bad.json")
+    with refused(errors.ImageError, parameter="palette", value=str(tmp_path / "bad.json")):
+        filters.paint(photo(), stray, palette=tmp_path / "bad.json")
     facts["labels"][0]["id"] = 9
     (tmp_path / "more.json").write_text(json.dumps(facts))
-    with pytest.raises(errors.ImageError, match=r"table=.*more\.json.*: .*\[9, 9\]"):
-        filters.paint(photo(), stray, table=tmp_path / "more.json")
-    filters.paint(photo(), ids_buffer(disc()), patch=16, plan=tmp_path / "a.npz")
-    with refused(errors.ImageError, parameter="previous", value=str(tmp_path / "a.npz")) as caught:
-        filters.paint(photo(), ids_buffer(disc()), size=(100, 90), previous=tmp_path / "a.npz")
+    with pytest.raises(errors.ImageError, match=r"palette=.*more\.json.*: .*\[9, 9\]"):
+        filters.paint(photo(), stray, palette=tmp_path / "more.json")
+    filters.paint(photo(), ids_buffer(disc()), patch=16, planfile=tmp_path / "a.npz")
+    with refused(errors.ImageError, parameter="fromplan", value=str(tmp_path / "a.npz")) as caught:
+        filters.paint(photo(), ids_buffer(disc()), size=(100, 90), fromplan=tmp_path / "a.npz")
     assert caught.value.problem.startswith("260x240 px") and caught.value.expected.startswith("100x90 px")
-    filters.quilt(photo(), patch=16, plan=tmp_path / "q.npz")
-    with refused(errors.ImageError, parameter="previous", expected="a plan of filters.paint"):
-        filters.paint(photo(), ids_buffer(disc()), previous=tmp_path / "q.npz")
+    filters.quilt(photo(), patch=16, planfile=tmp_path / "q.npz")
+    with refused(errors.ImageError, parameter="fromplan", expected="a plan of filters.paint"):
+        filters.paint(photo(), ids_buffer(disc()), fromplan=tmp_path / "q.npz")
     with pytest.raises(errors.ImageError, match="no label parts"):
         filters.paint(buffer(PHOTO), ids_buffer(disc()))
     with refused(errors.ImageError, task="a palette of 160x160", budget=1 << 20):
@@ -290,8 +290,8 @@ def test_what_is_wrong_is_said(palette, tmp_path):
 def test_from_photo_to_painting_on_the_command_line(tmp_path):
     save(PHOTO, tmp_path / "photo.png")
     lines = [
-        ("photo.png", "--iscolorspace", "sRGB", "--texlabel:keep=1", "-o", "labeled.exr"),
-        ("labeled.exr", "--texpalette:json=p.json:side=32", "-o", "palette.exr"),
+        ("photo.png", "--iscolorspace", "sRGB", "--texlabel:photo=1", "-o", "labeled.exr"),
+        ("labeled.exr", "--texpalette:facts=p.json:panel=32", "-o", "palette.exr"),
     ]
     for line in lines:
         done = oiiotex(*line, cwd=tmp_path)
@@ -300,7 +300,7 @@ def test_from_photo_to_painting_on_the_command_line(tmp_path):
     first, second = (facts["labels"][n]["color"] for n in (0, -1))
     painting = np.array([[int(n) / 255 for n in c.split(",")] for c in (first, second)])
     save(painting[(disc() > 1).astype(int)], tmp_path / "painting.png")
-    line = ("labeled.exr", "painting.png", "--texpaint:table=p.json:patch=16:plan=plan.npz", "-o")
+    line = ("labeled.exr", "painting.png", "--texpaint:palette=p.json:patch=16:planfile=plan.npz", "-o")
     found = []
     for more, name in (((), "a.exr"), (("--threads", "1", "--cache", "600"), "b.exr")):
         done = oiiotex(*line, name, *more, cwd=tmp_path)

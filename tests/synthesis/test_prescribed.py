@@ -34,13 +34,13 @@ def made(**more: object):
 
 def used(weight: np.ndarray, **more: object) -> float:
     """The share of the result that comes from the photo's left half."""
-    st = pixels(made(weight=buffer(weight[..., None], names=("Y",)), stmap=True, **more)["st"])
+    st = pixels(made(weightmap=buffer(weight[..., None], names=("Y",)), st=True, **more)["st"])
     return float((st[..., 0] < 0.5).mean())
 
 
 def test_what_weighs_more_is_used_more_and_what_weighs_nothing_never():
     left = (np.indices((96, 112))[1] < 56).astype(float)
-    shares = [used(1.0 + weight * left, uniformity=0.1) for weight in (0.0, 3.0, 15.0)]
+    shares = [used(1.0 + weight * left, equaluse=0.1) for weight in (0.0, 3.0, 15.0)]
     assert shares[0] + 0.1 < shares[1] and shares[1] + 0.05 < shares[2]
     assert used(left) == 1.0 and used(1.0 - left) == 0.0
     assert used(np.full((96, 112), 7.0)) == used(np.full((96, 112), 1.0))  # only beside each other
@@ -111,7 +111,9 @@ def test_a_map_is_blended_in_the_logarithm_from_octaves(device):
 def test_where_sigma_is_small_the_result_is_more_even():
     photo = buffer(pictures.stained(pictures.pebbles(128, 192, 3)))
     ramp = np.geomspace(3, 60, 192)[None, :].repeat(128, 0)
-    gray = pixels(filters.stationarize(photo, sigmamap=sigmas(ramp), tile="y", contrast=1, target="exemplar", patch=7))
+    gray = pixels(
+        filters.stationarize(photo, sigmamap=sigmas(ramp), tiles="y", histogram=1, target="exemplar", patch=7)
+    )
     means = gray[..., 1].reshape(8, 16, 12, 16).mean((1, 3))
     assert means[:, :5].std() < 0.8 * means[:, 7:].std()
 

@@ -49,7 +49,7 @@ def away_from_borders(guide: np.ndarray, size: tuple[int, int], far: int) -> tup
 
 
 def test_a_guide_of_ids_is_followed():
-    made = filters.quilt(labeled(), guide=ids(GUIDE), size=(400, 240), stmap=True)
+    made = filters.quilt(labeled(), guide=ids(GUIDE), size=(400, 240), st=True)
     full, inside = away_from_borders(GUIDE, (240, 400), 16)
     assert 0.4 < inside.mean() < 0.95
     assert (label_under(made) == full)[inside].mean() > 0.9
@@ -61,40 +61,40 @@ def test_a_guide_of_colors_means_what_the_table_says(tmp_path):
     table = tmp_path / "table.json"
     table.write_text(json.dumps({"255,0,0": 1, "0,255,0": [2, 2], "0,0,255": 3}))
     # prices of use carry a difference at a border on to all later cells
-    values = {"size": (400, 240), "stmap": True, "guideweight": 0.0, "reuse": 1e9}
-    made = filters.quilt(labeled(), guide=guide, table=table, **values)
+    values = {"size": (400, 240), "st": True, "guideweight": 0.0, "freeuses": 1e9}
+    made = filters.quilt(labeled(), guide=guide, palette=table, **values)
     plain = filters.quilt(labeled(), guide=ids(GUIDE), **values)
     full, inside = away_from_borders(GUIDE, (240, 400), 16)
     assert (label_under(made) == full)[inside].mean() > 0.9
     assert (pixels(made["st"]) == pixels(plain["st"])).mean() > 0.5  # borders with a pair differ
     table.write_text(json.dumps({"1": 1, "2": 2, "3": 3}))
-    by_id = filters.quilt(labeled(), guide=ids(GUIDE), table=table, **values)
+    by_id = filters.quilt(labeled(), guide=ids(GUIDE), palette=table, **values)
     np.testing.assert_array_equal(pixels(by_id["st"]), pixels(plain["st"]))
 
 
 def test_labels_of_finer_levels_tell_candidates_apart():
     weights = (0.0, 50.0)
-    made = [filters.quilt(labeled(), label=1, level=2, size=(300, 300), finerweight=w, stmap=True) for w in weights]
+    made = [filters.quilt(labeled(), label=1, labellevel=2, size=(300, 300), finerweight=w, st=True) for w in weights]
     assert (pixels(made[0]["st"]) != pixels(made[1]["st"])).any()
 
 
 def test_a_label_and_a_mask_are_all_that_is_taken():
-    made = filters.quilt(labeled(), label=3, size=(200, 200), stmap=True)
+    made = filters.quilt(labeled(), label=3, size=(200, 200), st=True)
     assert (label_under(made) == 3).all()
-    masked = filters.quilt(labeled(), mask=buffer((LABELS == 3)[..., None] * 1.0), size=(200, 200), stmap=True)
+    masked = filters.quilt(labeled(), mask=buffer((LABELS == 3)[..., None] * 1.0), size=(200, 200), st=True)
     assert (label_under(masked) == 3).all()
 
 
 def test_the_level_gives_the_patch(caplog):
     with caplog.at_level(logging.INFO, "oiiotex"):
-        filters.quilt(labeled(), level=2, size=(64, 64))
+        filters.quilt(labeled(), labellevel=2, size=(64, 64))
         filters.quilt(buffer(PHOTO), size=(64, 64))
     said = [r.getMessage() for r in caplog.records if "patches of" in r.getMessage()]
     assert ["patches of 32 px" in said[0], "patches of 16 px" in said[1]] == [True, True]
 
 
 def test_label_parts_follow_where_they_are_kept():
-    made = filters.quilt(labeled(), size=(100, 90), keeplabels=True, stmap=True)
+    made = filters.quilt(labeled(), size=(100, 90), labelmaps=True, st=True)
     assert list(made) == ["quilt", "st", "label.1", "label.2"]
     assert made["label.2"].spec().format == oiio.UINT32
     np.testing.assert_array_equal(pixels(made["label.2"])[..., 0], label_under(made))
@@ -104,9 +104,9 @@ def test_a_plan_renders_the_same_pixels_and_those_of_another_map(tmp_path):
     save(PHOTO, tmp_path / "photo.exr", "half", "ACEScg")
     normals = np.random.default_rng(0).random((H, W, 3))
     save(normals, tmp_path / "normal.exr", "float", "data")
-    plan, again = "--texquilt:size=200x180:tile=xy:plan=p.npz", "--texquilt:plan=p.npz:render=1"
+    plan, again = "--texquilt:size=200x180:tiles=xy:planfile=p.npz", "--texquilt:fromplan=p.npz"
     for words in (
-        ("photo.exr", f"{plan}:stmap=st.exr", "-o", "a.exr"),
+        ("photo.exr", f"{plan}:st=st.exr", "-o", "a.exr"),
         ("photo.exr", again, "-o", "b.exr"),
         ("normal.exr", again, "-o", "c.exr"),
         ("normal.exr", "st.exr", "--texwarp", "-o", "d.exr"),
@@ -134,24 +134,23 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
         ({"guide": ids(GUIDE + 6)}, r"ids without a label: 9 \(\d+ samples, first at \d+,\d+\), 7 "),
         (
             {"guide": buffer(GUIDE[..., None] * np.ones(3), oiio.UINT8)},
-            "contains colors; map them to labels with table=FILE.json",
+            "contains colors; map them to labels with palette=FILE.json",
         ),
         ({"guide": ids(GUIDE), "label": 1}, "guide conflicts with label"),
-        ({"table": "a.json"}, "table requires guide"),
-        ({"guide": ids(GUIDE), "table": "absent.json"}, "cannot be read .*: expected a file of"),
+        ({"palette": "a.json"}, "palette requires guide"),
+        ({"guide": ids(GUIDE), "palette": "absent.json"}, "cannot be read .*: expected a file of"),
         ({"label": 9}, "label=9: not in label.2, whose ids are 1 to 3"),
-        ({"level": 3}, "level=3: expected one of 1, 2"),
+        ({"labellevel": 3}, "labellevel=3: expected one of 1, 2"),
         ({"labels": ids(LABELS[:-1]), "label": 1}, "labels is 160x143, but the exemplar is 160x144"),
         ({"mask": ids(LABELS[:, :-1])}, "mask is 159x144, but the exemplar is 160x144"),
         ({"label": 3, "patch": 90}, "no patch of 90 px fits .* the largest square is 72 px; use patch=72"),
         ({"mask": ids((np.indices((H, W)).sum(0) % 4 > 0) * 1)}, "the largest square is 2 px|no patch"),
         ({"patch": 200}, "no patch of 200 px fits"),
         ({"patch": 24, "overlap": 12}, "overlap=12: expected at most 8, a third of patch=24"),
-        ({"tile": "x", "size": (20, 90), "patch": 24}, "the tile is 20 px wide: expected at least 24 px"),
-        ({"render": True}, "render=True requires plan=FILE"),
-        ({"render": True, "plan": "absent.npz"}, "absent.npz: cannot read arrays: No such file"),
-        ({"render": True, "plan": "absent.npz", "patch": 24}, "render=True conflicts with size"),
-        ({"tile": "z"}, "'none' | 'x' | 'y' | 'xy'"),
+        ({"tiles": "x", "size": (20, 90), "patch": 24}, "the tile is 20 px wide: expected at least 24 px"),
+        ({"fromplan": "absent.npz"}, "absent.npz: cannot read arrays: No such file"),
+        ({"fromplan": "absent.npz", "patch": 24}, "fromplan conflicts with size"),
+        ({"tiles": "z"}, "'none' | 'x' | 'y' | 'xy'"),
         ({"size": (0, 4)}, r"\(width, height\) from 1"),
     ],
 )
@@ -176,20 +175,20 @@ def test_what_is_wrong_with_a_table_is_said(table, said, tmp_path):
     path = tmp_path / "table.json"
     path.write_text(json.dumps(table))
     with pytest.raises(errors.ImageError, match=said):
-        filters.quilt(labeled(), guide=ids(GUIDE), table=path)
+        filters.quilt(labeled(), guide=ids(GUIDE), palette=path)
 
 
 def test_a_plan_of_another_size_is_refused(tmp_path):
-    filters.quilt(buffer(PHOTO), size=(64, 64), plan=tmp_path / "p.npz")
+    filters.quilt(buffer(PHOTO), size=(64, 64), planfile=tmp_path / "p.npz")
     with pytest.raises(errors.ImageError, match=r"160x144.* 100x144"):
-        filters.quilt(buffer(PHOTO[:, :100]), plan=tmp_path / "p.npz", render=True)
+        filters.quilt(buffer(PHOTO[:, :100]), fromplan=tmp_path / "p.npz")
 
 
 # --- texcontent ---
 
 
 def test_content_marks_all_patches_of_the_key(tmp_path):
-    made = filters.content(labeled(), center=(80, 20), level=2, patch=16, json=tmp_path / "c.json")
+    made = filters.content(labeled(), center=(80, 20), labellevel=2, patch=16, facts=tmp_path / "c.json")
     facts = json.loads((tmp_path / "c.json").read_text())
     first, second = content_table.window_keys(LABELS, 16)
     same = (first == facts["key"][0]) & (second == facts["key"][1])
@@ -207,16 +206,16 @@ def test_content_marks_all_patches_of_the_key(tmp_path):
 
 def test_content_says_the_histograms_of_every_level(tmp_path):
     said: list[str] = []
-    filters.content(labeled(), center=(80, 20), level=2, patch=16, session=Session(say=said.append))
+    filters.content(labeled(), center=(80, 20), labellevel=2, patch=16, session=Session(say=said.append))
     assert said[1:] == ["label.2: 1: 50.0%, 2: 50.0%", f"key (1, 2) of label.2: {said[2].split()[-2]} patches"]
     assert said[0].startswith("label.1: ")
     save(PHOTO, tmp_path / "photo.exr", "half", "ACEScg")
-    done = oiiotex("photo.exr", "--texlabel:keep=1", "--texcontent", "-o", "content.png", cwd=tmp_path)
+    done = oiiotex("photo.exr", "--texlabel:photo=1", "--texcontent", "-o", "content.png", cwd=tmp_path)
     assert done.returncode == 0 and done.stdout.startswith("label.1: ") and " patches\n" in done.stdout
 
 
 def test_content_draws_the_table_of_keys():
-    made = pixels(filters.content(labeled(), level=2, patch=16, table=True))
+    made = pixels(filters.content(labeled(), labellevel=2, patch=16, keys=True))
     assert made.shape == (48 + 3 * 76, 48 + 3 * 76, 3)
     shown = {
         (i, j): made[52 + 76 * i : 116 + 76 * i, 52 + 76 * j : 116 + 76 * j].std() > 5
@@ -232,7 +231,7 @@ def test_content_draws_the_table_of_keys():
     [
         ({"center": (500, 3)}, "expected a point in the data window"),
         ({"center": (3,)}, "expected two numbers"),
-        ({"level": 7}, "level=7: expected one of 1, 2"),
+        ({"labellevel": 7}, "labellevel=7: expected one of 1, 2"),
         ({"patch": 150}, "patch=150: exceeds photo"),
     ],
 )

@@ -36,16 +36,16 @@ LOSSES = {"textured", "textured_photo", "regular", "regular_photo"}  # the photo
 LABELS = {"labels": quarters(), "patch": 16}
 MADE = {  # what is measured beside what always is, and how it is made
     "stationarize": (COPIES | SEAMS | LOSSES, lambda **more: filters.stationarize(buffer(PHOTO), **QUICK, **more)),
-    "patchmatch": (COPIES | ACROSS, lambda **more: filters.patchmatch(buffer(PHOTO), **QUICK, tile="x", **more)),
-    "quilt": (COPIES | SEAMS, lambda **more: filters.quilt(buffer(PHOTO), size=(80, 64), tile="xy", **more)),
+    "patchmatch": (COPIES | ACROSS, lambda **more: filters.patchmatch(buffer(PHOTO), **QUICK, tiles="x", **more)),
+    "quilt": (COPIES | SEAMS, lambda **more: filters.quilt(buffer(PHOTO), size=(80, 64), tiles="xy", **more)),
     "cut": (COPIES | SEAMS, lambda **more: filters.cut(buffer(PHOTO), size=(60, 60), **more)),
-    "composite": (COPIES, lambda **more: filters.composite(buffer(PHOTO), size=(80, 72), tries=1, **LABELS, **more)),
+    "composite": (COPIES, lambda **more: filters.composite(buffer(PHOTO), size=(80, 72), restarts=1, **LABELS, **more)),
     "paint": (COPIES | PAINTED, lambda **more: filters.paint(buffer(PHOTO), quarters(), **LABELS, **more)),
     "synth": (
         COPIES | SEAMS,
-        lambda **more: filters.synth(buffer(PHOTO), size=(64, 64), tile="xy", side=64, **more),
+        lambda **more: filters.synth(buffer(PHOTO), size=(64, 64), tiles="xy", exemplarside=64, **more),
     ),
-    "zoom": (set(), lambda **more: filters.zoom(buffer(PHOTO), size=(64, 48), side=64, **more)),
+    "zoom": (set(), lambda **more: filters.zoom(buffer(PHOTO), size=(64, 48), exemplarside=64, **more)),
 }
 
 
@@ -84,7 +84,7 @@ def test_a_report_holds_the_measures_of_the_result(name, tmp_path, monkeypatch):
 def test_a_small_budget_measures_512_px_with_the_same_numbers(tmp_path, caplog):
     """Once it took 200 bytes a pixel of photo and result, 105 MB."""
     caplog.set_level("INFO", "oiiotex")
-    photo, values = buffer(pictures.bricks(512, 512, seed=2)), {"patch": 32, "tile": "xy"}
+    photo, values = buffer(pictures.bricks(512, 512, seed=2)), {"patch": 32, "tiles": "xy"}
     filters.quilt(photo, report=tmp_path / "a.json", **values)
     filters.quilt(photo, report=tmp_path / "b.json", session=Session(budget=64 << 20, measure=True), **values)
     assert measures(tmp_path / "a.json") == measures(tmp_path / "b.json")
@@ -161,9 +161,9 @@ def test_variants_and_parts_of_a_set_are_reported_one_by_one(tmp_path):
 
 def test_a_limit_beyond_is_a_quality_error_that_holds_the_result(tmp_path):
     with pytest.raises(errors.QualityError) as caught:
-        filters.quilt(buffer(PHOTO), tile="xy", fail=["seam>0.01", "copied<0.001"], report=tmp_path / "r.json")
+        filters.quilt(buffer(PHOTO), tiles="xy", fail=["seam>0.01", "copied<0.001"], report=tmp_path / "r.json")
     assert re.search(r"seam is [\d.]+: fail=seam>0.01$", str(caught.value))
-    np.testing.assert_array_equal(pixels(caught.value.result), pixels(filters.quilt(buffer(PHOTO), tile="xy")))
+    np.testing.assert_array_equal(pixels(caught.value.result), pixels(filters.quilt(buffer(PHOTO), tiles="xy")))
     document = json.loads((tmp_path / "r.json").read_text())
     assert document["passed"] is False and len(document["failed"]) == 1
     assert [(limit["limit"], limit["passed"]) for limit in document["limits"]] == [
@@ -178,8 +178,8 @@ def test_a_limit_beyond_is_a_quality_error_that_holds_the_result(tmp_path):
         ({"fail": ["sea>1"]}, "fail='sea>1': unknown measure 'sea', did you mean 'seam'"),
         ({"fail": ["seam=1"]}, "fail='seam=1': expected NAME>NUMBER or NAME<NUMBER"),
         ({"fail": ["seam>nan"]}, "expected NAME>NUMBER"),
-        ({"fail": ["seam>1"], "tile": "none"}, "fail='seam>1': seam is not measured for this result"),
-        ({"fail": ["seam_y>1"], "tile": "x"}, "seam_y is not measured"),
+        ({"fail": ["seam>1"], "tiles": "none"}, "fail='seam>1': seam is not measured for this result"),
+        ({"fail": ["seam_y>1"], "tiles": "x"}, "seam_y is not measured"),
         ({"fail": ["textured<1"]}, "textured is not measured"),
         ({"fail": "seam>1"}, "expected a sequence of strings"),
     ],
@@ -211,7 +211,7 @@ def test_what_does_not_fit_is_refused_with_the_figure_and_v_goes_on_without(tmp_
 
 def test_the_exit_code_is_3_and_all_is_written(tmp_path):
     save(PHOTO, tmp_path / "photo.png")
-    op = "--texquilt:tile=xy:report=r.json:fail=seam>0.01,repeat>1000"
+    op = "--texquilt:tiles=xy:report=r.json:fail=seam>0.01,repeat>1000"
     done = oiiotex("photo.png", op, "-o", "tile.png", cwd=tmp_path)
     assert done.returncode == 3
     assert re.fullmatch(r"oiiotex FAIL: --texquilt : part0: seam is [\d.]+: fail=seam>0.01\n", done.stderr)
@@ -219,7 +219,7 @@ def test_the_exit_code_is_3_and_all_is_written(tmp_path):
     done = oiiotex("photo.png", op.replace("seam>0.01", "seam>1000"), "-o", "tile.png", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     frames = ("--frames", "1-2", "--parallel-frames", "--threads", "2")
-    done = oiiotex(*frames, "photo.png", "--texquilt:tile=xy:fail=seam>0.01", "-o", "tile.#.png", cwd=tmp_path)
+    done = oiiotex(*frames, "photo.png", "--texquilt:tiles=xy:fail=seam>0.01", "-o", "tile.#.png", cwd=tmp_path)
     assert done.returncode == 3 and (tmp_path / "tile.0002.png").exists()
 
 

@@ -20,7 +20,7 @@ from tests.conftest import load, oiiotex, save
 
 PLACE = Window(-3, 1 << 40, 5, (1 << 40) + 6)
 KEY = "ab" * 32
-SYNTH = "--texsynth:size=160x4200:side=32"  # several pieces
+SYNTH = "--texsynth:size=160x4200:exemplarside=32"  # several pieces
 
 
 def pieces(folder: Path) -> list[Path]:
@@ -69,9 +69,9 @@ def test_a_killed_run_goes_on_where_it_stopped(folder):
 
 
 def test_a_killed_tile_goes_on_at_the_level_where_it_stopped(folder):
-    line = "--texstationarize:size=220x220:iterations=4:contrast=0.7:seed=2"
+    line = "--texstationarize:size=220x220:iterations=4:histogram=0.7:seed=2"
     assert oiiotex("large.png", line, "-o", "tile.exr", cwd=folder).returncode == 0
-    stmap = f"{line}:resume=1:stmap=from.exr"
+    stmap = f"{line}:resume=1:st=from.exr"
     assert interrupted(folder, "again.exr", signal.SIGKILL, stmap, photo="large.png").returncode == -signal.SIGKILL
     left = {piece: piece.read_bytes() for piece in pieces(folder / "again.exr.parts")}
     assert len(left) >= 2
@@ -84,7 +84,7 @@ def test_a_killed_tile_goes_on_at_the_level_where_it_stopped(folder):
 
 
 def test_variants_that_are_kept_are_the_same(folder):
-    line = "--texstationarize:size=64x64:iterations=2:contrast=0.7:variants=2"
+    line = "--texstationarize:size=64x64:iterations=2:histogram=0.7:variants=2"
     for words, name in ((line, "one%d.exr"), (f"{line}:resume=1", "two%d.exr")):
         assert oiiotex("large.png", words, "-o:all=1", name, cwd=folder).returncode == 0
     for n in (1, 2):

@@ -98,7 +98,7 @@ def test_variants_of_a_material_come_tile_by_tile(tmp_path):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"tile": "x"}, "variants=2: conflicts with tile=x"),
+        ({"tiles": "x"}, "variants=2: conflicts with tiles=x"),
         (
             {"size": (24, 64)},
             "tiles of 24x64 px are too small for border strips of 7 px: expected at least 28x28 px",

@@ -59,7 +59,7 @@ def test_an_atlas_has_the_tiles_of_the_set_and_all_maps_together(atlas):
     packed = np.concatenate([np.concatenate([tiles[n] for n in row], axis=1) for row in atlas_numbers(16).tolist()])
     np.testing.assert_array_equal(packed.astype(np.float32), load(atlas))
     two = {"maps": [buffer(PHOTO[..., :1], space="data")], "mapweights": (1, 0)}
-    color, gray = filters.stationarize(buffer(PHOTO), pack="atlas", flatten=0, **two, **SMALL)
+    color, gray = filters.stationarize(buffer(PHOTO), pack="atlas", flattening=0, **two, **SMALL)
     np.testing.assert_array_equal(pixels(color)[..., :1], pixels(gray))
     assert color.spec().get_string_attribute("oiiotex:atlas") == "4x4"
     tile = first_tile(read(str(atlas))).first
@@ -187,7 +187,7 @@ def test_a_cut_follows_the_least_error_and_ends_at_the_border():
 def test_the_courses_of_a_brick_wall_are_unbroken_across_tiles():
     photo = pictures.bricks(64, 64, 1)
     assert (photo[::8, :, 0] > 0.7).mean() > 0.99 > (photo[4::8, :, 0] > 0.7).mean()  # mortar: light
-    atlas = pixels(filters.stationarize(buffer(photo), pack="atlas", flatten=0, **SMALL | {"size": None}))
+    atlas = pixels(filters.stationarize(buffer(photo), pack="atlas", flattening=0, **SMALL | {"size": None}))
     side = atlas.shape[0] // 4
     assert atlas.shape == (256, 256, 3)  # the lattice closes on 64 px
     y, x = (np.indices((6 * side, 6 * side)) + 0.5) / side

@@ -79,7 +79,7 @@ def test_whole_octaves_are_windows_of_the_texture(folder):
             folder, "--frames", frame, "--texzoom:graph=loop.json:speed=0.5:center=20,30:size=80x60", "-o", "z.#.exr"
         )
         x, y = 20 * 2 ** (level - 6) - 40, 30 * 2 ** (level - 6) - 30
-        run_in(folder, f"--texsynth:graph=loop.json:level={level}:window=80x60{x:+d}{y:+d}", "-o", "w.exr")
+        run_in(folder, f"--texsynth:graph=loop.json:lod={level}:window=80x60{x:+d}{y:+d}", "-o", "w.exr")
         np.testing.assert_array_equal(load(folder / f"z.{frame:04d}.exr"), load(folder / "w.exr"))
 
 
@@ -106,19 +106,19 @@ def test_nothing_pops_where_the_octave_changes(folder):
     """Frames a thousandth of an octave apart differ as little across a whole octave as elsewhere."""
 
     def apart(octaves):
-        a, b = (zoomed(folder, level=octaves + d, speed=0.0) for d in (0.0, 0.001))
+        a, b = (zoomed(folder, lod=octaves + d, speed=0.0) for d in (0.0, 0.001))
         return float(np.sqrt(np.square(a - b).mean()))
 
     across = [apart(8.0), apart(7.999), apart(9.0)]
     between = apart(8.5)
-    usual = float(zoomed(folder, level=8.0).std())
+    usual = float(zoomed(folder, lod=8.0).std())
     assert max(across) < 0.02 * usual and max(across) < 3 * between, (across, between, usual)
 
 
 def test_what_is_zoomed_into_stays_where_it_is(folder):
     """A frame an octave on, halved, is the middle of the frame before."""
     for level in (6.0, 8.4):
-        near, far = (zoomed(folder, level=level + n, center=(30, 25), size=(128, 128)) for n in (1, 0))
+        near, far = (zoomed(folder, lod=level + n, center=(30, 25), size=(128, 128)) for n in (1, 0))
         halved = near.reshape(64, 2, 64, 2, 3).mean((1, 3))
         middle, elsewhere = far[32:96, 32:96], far[:64, :64]
         assert np.corrcoef(halved.ravel(), middle.ravel())[0, 1] > 0.7
@@ -126,9 +126,9 @@ def test_what_is_zoomed_into_stays_where_it_is(folder):
 
 
 def test_the_deepest_frames(folder):
-    deep = filters.zoom(photo(folder), level=60, size=(40, 30), center=(50.123, 9))
+    deep = filters.zoom(photo(folder), lod=60, size=(40, 30), center=(50.123, 9))
     assert len(np.unique(deep.get_pixels(oiio.UINT8).reshape(-1, 3), axis=0)) > 20
-    between = filters.zoom(photo(folder), level=59.5, size=(40, 30), center=(50.123, 9))
+    between = filters.zoom(photo(folder), lod=59.5, size=(40, 30), center=(50.123, 9))
     assert between.get_pixels(oiio.FLOAT).std() > 0.02
 
 
@@ -141,7 +141,7 @@ WRONG = [
     ({"frame": 2000, "speed": 0.5}, r"frame 2000 is at 1005.5 octaves: expected 0 to 60; the zoom begins at 6 with"),
     ({"frame": -20, "speed": 0.5}, r"frame -20 is at -4.5 octaves"),
     ({"center": (1.0,)}, "center=.1[.]0,.: expected two numbers, X,Y"),
-    ({"center": (5000, 5000), "level": 60}, r"center=.*: more than 2\^60 px away from 0,0 at 60 octaves"),
+    ({"center": (5000, 5000), "lod": 60}, r"center=.*: more than 2\^60 px away from 0,0 at 60 octaves"),
     ({"size": (0, 4)}, "size=.* expected .width, height. from 1"),
     ({"speed": 9.0}, "speed=9.0: expected a number from -8 to 8"),
 ]

@@ -35,10 +35,10 @@ Every seed gives another tile, and always the same one. A list of results is sho
     """\
 ## Ask for more than the tile
 
-`stmap=True` adds the place in the photo that each pixel was copied from. The result is a dict of parts by name.
+`st=True` adds the place in the photo that each pixel was copied from. The result is a dict of parts by name.
 `filters.stationarity` maps how far each neighborhood is from the average: dark is good.""",
     """\
-parts = filters.stationarize(photo, colorspace=SRGB, seed=7, stmap=True)
+parts = filters.stationarize(photo, colorspace=SRGB, seed=7, st=True)
 parts["deviation"] = filters.stationarity(parts["tile"])
 parts""",
     """\

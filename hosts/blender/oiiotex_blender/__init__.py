@@ -45,7 +45,7 @@ class Panel(bpy.types.Panel):
         """Draw settings and buttons, the progress, and the command that made the image."""
         layout, settings = self.layout, context.scene.oiiotex
         layout.use_property_split, layout.use_property_decorate = True, False
-        for names in (("preset", "sigma", "structure"), ("width", "height")):
+        for names in (("preset", "sigma", "lattice"), ("width", "height")):
             column = layout.column(align=True)
             for name in names:
                 column.prop(settings, name)

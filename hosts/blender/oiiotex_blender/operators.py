@@ -15,7 +15,7 @@ from .jobs import Cancel, Making, running, shown, space_of, words_of
 from .process import Failed
 
 _MOST_MASKS = 16  # masks of the largest labels
-_STRUCTURE = 0.5  # the default of --texstationarize
+_LATTICE = 0.5  # the default of --texstationarize
 
 
 class _OneImage(Making):
@@ -55,7 +55,7 @@ class Tiled(Sized):
             ("AUTOMATIC", "Automatic", "Values depend on the photo"),
             ("EVEN", "Even", "Large structures are also evened out"),
             ("CLEAN", "Clean", "As Even, and objects are removed"),
-            ("KEEP", "Keep", "Large structures are preserved"),
+            ("LARGE", "Large", "Large structures are preserved"),
         ),
     )
     sigma: bpy.props.FloatProperty(
@@ -65,9 +65,9 @@ class Tiled(Sized):
         soft_max=512.0,
         description="Scale in pixels above which the result is statistically uniform; 0: chosen by the preset",
     )
-    structure: bpy.props.FloatProperty(
-        name="Structure",
-        default=_STRUCTURE,
+    lattice: bpy.props.FloatProperty(
+        name="Lattice",
+        default=_LATTICE,
         min=0.0,
         max=1.0,
         subtype="FACTOR",
@@ -81,8 +81,8 @@ class Tiled(Sized):
             values["preset"] = self.preset.lower()
         if self.sigma:
             values["sigma"] = f"{max(0.5, self.sigma):g}"
-        if abs(self.structure - _STRUCTURE) > 1e-6:
-            values["structure"] = f"{self.structure:g}"
+        if abs(self.lattice - _LATTICE) > 1e-6:
+            values["lattice"] = f"{self.lattice:g}"
         return values
 
 

@@ -16,26 +16,26 @@ SINGLE = (
 
 
 class OnePart(Op):
-    """A filter that outputs label maps, as parts or only as Cryptomatte; declares `single` and `cryptomatte`."""
+    """A filter that outputs label maps, as parts or only as Cryptomatte; declares `onepart` and `cryptomatte`."""
 
-    single: bool
+    onepart: bool
 
     def require_single(self) -> None:
-        """Raise ParameterError for `single` without `cryptomatte`, or with further parts."""
+        """Raise ParameterError for `onepart` without `cryptomatte`, or with further parts."""
         values = self.values()
-        if not self.single:
+        if not self.onepart:
             return
         if not values["cryptomatte"]:
-            raise ParameterError(f"requires {modifier(cryptomatte=True)}", parameter="single", value=True)
-        more = [name for name in ("keep", "soft") if values.get(name)]
+            raise ParameterError(f"requires {modifier(cryptomatte=True)}", parameter="onepart", value=True)
+        more = [name for name in ("photo", "membership") if values.get(name)]
         if more:
             problem = f"conflicts with {', '.join(more)}: a single part has only the image's channels"
-            raise ParameterError(problem, parameter="single", value=True)
+            raise ParameterError(problem, parameter="onepart", value=True)
 
     def asked(self, output: Output) -> bool | Path:
-        """No id parts with `single`: Cryptomatte holds the labels."""
-        return False if self.single and output.kind is Kind.IDS else super().asked(output)
+        """No id parts with `onepart`: Cryptomatte holds the labels."""
+        return False if self.onepart and output.kind is Kind.IDS else super().asked(output)
 
     def carried(self) -> tuple[Part, ...]:
-        """No carried parts with `single`."""
-        return () if self.single else super().carried()
+        """No carried parts with `onepart`."""
+        return () if self.onepart else super().carried()

@@ -306,7 +306,7 @@ class Op:
         values = (getattr(self, p.attribute) for p in self.parameters() if p.attribute not in asking)
         return [value for value in values if isinstance(value, Path)]
 
-    def facts(self) -> dict[str, int | float | str]:
+    def user_variables(self) -> dict[str, int | float | str]:
         """User variables that the op sets for expressions that follow."""
         return {}
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 COPIED = "Pixels copied from the photo, all channels together, in its color space and type."
-ST = Output("st", Kind.COORDINATES, "Source coordinates of every pixel, for `warp` and `st_warp`.", asked_by="stmap")
+ST = Output("st", Kind.COORDINATES, "Source coordinates of every pixel, for `warp` and `st_warp`.", asked_by="st")
 STMAP = "Source coordinates of every pixel. 1: append them as part 'st'; a file name: write them to that file."
 BITS = 16  # for x and for y of a single exemplar, as in kernels (cl/offsets.h)
 NONE = 0xFFFFFFFF  # no pixel

@@ -198,7 +198,7 @@ class Text(Colored):
         oiio.ImageBufAlgo.render_text(trial, 0, 0, "", self.size, self.font)
         checked(trial)  # `text_size` would print errors about a font itself
 
-    def facts(self) -> dict[str, int | float | str]:
+    def user_variables(self) -> dict[str, int | float | str]:
         """The bounding box of the text at (0, 0), with `measure`."""
         if not self.measure:
             return {}

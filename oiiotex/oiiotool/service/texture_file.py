@@ -5,13 +5,13 @@
 
 `oiiotex` is the version of the format. `photo` is the exemplar, or `graph` an exemplar graph. All these files must be
 inside the document's folder or a folder in $OIIOTEX_TEXTURE_PATH (separated as in $PATH), with symbolic links resolved:
-an untrusted document cannot show other files of its reader. `size` is the size of the image, `level` the level of
+an untrusted document cannot show other files of its reader. `size` is the size of the image, `lod` as in
 --texsynth (default: the finest), `colorspace` the color space of an untagged photo. `autocc` derives color spaces from
 file names. `device` is as in --device. A query after the file name, such as `?seed=7&size=4096x4096`, overrides seed,
-size, level, colorspace or device.
+size, lod, colorspace or device.
 
-With `plan`, a file of --texquilt:plan, the texture is that quilt of the photo, or of another map of the same size. With
-`tiles` instead of a photo, a file of --texstationarize:variants, `seed` arranges these tiles over the plane.
+With `plan`, a file of --texquilt:planfile, the texture is that quilt of the photo, or of another map of the same size.
+With `tiles` instead of a photo, a file of --texstationarize:variants, `seed` arranges these tiles over the plane.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ MOST_SIDE = 2**31 - 1024  # px: OpenImageIO uses 32-bit integers, and adds a til
 _TILES = (64, 128, 256, 512, 1024)  # px; tile sizes reported to hosts
 _MOST_TILES = 1 << 28  # per level: OpenImageIO's cache keeps a bit for each tile, with 32-bit indices
 _FILES = ("photo", "graph", "tiles", "plan")
-_QUERY = ("seed", "size", "level", "colorspace", "device")
+_QUERY = ("seed", "size", "lod", "colorspace", "device")
 _SIZE = re.compile(r"([1-9]\d{0,9})x([1-9]\d{0,9})", re.ASCII)
 
 
@@ -57,7 +57,7 @@ class _TextureDocument:
     size: str | None = None
     plan: _LinkedText | None = None
     seed: Seed | None = None
-    level: Annotated[int, Allowed(0, MOST_LEVEL)] | None = None
+    lod: Annotated[int, Allowed(0, MOST_LEVEL)] | None = None
     colorspace: _LinkedText | None = None
     autocc: bool = False
     device: _LinkedText | None = None
@@ -83,8 +83,8 @@ class TextureFile:
     stamp: tuple[int, ...]  # modification time (ns) and size of each file; a change makes another texture
     width: int  # px, 1 to 2^31 - 1024; 0 with a plan, which defines them
     height: int
-    seed: int | None = None  # of --texsynth, as is level
-    level: int | None = None
+    seed: int | None = None  # of --texsynth, as is lod
+    lod: int | None = None
     colorspace: str | None = None
     device: str | None = None
     autocc: bool = False
@@ -133,7 +133,7 @@ def _asked(query: str, where: str) -> dict[str, Any]:
         key, _, value = word.partition("=")
         if key not in _QUERY:
             raise ImageError(f"{where}: '?{word[:60]}': expected {', '.join(_QUERY)}")
-        values[key] = int(value) if key in ("seed", "level") and value.isascii() and value.isdigit() else value
+        values[key] = int(value) if key in ("seed", "lod") and value.isascii() and value.isdigit() else value
     return values
 
 
@@ -143,12 +143,12 @@ def _checked(document: _TextureDocument, path: Path) -> TextureFile:
     if len(given) != 1:
         raise ImageError(f"{where}: expected one of photo, graph and tiles, not {' and '.join(given) or 'none'}")
     if document.plan is not None:
-        for key in ("graph", "tiles", "size", "seed", "level"):
+        for key in ("graph", "tiles", "size", "seed", "lod"):
             if getattr(document, key) is not None:
                 raise ImageError(f"{where}: {key} conflicts with plan, which requires a photo and defines the rest")
         given.append("plan")
-    if document.tiles is not None and document.level is not None:
-        raise ImageError(f"{where}: level conflicts with tiles, which have one level")
+    if document.tiles is not None and document.lod is not None:
+        raise ImageError(f"{where}: lod conflicts with tiles, which have one level")
     if document.graph is not None and document.colorspace is not None:
         raise ImageError(f"{where}: colorspace requires photo; tag the files of the graph, or use autocc")
     files = {key: os.path.abspath(path.parent / getattr(document, key)) for key in given}
@@ -157,7 +157,7 @@ def _checked(document: _TextureDocument, path: Path) -> TextureFile:
     return TextureFile(
         name=os.path.abspath(where), stamp=_stamp(where, list(files.values())), width=width, height=height,
         autocc=document.autocc, **{key: files.get(key) for key in _FILES},
-        seed=document.seed, level=document.level, colorspace=document.colorspace, device=document.device,
+        seed=document.seed, lod=document.lod, colorspace=document.colorspace, device=document.device,
     )  # fmt: skip
 
 

@@ -71,8 +71,8 @@ class _EndlessTexture:
     def __init__(self, file: TextureFile, session: Session):
         photo = None if file.photo is None else _opened(file.photo, file, session)
         graph = Path(file.graph) if file.graph else None
-        self._op = _use("synth", exemplar=photo, graph=graph, seed=file.seed, level=file.level)
-        first = self._part(Window(0, 0, 1, 1), session, file.level)
+        self._op = _use("synth", exemplar=photo, graph=graph, seed=file.seed, lod=file.lod)
+        first = self._part(Window(0, 0, 1, 1), session, file.lod)
         self._finest = first.spec.get_int_attribute("oiiotex:level")
         self.spec = _spec_of(first, file)
         self.levels = max(file.width, file.height).bit_length()  # down to one pixel
@@ -85,21 +85,21 @@ class _EndlessTexture:
         part = self._part(place, session, self._finest - level)
         return part.read(part.window)
 
-    def _part(self, place: Window, session: Session, level: int | None) -> Part:
+    def _part(self, place: Window, session: Session, lod: int | None) -> Part:
         window = f"{place.width}x{place.height}{place.left:+d}{place.top:+d}"
-        part: Part = replace(self._op, window=window, level=level).compute(session)["texture"]
+        part: Part = replace(self._op, window=window, lod=lod).compute(session)["texture"]
         return part
 
 
 class _QuiltTexture:
-    """A plan, rendered as by --texquilt:render=1. It has one level; hosts can make further ones."""
+    """A plan, rendered as by --texquilt:fromplan. It has one level; hosts can make further ones."""
 
     levels = 1
 
     def __init__(self, file: TextureFile, session: Session):
         quiet = session.telling(Progress())  # the part outlives the job that opens it
         exemplar = _opened(file.photo or "", file, session)
-        op = _use("quilt", exemplar=exemplar, plan=Path(file.plan or ""), render=True)
+        op = _use("quilt", exemplar=exemplar, fromplan=Path(file.plan or ""))
         self._part: Part = op.compute(quiet)["quilt"]
         self.spec = oiio.ImageSpec(self._part.spec)
         if not tile_side(self.spec.width, self.spec.height):

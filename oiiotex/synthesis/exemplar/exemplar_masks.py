@@ -31,7 +31,7 @@ def label_levels(exemplar: Image, labels: Image | None = None) -> dict[int, Labe
         raise ImageError(
             "has no label parts",
             subject=holder.source,
-            hint=f"create them with {texture_filter('label', keep=True)}, or provide them with labels=",
+            hint=f"create them with {texture_filter('label', photo=True)}, or provide them with labels=",
         )
     for one in levels.values():
         size, wanted = ((p.spec.width, p.spec.height) for p in (one.part, exemplar.first))
@@ -46,7 +46,7 @@ def label_map(exemplar: Image, labels: Image | None, level: int | None) -> Label
     levels = label_levels(exemplar, labels)
     level = opened_level(levels) if level is None else level
     if level not in levels:
-        raise ParameterError(parameter="level", value=level, expected=f"one of {', '.join(map(str, levels))}")
+        raise ParameterError(parameter="labellevel", value=level, expected=f"one of {', '.join(map(str, levels))}")
     return levels[level]
 
 

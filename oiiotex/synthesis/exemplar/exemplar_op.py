@@ -26,13 +26,19 @@ from .materials import KINDS_HELP, MATCH_HELP, kinds_of, read_material
 
 Found = TypeVar("Found")
 
-EXEMPLAR = "Photo. Where labels are used, with the label maps that `label` with `keep` creates."
+EXEMPLAR = "Photo. Where labels are used, with the label maps that `label` with `photo` creates."
 MASK = "Image that marks the valid source pixels (first channel above half its range, or a nonzero label id)."
 LABELS = "Label maps of the exemplar, if they are not stored as its parts."
 LABEL = "Id of a label in the exemplar's label maps. Only pixels of that label are used as a source."
 LEVEL = "Level of the label maps: N selects the part label.N. 1 is the finest."
 COARSEST = "the coarsest with several labels"
+TILES = "none", "x", "y", "xy"
 SEED = "Seed of the random numbers. The same seed gives the same pixels."
+
+
+def tiles(default: str) -> Any:
+    """Declare `tiles`."""
+    return param(default, choices=TILES, help="Axes along which the result tiles.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +71,10 @@ class LabeledExemplar(Op):
     mask: ClassVar[Image | None] = None  # as an `ExemplarOp` takes it
     labels: Image | None = image(None, help=LABELS, advanced=True)
     label: ClassVar[int | None] = None
-    level: int | None = param(None, example="2", ge=1, unset=COARSEST, help=LEVEL, advanced=True)
+    labellevel: int | None = param(None, example="2", ge=1, unset=COARSEST, help=LEVEL, advanced=True)
     data: bool = param(False, help=DATA, advanced=True)
     seed: int = param(0, ge=0, le=2**32 - 1, help=SEED)
-    stmap: bool | Path = param(False, help=STMAP, example="st.exr", advanced=True)
+    st: bool | Path = param(False, help=STMAP, example="st.exr", advanced=True)
 
     def read(self, resources: Resources, *also: np.ndarray | None) -> ExemplarPixels:
         """Values and usable pixels; each of `also` is a further mask of usable pixels, (height, width) bool."""
@@ -100,7 +106,7 @@ class LabeledExemplar(Op):
         """Source pixels that mask and label allow; None: all."""
         allowed = None if self.mask is None else masked_pixels(self.mask, self.exemplar)
         if self.label is not None:
-            labels = label_map(self.exemplar, self.labels, self.level)
+            labels = label_map(self.exemplar, self.labels, self.labellevel)
             allowed = both(labeled_pixels(labels, self.label), allowed)
         if allowed is not None and not allowed.any():
             raise ImageError(f"mask and label have no pixel of {self.exemplar.source} in common")
@@ -123,8 +129,8 @@ class ExemplarOp(LabeledExemplar):
     label: int | None = param(None, example="3", ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
 
     def _allowed(self) -> np.ndarray | None:
-        if self.label is None and (self.level is not None or self.labels is not None):
-            raise ParameterError("level and labels require label")
+        if self.label is None and (self.labellevel is not None or self.labels is not None):
+            raise ParameterError("labellevel and labels require label")
         return super()._allowed()
 
 

@@ -28,7 +28,7 @@ log = logging.getLogger("oiiotex")
 
 TILES = 1.15  # seam ratio up to which a photo already tiles
 ONE_TILE = "The photo may have too few elements for a texture; crop it, or try preset=clean or --texcut"
-SET_OF_TILES = "Tiles must be several times larger than the photo's elements: try a larger size, or preset=keep"
+SET_OF_TILES = "Tiles must be several times larger than the photo's elements: try a larger size, or preset=large"
 _LEAST = 48  # px; shorter sides are not tested for tiling
 
 
@@ -90,6 +90,6 @@ def hint_that_it_tiles(flag: str, photo: Part) -> None:
     if max(ratios) <= TILES and all(map(math.isfinite, ratios)):
         log.warning(
             "%s: the photo already tiles (seam ratio %.2f along x, %.2f along y); to keep its layout, use"
-            " --texflatten:tile=xy instead",
+            " --texflatten:tiled=xy instead",
             flag, *ratios,
         )  # fmt: skip

@@ -25,7 +25,7 @@ from ..quality.report import REPORT, Quality
 from ..quality.reported_op import Reported
 from ..wang.tiles import COUNTS, TWO_COLORS_FROM
 from .constraint_images import WEIGHT
-from .exemplar_op import ExemplarPixels, MaterialOp
+from .exemplar_op import ExemplarPixels, MaterialOp, tiles
 from .heights import RELEVEL
 from .photo_lattice import least_size
 
@@ -48,10 +48,10 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         REPORT,
     )
 
-    weight: Image | None = image(None, help=WEIGHT, advanced=True)
+    weightmap: Image | None = image(None, help=WEIGHT, advanced=True)
     relevel: bool = param(False, help=RELEVEL, advanced=True)
     size: SizeRule | Size | None = param(None, ge=5, le=65536, unit="px", unset="size of the photo", help=_SIZE_HELP)
-    tile: str = param("xy", choices=("xy", "x", "y", "none"), help="Axes along which the result tiles.")
+    tiles: str = tiles("xy")
     variants: int = param(
         1,
         ge=1,
@@ -78,7 +78,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         help="Number of iterations on the coarsest level. Each finer level has one."
         " Increase it if a warning says that texture is lost.",
     )
-    uniformity: float = param(
+    equaluse: float = param(
         0.01,
         ge=0,
         le=1,
@@ -86,7 +86,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         help="Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to use"
         " more of the photo. Above 0.1, structures break up.",
     )
-    reusepenalty: float = param(
+    repeatpenalty: float = param(
         1.0,
         ge=0,
         le=1,
@@ -109,14 +109,14 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         return Recipe.tiling(
             width,
             height,
-            self.tile,
+            self.tiles,
             # beyond twice the tile the window is flat
             sigma=None if sigma is None else min(sigma, 2.0 * max(width, height)),
             patch=self.side,
             iterations=self.iterations,
             seed=self.seed,
-            uniformity=self.uniformity,
-            reuse=self.reusepenalty,
+            uniformity=self.equaluse,
+            reuse=self.repeatpenalty,
             # a constant cannot level a piece that wraps around the torus
             shifted="height" not in self.map_kinds,
             contrast=contrast,
@@ -164,7 +164,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """The requested size and the measures; raises for all errors that do not depend on pixels."""
         self._check()
         size = self.asked_size
-        tiling = self.tile if self.pack or self.variants < TWO_COLORS_FROM else "none"  # continue in other tiles
+        tiling = self.tiles if self.pack or self.variants < TWO_COLORS_FROM else "none"  # continue in other tiles
         whole = Size(*(n * (math.isqrt(self.variants) if self.pack else 1) for n in size))
         quality = Quality.of_copies(self, resources, progress, whole, tiling, patch=self.side, losses=self.finds_losses)
         self._require_memory(size, resources)
@@ -211,19 +211,19 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         if self.pack and self.variants not in COUNTS:
             raise ParameterError(f"requires variants={_COUNTS}", parameter="pack", value=self.pack)
         if self.variants > 1:
-            one_file = isinstance(self.stmap, Path) and not self.pack
-            wrong = "stmap" if one_file else "relevel without pack" if self.relevel and not self.pack else ""
-            wrong = wrong or ("" if self.tile == "xy" else f"tile={self.tile}")
+            one_file = isinstance(self.st, Path) and not self.pack
+            wrong = "st" if one_file else "relevel without pack" if self.relevel and not self.pack else ""
+            wrong = wrong or ("" if self.tiles == "xy" else f"tiles={self.tiles}")
             if wrong:
                 raise ParameterError(f"conflicts with {wrong}", parameter="variants", value=self.variants)
 
     def _require_memory(self, size: Size, resources: Resources) -> None:
         """Refuse what exceeds the memory budget by sizes alone."""
         if self.size is None and self.kept_structure > 0 and not self.sized:
-            least = least_size(size, ("x" in self.tile, "y" in self.tile))
+            least = least_size(size, ("x" in self.tiles, "y" in self.tiles))
             size = Size(*(max(n, self.side) for n in least))
         recipe, spec = self.recipe(*size), self.exemplar.first.spec
-        if self.values().get("amount") is not None or getattr(self, "sigmamap", None) is not None:
+        if self.values().get("evenness") is not None or getattr(self, "sigmamap", None) is not None:
             recipe = replace(recipe, sigma=None)  # sigma depends on pixels
         masked = self.mask is not None or self.label is not None or self.leaves_out_stains(resources)
         held = ExemplarHeld(self.holds_photo(resources), masked)

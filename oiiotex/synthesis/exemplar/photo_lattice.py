@@ -82,11 +82,11 @@ def fitting_size(
 class Structured(Op):
     """An op that preserves the lattice of its photo."""
 
-    structure: float = param(0.5, ge=0, le=1, help=STRUCTURE)
+    lattice: float = param(0.5, ge=0, le=1, help=STRUCTURE)
 
     def lattice_of(self, lab: SomeRows, usable: np.ndarray | None, resources: Resources) -> Lattice | None:
-        """The photo's lattice; None if it has none, or with structure=0."""
-        if self.structure == 0:
+        """The photo's lattice; None if it has none, or with lattice=0."""
+        if self.lattice == 0:
             return None
         self.require_lattice(lab.shape[0], lab.shape[1], resources)
         with resources.stats.time("lattice"):
@@ -94,9 +94,9 @@ class Structured(Op):
 
     def require_lattice(self, height: int, width: int, resources: Resources, held: int = 0) -> None:
         """Refuse a photo whose lattice cannot be found within the budget; `held`: bytes in use at the same time."""
-        if self.structure > 0:
+        if self.lattice > 0:
             need = lattice_bytes(height, width) + held
-            resources.require(need, f"finding the lattice of {width}x{height}", "set structure=0")
+            resources.require(need, f"finding the lattice of {width}x{height}", "set lattice=0")
 
     def in_step(self, lattice: Lattice | None, domain: Domain, seed: int | None = None) -> InStep | None:
         """How a result on that domain follows the lattice; a seed determines where its cells begin.
@@ -105,7 +105,7 @@ class Structured(Op):
         """
         if lattice is None:
             return None
-        kept = InStep(lattice, lattice.on_torus(domain), self.structure)
+        kept = InStep(lattice, lattice.on_torus(domain), self.lattice)
         if seed is None:
             return kept
         x, y = (hash_at(seed, 0x1A77, np.array([0, 1]), np.array([0, 0])) >> 18).tolist()

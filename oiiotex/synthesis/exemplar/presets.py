@@ -17,20 +17,20 @@ if TYPE_CHECKING:
     from .patch_synthesis import PatchSynthesis
 
 _DOMINANT = "--texdominant"
-EVEN, CLEAN, KEEP = "even", "clean", "keep"
+EVEN, CLEAN, LARGE = "even", "clean", "large"
 CONTRAST = 0.7  # strength of histogram matching
 LARGE_PATCH, SMALL_PATCH = 21, 11  # px
-SIGMA_SHARE, PAPER_SIGMA_SHARE, KEEP_SIGMA_SHARE, EVEN_SIGMA_SHARE = 8, 32, 4, 32  # sigma is the longer side / share
-AUTOMATIC: dict[str, float] = {"contrast": CONTRAST, "patch": PATCH, "share": SIGMA_SHARE}  # without a preset
+SIGMA_SHARE, PAPER_SIGMA_SHARE, LARGE_SIGMA_SHARE, EVEN_SIGMA_SHARE = 8, 32, 4, 32  # sigma is the longer side / share
+AUTOMATIC: dict[str, float] = {"histogram": CONTRAST, "patch": PATCH, "share": SIGMA_SHARE}  # without a preset
 PRESETS: dict[str, dict[str, float]] = {  # values of modifiers
-    EVEN: {"contrast": CONTRAST, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},
-    CLEAN: {"contrast": 0.0, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},
-    KEEP: {"contrast": CONTRAST, "patch": LARGE_PATCH, "share": KEEP_SIGMA_SHARE},
+    EVEN: {"histogram": CONTRAST, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},
+    CLEAN: {"histogram": 0.0, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},
+    LARGE: {"histogram": CONTRAST, "patch": LARGE_PATCH, "share": LARGE_SIGMA_SHARE},
 }
 PRESET_HELP = (
-    f"Values for modifiers that you do not set. keep: large structures are preserved (sigma = longer side /"
-    f" {KEEP_SIGMA_SHARE}, patch={LARGE_PATCH}). even: large structures are also evened out (sigma = longer side /"
-    f" {EVEN_SIGMA_SHARE}, patch={SMALL_PATCH}). clean: objects are also removed (as even, with contrast=0 and a mask"
+    f"Values for modifiers that you do not set. large: large structures are preserved (sigma = longer side /"
+    f" {LARGE_SIGMA_SHARE}, patch={LARGE_PATCH}). even: large structures are also evened out (sigma = longer side /"
+    f" {EVEN_SIGMA_SHARE}, patch={SMALL_PATCH}). clean: objects are also removed (as even, with histogram=0 and a mask"
     " from `dominant`)."
 )
 
@@ -53,7 +53,7 @@ def filled(op: PatchSynthesis, preset: str, resources: Resources, progress: Prog
         mask = resources.remembered(("dominant", id(part), op.data), lambda: _dominant(op, resources, progress), part)
         if mask.pixels().any():  # otherwise it has warned
             plain = replace(plain, mask=Image((mask,), mask.name))
-            before = f"{_DOMINANT}{':data=1' * op.data}:keep=1 "
+            before = f"{_DOMINANT}{':data=1' * op.data}:photo=1 "
     others = "".join(f"{shlex.quote(image.source)} " for image in op.operands()[1:])
     line = _words(plain, "mask" if before else "")
     op.inform("preset=%s is equivalent to %s%s%s", preset, before, others, line)

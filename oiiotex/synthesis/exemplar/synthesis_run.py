@@ -63,7 +63,7 @@ class SynthesisRun:
         self._in_memory, self._budget = op.holds_photo(resources), op.budget_left(resources)
         with resources.stats.time("read and color"):
             self._maps = [self._in_any_order(image.first) for image in self._flat.all_maps()]
-            weight = None if op.weight is None else weights_of(op.weight, op.exemplar)
+            weight = None if op.weightmap is None else weights_of(op.weightmap, op.exemplar)
         self._seen = self._flat.read(resources, None if weight is None else weight > 0)
         reading.advance(1, 1)
         if not self._in_memory:
@@ -75,7 +75,7 @@ class SynthesisRun:
         searching.advance(1, 1)
         self._lattice = structure if isinstance(structure, Lattice) else None
         self._courses = structure if isinstance(structure, Courses) else None
-        self._wraps = "x" in op.tile, "y" in op.tile
+        self._wraps = "x" in op.tiles, "y" in op.tiles
         size = fitting_size(op.flag(), self._lattice, size, op.size is not None or op.sized, self._wraps)
         self._look = coarse_looks(self._maps[0], self._progress.look) if op.variants == 1 else None
         self._constraints = Constraints(weight=weight, sigmas=op.sigmas(*size))
@@ -147,7 +147,7 @@ class SynthesisRun:
 
     def _one(self) -> tuple[dict[str, Any], ...]:
         op, resources, recipe, quality = self._op, self._resources, self._recipe, self._quality
-        if op.tile == "xy" and op.size is None and self._in_memory:
+        if op.tiles == "xy" and op.size is None and self._in_memory:
             hint_that_it_tiles(op.flag(), op.exemplar.first)
         other = op.second_choice(recipe)
         synthesis, kept, recipe = better_of(
@@ -178,7 +178,7 @@ class SynthesisRun:
     def _tiles(self, source: SourceMap) -> tuple[dict[str, Part], ...]:
         """All maps copied from the same source pixels; the first tile has the source coordinates."""
         op, by_rows = self._op, not self._in_memory
-        tiling = "none" if op.variants > 1 and not op.pack else op.tile  # variants continue in each other
+        tiling = "none" if op.variants > 1 and not op.pack else op.tiles  # variants continue in each other
         return op.of_all(self._maps, lambda one, _: source.parts("tile", one, tiling, by_rows=by_rows))
 
     def _with_heights(

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 def marked_pixels(
-    photo: Image, region: Image | None, labels: Image | None, label: int | None, level: int | None,
+    photo: Image, region: Image | None, labels: Image | None, replaced: int | None, level: int | None,
     mattes: Image | None, matte: str | None,
 ) -> np.ndarray:  # fmt: skip
-    """The pixels to replace, (height, width) bool, from exactly one of `region`, `label` and `matte`.
+    """The pixels to replace, (height, width) bool, from exactly one of `region`, `replaced` (a label) and `matte`.
 
     Raises
     ------
@@ -28,8 +28,8 @@ def marked_pixels(
     ParameterError
         No pixel has the label, or the matte covers none.
     """
-    if label is not None:
-        return labeled_pixels(label_map(photo, labels, level), label)
+    if replaced is not None:
+        return labeled_pixels(label_map(photo, labels, level), replaced, "replace")
     if matte is not None:
         window, holder = photo.first.window, mattes or photo
         if mattes is not None:
@@ -43,7 +43,7 @@ def marked_pixels(
             raise ParameterError("covers no pixel of the photo", parameter="matte", value=matte)
         return covered
     if region is None:
-        raise ImageError("requires a region: an image that marks the pixels to replace, label= or matte=")
+        raise ImageError("requires a region: an image that marks the pixels to replace, replace= or matte=")
     return mask_pixels(laid_over(region.first, photo, "region"))
 
 

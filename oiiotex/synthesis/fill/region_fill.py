@@ -81,8 +81,10 @@ class RegionFill:
         self._sources = op.source_maps()
         self._other = op.source is not None
         with resources.stats.time("read and color"):
-            self._marked = marked_pixels(op.exemplar, op.region, op.labels, op.label, op.level, op.mattes, op.matte)
-        self._wraps = "x" in op.tile, "y" in op.tile
+            self._marked = marked_pixels(
+                op.exemplar, op.region, op.labels, op.replace, op.labellevel, op.mattes, op.matte
+            )
+        self._wraps = "x" in op.tiled, "y" in op.tiled
         self._quality = Quality(op=op, resources=resources, progress=progress, own=NAMES, need=self._report_bytes())
         self._light: tuple[Light, Light] | None = None
 
@@ -99,7 +101,7 @@ class RegionFill:
                 f"the region covers every pixel of {op.exemplar.source}: no source pixels remain; mark fewer, or give"
                 " another photo with source="
             )
-        zone = grown(self._marked, op.cut)
+        zone = grown(self._marked, op.seamzone)
         filling = self._filled(zone, progress)
         op.say_what_stays()
         first, *others = self._parts(filling)
@@ -141,7 +143,7 @@ class RegionFill:
                 mine, other = self._light
                 values = other.removed_from(values, Window(0, 0, *self._sources[0].first.window.size))
                 kept = np.asarray(mine.removed_from(kept, window))
-        if not self._other and op.structure > 0:
+        if not self._other and op.lattice > 0:
             recipe = self._in_step(recipe, seen, window)
         marked = self._marked[inside]
         is_fixed = ~marked if opaque is None else ~marked & opaque[inside]
@@ -156,13 +158,13 @@ class RegionFill:
             ).source  # fmt: skip
         resources.device.collect(resources.stats)
         source = SourceMap(np.asarray(source.packed))
-        if op.cut:
+        if op.seamzone:
             with resources.stats.time("cut"):
                 marked = replaced_pixels(marked, zone[inside], kept, values, source)
         step, clear = None, ~marked if opaque is None else ~marked & opaque[inside]
-        if op.fade > 0 and lens_of(op.exemplar, resources, op.first_space).space is not None:  # not data
+        if op.fade_width > 0 and lens_of(op.exemplar, resources, op.first_space).space is not None:  # not data
             with resources.stats.time("border"):
-                step = border_offsets(kept, values, source, marked, clear, seen.usable, op.fade, self._wraps)
+                step = border_offsets(kept, values, source, marked, clear, seen.usable, op.fade_width, self._wraps)
         next(self._stages).advance(1, 1)
         measures = self._measures(kept, values, seen.usable, source, marked, clear, step)
         if step is not None:
@@ -193,10 +195,10 @@ class RegionFill:
         colors += _COLOR_BYTES * len(self._photos) * spec.width * spec.height * held
         area, advice = window.width * window.height, "make the region or the photo smaller"
         steps = [("closing and measuring the border", (_PLACE_BYTES + max(BORDER_BYTES, MEASURE_BYTES)) * area, advice)]
-        if not self._other and op.structure > 0:
-            steps.append(("finding the photo's structure", lattice_bytes(spec.height, spec.width), "set structure=0"))
-        if op.cut:
-            steps.append(("cutting the border", cut_bytes(area, free, spec.width * spec.height), "reduce cut"))
+        if not self._other and op.lattice > 0:
+            steps.append(("finding the photo's structure", lattice_bytes(spec.height, spec.width), "set lattice=0"))
+        if op.seamzone:
+            steps.append(("cutting the border", cut_bytes(area, free, spec.width * spec.height), "reduce seamzone"))
         task, need, hint = max(steps, key=lambda step: step[1])
         if need + colors > left:
             raise MemoryBudgetError(task, need + colors, left, hint)
@@ -209,8 +211,8 @@ class RegionFill:
     def _recipe(self, window: Window) -> Recipe:
         op = self._op
         return Recipe.tiling(
-            *window.size, op.tile, sigma=None, patch=op.side, iterations=op.iterations, seed=op.seed,
-            uniformity=op.uniformity, contrast=0.0, flat=False, fine=_FINE,
+            *window.size, op.tiled, sigma=None, patch=op.side, iterations=op.iterations, seed=op.seed,
+            uniformity=op.equaluse, contrast=0.0, flat=False, fine=_FINE,
         )  # fmt: skip
 
     def _in_step(self, recipe: Recipe, seen: ExemplarPixels, window: Window) -> Recipe:
@@ -219,9 +221,9 @@ class RegionFill:
         structure = seen.remembered(self._resources, photo_structure, op.flag())
         whole = replace(recipe, width=self._marked.shape[1], height=self._marked.shape[0])
         if isinstance(structure, Lattice):
-            step: InStep | InCourses = InStep(structure, structure.on_torus(whole), op.structure)
+            step: InStep | InCourses = InStep(structure, structure.on_torus(whole), op.lattice)
         elif isinstance(structure, Courses):
-            step = InCourses.of(structure, whole, op.structure)
+            step = InCourses.of(structure, whole, op.lattice)
         else:
             return recipe
         return replace(recipe, in_step=step.moved(window.left, window.top))
@@ -236,15 +238,15 @@ class RegionFill:
             values, clear = read_material(self._sources, op.kinds, match, op.data, resources, held)
         name = "the source" if self._other else "the exemplar"
         allowed = None if op.mask is None else masked_pixels(op.mask, self._sources[0], name)
-        if op.sourcelabel is not None:
-            labels = label_map(op.source or op.exemplar, None if self._other else op.labels, op.level)
-            allowed = both(labeled_pixels(labels, op.sourcelabel, "sourcelabel"), allowed)
+        if op.label is not None:
+            labels = label_map(op.source or op.exemplar, None if self._other else op.labels, op.labellevel)
+            allowed = both(labeled_pixels(labels, op.label), allowed)
         usable = both(clear, allowed)
         if not self._other:
             usable = both(usable, ~self._marked)
         if usable is not None and not usable.any():
-            raise ImageError("no source pixels remain: all are transparent, or excluded by mask, sourcelabel or region")
-        why = "pixels that are transparent, outside mask or sourcelabel" + ("" if self._other else ", or in the region")
+            raise ImageError("no source pixels remain: all are transparent, or excluded by mask, label or region")
+        why = "pixels that are transparent, outside mask or label" + ("" if self._other else ", or in the region")
         return ExemplarPixels(values, clear, usable, why), shown, opaque
 
     def _lights(self, seen: ExemplarPixels, progress: Progress) -> tuple[Light, Light] | None:
@@ -291,7 +293,7 @@ class RegionFill:
     def _filled_part(self, photo: Part, source: Part, filling: Filling, changed: np.ndarray | None) -> Part:
         """The photo with the shown pixels copied from the source, and moved into its light."""
         op, held = self._op, self._op.holds_photo(self._resources)
-        spec = tile_spec(photo.spec, op.tile) if op.tile != "none" else derived_spec(photo.spec)
+        spec = tile_spec(photo.spec, op.tiled) if op.tiled != "none" else derived_spec(photo.spec)
         pixels: SomeRows = np.ascontiguousarray(source.pixels()) if held else rows_of(op.in_any_order(source, False))
         lens = None if changed is None else lens_of(op.exemplar, self._resources, op.first_space)
         place = filling.window.shifted(*photo.window[:2])

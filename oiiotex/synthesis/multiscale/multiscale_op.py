@@ -40,7 +40,7 @@ class Multiscale(InLab, Reported, AnyWindow):
         " several scales, and which one refines which.",
         example="graph.json",
     )
-    lock: bool | int = param(
+    keeplayout: bool | int = param(
         False,
         ge=0,
         le=MOST_LEVEL,
@@ -65,15 +65,7 @@ class Multiscale(InLab, Reported, AnyWindow):
         " 0 for verbatim colors.",
         advanced=True,
     )
-    components: int = param(
-        16,
-        ge=1,
-        le=16,
-        help="Number of principal components by which neighborhoods are compared. 6: as in the paper. 16: fewer"
-        " repeats.",
-        advanced=True,
-    )
-    side: int = param(
+    exemplarside: int = param(
         256,
         choices=(16, 32, 64, 128, 256, 512, 1024),
         unit="px",
@@ -81,8 +73,8 @@ class Multiscale(InLab, Reported, AnyWindow):
     )
     paper: bool = param(
         False,
-        help="Settings of the paper (HRRG08): components=6, jitter on all levels, and without the corrections that"
-        " preserve contrast in endless zooms.",
+        help="Settings of the paper (HRRG08): 6 principal components instead of 16, jitter on all levels, and without"
+        " the corrections that preserve contrast in endless zooms.",
         advanced=True,
     )
     seed: int | None = param(
@@ -94,7 +86,7 @@ class Multiscale(InLab, Reported, AnyWindow):
         help="Seed of the random numbers. The same seed gives the same pixels.",
     )
 
-    PAPER: ClassVar[dict[str, Any]] = {"components": 6, "matchcolor": True}
+    PAPER: ClassVar[dict[str, Any]] = {"matchcolor": True}
 
     @classmethod
     def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
@@ -118,14 +110,14 @@ class Multiscale(InLab, Reported, AnyWindow):
             graph, images = self.single(self.exemplar.source), (self.exemplar,)
         else:
             raise ParameterError("no exemplar", expected="an image, or graph=FILE")
-        if self.lock:  # the root is reproduced only if its neighborhoods wrap, as its plane does
+        if self.keeplayout:  # the root is reproduced only if its neighborhoods wrap, as its plane does
             graph = replace(graph, wraps=tuple("periodic" if n == graph.root else w for n, w in enumerate(graph.wraps)))
         for given in images:
             for part in given.parts[1:]:
                 self.warn("part '%s' of %s is dropped", part.name, given.source)
         how: dict[str, Any] = {
-            "side": self.side,
-            "dims": self.components,
+            "side": self.exemplarside,
+            "dims": 6 if self.paper else 16,
             "correct": self.matchcolor,
             "literal": self.paper,
         }

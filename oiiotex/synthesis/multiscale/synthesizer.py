@@ -222,7 +222,7 @@ class Synthesizer:
     def begin(self, level: int, window: Window) -> Callable[[], PlaneState]:
         """Start on a window without waiting. The returned function waits for it, and must be called once."""
         if not 0 <= level <= MOST_LEVEL:
-            raise ParameterError(parameter="level", value=level, expected=f"an integer from 0 to {MOST_LEVEL}")
+            raise ParameterError(parameter="lod", value=level, expected=f"an integer from 0 to {MOST_LEVEL}")
         with self._turn:
             try:
                 begun = self._begun(plan(window, level, self._settings.passes), window)

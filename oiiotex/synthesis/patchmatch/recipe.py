@@ -76,9 +76,9 @@ class Recipe(Domain):
 
     @property
     def scales(self) -> str:
-        """Sigma, patch and contrast, formatted as modifiers."""
+        """Sigma, patch and histogram, formatted as modifiers."""
         sigma = "" if self.sigma is None else f"sigma={self.sigma:g}:"
-        return f"{sigma}patch={self.patch}:contrast={self.contrast:g}"
+        return f"{sigma}patch={self.patch}:histogram={self.contrast:g}"
 
     def alpha(self, iteration: int) -> float:
         """Weight of global histogram matching in an iteration, counted over all levels."""

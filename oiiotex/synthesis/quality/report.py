@@ -149,7 +149,7 @@ class Quality:
         tile : str, optional
             Axes along which results tile: xy, x, y or none. Default: those of the op.
         """
-        spec, tile = op.exemplar.first.spec, tile or op.tile
+        spec, tile = op.exemplar.first.spec, tile or op.tiles
         sizes = (spec.width, spec.height), (size[0], size[1])
         return cls(op=op, resources=resources, progress=progress, wrap=("x" in tile, "y" in tile), sizes=sizes, **more)
 
@@ -364,5 +364,5 @@ class Quality:
         header: dict[str, Any] = {"schema": SCHEMA, "version": __version__, "filter": self.op.name}
         header["parameters"] = self.op.provenance()["oiiotex:parameters"]
         if not self.own:
-            header |= {"measure": self.measure, "sigma": self.sigma, "contrast": self.contrast}
+            header |= {"measure": self.measure, "sigma": self.sigma, "histogram": self.contrast}
         return {**header, "results": results, "limits": limits, "passed": not failed, "failed": failed}

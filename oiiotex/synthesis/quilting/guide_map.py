@@ -155,11 +155,13 @@ def read_table(path: Path, tolerance: float = 0.0) -> Table:
         keys, finer = ({code_of(n) if "," in n else int(n): key for n, key in rows.items()} for rows in named)
     except (ImageError, ValueError, KeyError, TypeError, AttributeError) as error:
         expected = f"a file of {texture_filter('palette')}, or a label or [k1, k2] for each '255,0,0' or id"
-        raise ImageError(f"cannot be read ({error})", parameter="table", value=str(path), expected=expected) from error
+        raise ImageError(
+            f"cannot be read ({error})", parameter="palette", value=str(path), expected=expected
+        ) from error
     if not keys:
-        raise ImageError("the table is empty", parameter="table", value=str(path))
+        raise ImageError("the table is empty", parameter="palette", value=str(path))
     if len(colors) > 1:
-        raise ImageError("mixes colors and ids", parameter="table", value=str(path), expected="only one of them")
+        raise ImageError("mixes colors and ids", parameter="palette", value=str(path), expected="only one of them")
     return Table(path, keys, finer, colors.pop(), level, tolerance)
 
 
@@ -175,7 +177,7 @@ def meaning_of(guide: Part, table: Table | None, labels: np.ndarray, fine: bool 
     if table is None or not rows:
         if len(channels_of(guide.spec).color) > 1:
             name = "fine" if fine else f"guide {guide.name}"
-            raise ParameterError(f"{name} contains colors", hint="map them to labels with table=FILE.json")
+            raise ParameterError(f"{name} contains colors", hint="map them to labels with palette=FILE.json")
         return Meaning(labels, np.stack([labels, labels], 1), np.ones(len(labels), bool), False)
     codes = sorted(rows)
     pure = np.array([not isinstance(rows[code], list) for code in codes])
@@ -183,7 +185,7 @@ def meaning_of(guide: Part, table: Table | None, labels: np.ndarray, fine: bool 
     for key in keys:
         if len(key) != 2 or not all(type(k) is int and k in labels for k in key):
             expected = f"a label from 1 to {labels.max()}, or a pair [k1, k2] of labels"
-            raise ImageError(f"unknown label {key}", parameter="table", value=str(table.path), expected=expected)
+            raise ImageError(f"unknown label {key}", parameter="palette", value=str(table.path), expected=expected)
     if fine and 0 not in rows:  # 0: not painted, also where soft brushes blend into it
         codes, keys, pure = [0, *codes], [[0, 0], *keys], np.concatenate([[True], pure])
     return Meaning(np.array(codes, np.int64), np.array(keys, np.int64), pure, table.colors, table.tolerance)

@@ -51,7 +51,7 @@ def painted_labels(
 
 
 def painting_arrays(layers: dict[str, Quilt], exemplar: tuple[int, int]) -> dict[str, np.ndarray]:
-    """Finished plans and what was painted, by prefix. The first is also what --texquilt:render=1 reads."""
+    """Finished plans and what was painted, by prefix. The first is also what --texquilt:fromplan reads."""
     combined: dict[str, np.ndarray] = {}
     for prefix, layer in layers.items():
         arrays = layer.finished().arrays(exemplar)
@@ -75,7 +75,7 @@ class Begun:
         if g != grid:
             raise ImageError(
                 f"{g.width}x{g.height} px with patches of {g.patch} px",
-                parameter="previous",
+                parameter="fromplan",
                 value=str(self.path),
                 expected=f"{grid.width}x{grid.height} px with patches of {grid.patch} px, and the same tile",
             )
@@ -92,7 +92,7 @@ def read_begun(path: Path, budget: int, prefix: str = "") -> Begun | None:
     arrays = read_arrays(path, budget)
     if "keys" not in arrays:
         expected = f"a plan of {texture_filter('paint')}"
-        raise ImageError(parameter="previous", value=str(path), expected=expected)
+        raise ImageError(parameter="fromplan", value=str(path), expected=expected)
     if f"{prefix}keys" not in arrays:
         return None
     plan, _ = Plan.of(arrays, path, prefix)

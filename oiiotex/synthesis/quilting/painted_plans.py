@@ -17,7 +17,7 @@ def regridded(path: Path, budget: int, times: int = 1, size: tuple[int, int] | N
     """A larger or smaller plan with the patches of a painting's plan, as the arrays of its file.
 
     Patches are photo pixels and are not scaled. `times` larger: a cell becomes times x times cells, of which all but
-    the first are free. Another `size`: patches keep their places, and cells beyond are free. As `previous=` of
+    the first are free. Another `size`: patches keep their places, and cells beyond are free. As `fromplan=` of
     --texpaint, the patches whose labels are still demanded there are kept.
 
     Parameters

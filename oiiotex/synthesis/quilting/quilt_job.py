@@ -34,7 +34,7 @@ from ...engine.opencl.buffers import require_room
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from ..exemplar.exemplar_masks import both, label_levels, label_map
-from ..exemplar.exemplar_op import ExemplarPixels, LabeledExemplar
+from ..exemplar.exemplar_op import ExemplarPixels, LabeledExemplar, tiles
 from ..exemplar.photo_lattice import Structured, fitting_size, least_size
 from .guide_map import Meaning, keys_in, labels_met, meaning_of, wishes_of
 from .label_painting import Begun
@@ -42,7 +42,7 @@ from .quilt_plan import AT_ONCE, MOST_PATCH, Grid, plan_bytes
 from .quilter import MOST_FINER, Demand, Quilt, QuiltExemplar, Rules, cell_memory, folded
 
 CARRIED = Output(
-    "label.N", Kind.IDS, "Label parts of the photo, copied from the same source pixels.", asked_by="keeplabels"
+    "label.N", Kind.IDS, "Label parts of the photo, copied from the same source pixels.", asked_by="labelmaps"
 )
 LEAST_PATCH, _LEAST_GUIDED = 8, 32
 _LAB_BYTES, _VALUE_BYTES = 14, 12  # per pixel of the exemplar: on the grid, masks, and reduced; as floats
@@ -57,7 +57,7 @@ class Quilted(LabeledExemplar, Gather):
     size: Size | None = param(
         None, ge=1, le=1 << 22, unit="px", unset="size of the guide, else of the exemplar", help="Size of the result."
     )
-    tile: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the result tiles.")
+    tiles: str = tiles("none")
     patch: int | None = param(
         None,
         example="32",
@@ -68,7 +68,7 @@ class Quilted(LabeledExemplar, Gather):
         help="Side of a patch. Increase it to preserve larger structures, decrease it for more variation.",
     )
     candidates: int = param(256, ge=1, le=65536, help="Maximum number of candidate patches per place.", advanced=True)
-    reuse: float = param(
+    freeuses: float = param(
         1.0,
         ge=0,
         le=1e9,
@@ -87,7 +87,7 @@ class Quilted(LabeledExemplar, Gather):
         help="Weight of the guide's labels inside a patch, compared with"
         " color. Increase it to follow the guide more closely.",
     )
-    keeplabels: bool = param(
+    labelmaps: bool = param(
         False, help="Append the label maps of the result as parts label.N, rearranged exactly as its pixels."
     )
 
@@ -168,9 +168,9 @@ class Sewing:
         if patch > shorter:
             return
         size, given = self._asked()
-        if self.structured is not None and self.structured.structure > 0 and not given:
+        if self.structured is not None and self.structured.lattice > 0 and not given:
             size = Size(*(max(n, patch) for n in least_size(size, self._wraps)))
-        grid = Grid.tiling(*size, self.op.tile, patch=patch, overlap=min(self._overlap(patch), patch // 3))
+        grid = Grid.tiling(*size, self.op.tiles, patch=patch, overlap=min(self._overlap(patch), patch // 3))
         resources.require(cell_memory(grid, self.guide is not None), _task(grid))
         held = source.spec.width * source.spec.height * self.op.photo_bytes(resources)
         if self.structured is not None:
@@ -190,7 +190,7 @@ class Sewing:
             seed=self.op.seed,
             candidates=self.op.candidates,
             reach=min(4, patch // 16),
-            reuse=self.op.reuse,
+            reuse=self.op.freeuses,
             finer=self.op.finerweight,
             guidance=self.op.guideweight,
         )
@@ -200,7 +200,7 @@ class Sewing:
     ) -> Grid:
         size = fitting_size(self.op.flag(), lattice, *self._asked(), self._wraps)
         patch, overlap = self._sides(labels, ids, allowed)
-        return Grid.tiling(*size, self.op.tile, patch=patch, overlap=overlap)
+        return Grid.tiling(*size, self.op.tiles, patch=patch, overlap=overlap)
 
     def _asked(self) -> tuple[Size, bool]:
         """The size of the result without regard to a lattice, and whether it is prescribed."""
@@ -209,7 +209,7 @@ class Sewing:
 
     @property
     def _wraps(self) -> tuple[bool, bool]:
-        return "x" in self.op.tile, "y" in self.op.tile
+        return "x" in self.op.tiles, "y" in self.op.tiles
 
     def _overlap(self, patch: int) -> int:
         return self.overlap or max(4 if patch >= 12 else patch // 3, patch // 4)
@@ -315,5 +315,5 @@ def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, res
 def sewn_whole(sewing: Sewing, seen: ExemplarPixels, resources: Resources, progress: Progress) -> dict[str, Any]:
     """The result of one layer. If its plan is requested, it is finished first."""
     quilt, spec = sewing.quilt(seen, resources, progress), sewing.op.exemplar.first.spec
-    plan = {"plan": lambda: quilt.finished().arrays((spec.width, spec.height))}
+    plan = {"planfile": lambda: quilt.finished().arrays((spec.width, spec.height))}
     return sewn_parts(sewing.op, quilt.sources, quilt.grid, resources) | plan

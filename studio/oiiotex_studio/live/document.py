@@ -32,11 +32,11 @@ _File = Annotated[int, Allowed(0, 999_999)]  # number of a mask's file; 0: none
 
 
 class _TileRoom(TypedDict):
-    flatten: Fraction | None
+    flattening: Fraction | None
     sigma: Annotated[float, Allowed(0.5, 1e6)] | None
-    amount: Fraction | None
-    contrast: Fraction | None
-    structure: Fraction
+    evenness: Fraction | None
+    histogram: Fraction | None
+    lattice: Fraction
     seed: Seed
     measure: Annotated[str, Allowed(among=MEASURES)]
     preset: Annotated[str, Allowed(among=tuple(PRESETS))] | None
@@ -87,7 +87,7 @@ class _Key(TypedDict):
 class _ZoomRoom(_Key):
     seed: Seed
     jitter: Fraction | None
-    lock: Annotated[int, Allowed(0, 1)]
+    keeplayout: Annotated[int, Allowed(0, 1)]
     keys: Annotated[list[_Key], Allowed(most=256)]
     frames: Annotated[int, Allowed(2, 1 << 16)]
 
@@ -131,13 +131,22 @@ def default_state(display: str, view: str, side: int) -> Values:
     `side`: size in pixels of the photo's square or of the graph's root; a zoom starts at its center.
     """
     tile: Values = dict.fromkeys(types_of(_TileRoom))
-    tile |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "fill": ""}
+    tile |= {"lattice": 0.5, "seed": 0, "measure": "histogram", "mask": "", "fill": ""}
     middle = str((side // 2) << PLACE_BITS)
     return {
         "tile": tile,
         "view": {"display": display, "view": view, "exposure": 0.0},
         "variants": {"list": []},
-        "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "jitter": None, "lock": 0, "keys": [], "frames": 96},
+        "zoom": {
+            "x": middle,
+            "y": middle,
+            "zoom": 0.0,
+            "seed": 0,
+            "jitter": None,
+            "keeplayout": 0,
+            "keys": [],
+            "frames": 96,
+        },
         "paint": {"width": 1024, "height": 1024, "layer": "coarse", "label": 1, "finer": 0, "brush": 64.0, "seed": 0},
         "output": {"tile": "", "painted": "", "type": ""},  # file names and pixel type; "": automatic
         "photo": {"space": ""},

@@ -154,7 +154,7 @@ class Hub(Pages):
         async with self._making:
             if op not in self._made:
                 advance = self.advancing(_LOOKING[op])
-                request = client.make(op, [photo], {"keep": 1}, priority=BRUSH, on_progress=advance)
+                request = client.make(op, [photo], {"photo": 1}, priority=BRUSH, on_progress=advance)
                 facts, _ = await asyncio.wrap_future(request)
                 self._made[op] = facts["images"][0]
             return self._made[op]

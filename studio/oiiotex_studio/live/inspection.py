@@ -23,10 +23,10 @@ from .pages import Page
 BINS = 64  # of a histogram, for each channel
 _COARSE = 128  # px; longer side of the photo for a coarse tile: patches are those of a full tile's coarse levels
 _COARSE_CLEAN = 192  # px; the same for `clean`, whose mask leaves few whole patches in smaller photos
-_MASK = {"keep": 1, "step": 3, "patch": 5}  # of `clean`; the whole photo's patches have up to 25 px
+_MASK = {"photo": 1, "step": 3, "patch": 5}  # of `clean`; the whole photo's patches have up to 25 px
 _WINDOW = 4  # half the width of a Gaussian window, in sigma
 # by presets, or without a coarse tile
-_DECIDED = {"preset", "sigma", "amount", "patch", "contrast", "label", "sourcelabel", "size"}
+_DECIDED = {"preset", "sigma", "evenness", "patch", "histogram", "label", "size"}
 
 Maps = dict[str, "np.ndarray"]  # (height, width) float32 of 'photo' and 'tile'
 
@@ -65,13 +65,13 @@ class Inspection:
     async def _clean(self, values: Mapping[str, Any]) -> np.ndarray:
         client = await self._hub.client()
         async with self._fitted(_COARSE_CLEAN) as (number, smaller):
-            asked = client.make("dominant", [number], _MASK if smaller else {"keep": 1}, priority=BRUSH)
+            asked = client.make("dominant", [number], _MASK if smaller else {"photo": 1}, priority=BRUSH)
             facts, _ = await asyncio.wrap_future(asked)
             masked = int(facts["images"][0]["number"])
             try:
                 return await self._made("stationarize", masked, {**values, "preset": "clean"}, {"mask": "dominant"})
             except Error:  # no dominant texture: the preset then uses the whole photo
-                return await self._made("stationarize", number, {**values, "preset": "even", "contrast": 0})
+                return await self._made("stationarize", number, {**values, "preset": "even", "histogram": 0})
             finally:
                 client.drop(masked)
 

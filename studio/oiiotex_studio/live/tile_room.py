@@ -180,7 +180,7 @@ class TileRoom:
             return
         loop = asyncio.get_running_loop()
         self._request = request = client.make(
-            self._op, given, self._values() | self._material.values | {"stmap": 1},
+            self._op, given, self._values() | self._material.values | {"st": 1},
             optional=optional, priority=BRUSH, measure=True,
             on_look=lambda pixels, whole: loop.call_soon_threadsafe(self._looked, turn, pixels, whole),
             on_progress=lambda done, total: loop.call_soon_threadsafe(self._advanced, turn, done, total),
@@ -200,8 +200,8 @@ class TileRoom:
         made = images[0]
         if turn == self._turn:
             self._images = images
-            own = f"--tex{self._op}: "  # and stmap=1 is the page's
-            lines = [[level, text.removeprefix(own).replace(":stmap=1", "")] for level, text in facts["log"]]
+            own = f"--tex{self._op}: "  # and st=1 is the page's
+            lines = [[level, text.removeprefix(own).replace(":st=1", "")] for level, text in facts["log"]]
             chosen = spec_of(made["parts"][0]).get_string_attribute("oiiotex:chosen")
             self._measures = {"do": "measures", "room": "tile", "lines": lines, "chosen": chosen}
             hub.tell(self._measures)
@@ -244,17 +244,17 @@ class TileRoom:
         tile = self._hub.document.state["tile"]
         if tile["fill"]:
             values = {"patch": tile["patch"], "seed": tile["seed"] or None}
-            values |= {"structure": tile["structure"]} if tile["structure"] != 0.5 else {}
-            values |= {"sourcelabel": tile["mask"]} if isinstance(tile["mask"], int) else {}
+            values |= {"lattice": tile["lattice"]} if tile["lattice"] != 0.5 else {}
+            values |= {"label": tile["mask"]} if isinstance(tile["mask"], int) else {}
             return {name: value for name, value in values.items() if value is not None}
-        values = {name: tile[name] for name in ("flatten", "sigma", "amount", "contrast", "preset", "patch")}
-        if tile["amount"] is not None:
+        values = {name: tile[name] for name in ("flattening", "sigma", "evenness", "histogram", "preset", "patch")}
+        if tile["evenness"] is not None:
             values["sigma"] = None
         if tile["width"] or tile["height"]:
             assert self._hub.source.image is not None
             photo = self._hub.source.image.first.spec
             values["size"] = f"{tile['width'] or photo.width}x{tile['height'] or photo.height}"
-        values |= {"structure": tile["structure"]} if tile["structure"] != 0.5 else {}
+        values |= {"lattice": tile["lattice"]} if tile["lattice"] != 0.5 else {}
         values |= {"measure": tile["measure"]} if tile["measure"] != "histogram" else {}
         values |= {"seed": tile["seed"]} if tile["seed"] else {}
         if isinstance(tile["mask"], int):
@@ -295,12 +295,12 @@ class TileRoom:
         assert source.image is not None
         words, images = list(source.words), {}
         if tile["mask"] == "dominant":
-            words.append("--texdominant:keep=1")
+            words.append("--texdominant:photo=1")
             images["mask"] = "dominant"
         elif tile["mask"] == "brush":
             images["mask"] = str(self._mask("mask"))
         elif tile["mask"]:
-            words.append("--texlabel:keep=1")
+            words.append("--texlabel:photo=1")
         maps = [word for one in source.maps for word in one.words]
         if tile["fill"]:
             maps.append(str(self._mask("fill")))

@@ -37,14 +37,14 @@ class ZoomRoom:
         self._wanted: dict[Page, list[TilePlace]] = {}
         self._asked: dict[TilePlace, Request | None] = {}
         self._tiles: OrderedDict[TilePlace, np.ndarray] = OrderedDict()
-        self._turn = 0  # changes with seed, jitter and lock, which invalidate tiles
+        self._turn = 0  # changes with seed, jitter and keeplayout, which invalidate tiles
 
     async def greet(self, page: Page) -> None:
         """Nothing to send: a page requests the tiles it shows."""
 
     async def changed(self, room: str, names: set[str]) -> None:
         """Discard tiles after a change of the plane, and tell pages when tiles look different."""
-        if room == "zoom" and names & {"seed", "jitter", "lock"}:
+        if room == "zoom" and names & {"seed", "jitter", "keeplayout"}:
             self._turn += 1
             self._tiles.clear()
             self._drop(set(self._asked))
@@ -144,12 +144,12 @@ class ZoomRoom:
     def _use(self, level: int, left: int, top: int, width: int, height: int) -> tuple[str, dict[str, Any]]:
         """The op and the modifiers that render a window of a level."""
         zoom = self._hub.document.state["zoom"]
-        same = {"seed": zoom["seed"] or None, "jitter": zoom["jitter"], "lock": zoom["lock"] or None}
+        same = {"seed": zoom["seed"] or None, "jitter": zoom["jitter"], "keeplayout": zoom["keeplayout"] or None}
         if self._hub.source.graph:
             window = f"{width}x{height}{left:+d}{top:+d}"
-            return "synth", _given({"graph": self._hub.source.graph, "level": level, "window": window} | same)
+            return "synth", _given({"graph": self._hub.source.graph, "lod": level, "window": window} | same)
         at = [Fraction(2 * n + size, 2) / 2**level for n, size in ((left, width), (top, height))]
-        return "zoom", _given({"level": level, "center": self._numbers(at), "size": f"{width}x{height}"} | same)
+        return "zoom", _given({"lod": level, "center": self._numbers(at), "size": f"{width}x{height}"} | same)
 
     def _numbers(self, at: list[Fraction]) -> str:
         """A position in root pixels, exactly."""
@@ -184,10 +184,10 @@ class ZoomRoom:
         side = self._hub.source.side
         aim = [Fraction(round(n * 2**40 * side), 2**40 * side) for n in self._middle(last)]
         values = {
-            "graph": self._hub.source.graph or None, "level": round(first["zoom"], 9),
+            "graph": self._hub.source.graph or None, "lod": round(first["zoom"], 9),
             "speed": round((last["zoom"] - first["zoom"]) / (frames - 1), 9), "center": self._numbers(aim),
             "size": f"{_FRAME[0]}x{_FRAME[1]}", "seed": zoom["seed"] or None, "jitter": zoom["jitter"],
-            "lock": zoom["lock"] or None,
+            "keeplayout": zoom["keeplayout"] or None,
         }  # fmt: skip
         return self._line("--frames", f"1-{frames}", word_of("--texzoom", values), number=".%04d")
 

@@ -16,7 +16,7 @@ def label_colors(labels: Image, color: Image, resources: Resources) -> list[tupl
     Parameters
     ----------
     labels : Image
-        Image with parts label.N. If its first part is the photo (`--texlabel:keep=1`), colors come from the photo.
+        Image with parts label.N. If its first part is the photo (`--texlabel:photo=1`), colors come from the photo.
     color : Image
         Otherwise, the image that colors come from; if its size differs from the maps, the result is empty.
 

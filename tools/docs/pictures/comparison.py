@@ -54,7 +54,7 @@ def seamless(photo: oiio.ImageBuf) -> oiio.ImageBuf:
 
 def dominant_mask(photo: oiio.ImageBuf) -> np.ndarray:
     """Where the photo's dominant texture is (LDR09), (height, width) bool."""
-    return filters.dominant(photo, keep=True)["dominant"].get_pixels(oiio.FLOAT)[..., 0] > 0.5
+    return filters.dominant(photo, photo=True)["dominant"].get_pixels(oiio.FLOAT)[..., 0] > 0.5
 
 
 def of_the_dominant(photo: oiio.ImageBuf) -> oiio.ImageBuf:
@@ -98,7 +98,7 @@ def ways() -> dict[str, Way]:
     return {
         "photo": lambda photo: photo,
         "make seamless": seamless,
-        "PatchMatch": lambda photo: filters.patchmatch(photo, tile="none", size=TILE, seed=SEED),
+        "PatchMatch": lambda photo: filters.patchmatch(photo, tiles="none", size=TILE, seed=SEED),
         "toroidal PatchMatch": lambda photo: filters.patchmatch(photo, size=TILE, seed=SEED),
         **ours,
         "dominant texture": of_the_dominant,
@@ -164,7 +164,7 @@ The panes, from left to right and top to bottom:
 |---|---|
 | photo | the photo, tiled |
 | make seamless | the photo blended with itself shifted by half, as in paint programs |
-| PatchMatch | `--texpatchmatch:tile=none` |
+| PatchMatch | `--texpatchmatch:tiles=none` |
 | toroidal PatchMatch | `--texpatchmatch` |
 | ours, histogram; moments; steerable | `--texstationarize` with each `measure` (MJH17 section 3) |
 | by the letter | the same with `paper=1`, which follows the paper exactly |

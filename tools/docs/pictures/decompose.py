@@ -86,7 +86,7 @@ def composites() -> None:
     rows = []
     for name, values, patch in COMPOSED:
         photo = shrunk(opened(name), 512)
-        parts = filters.decompose(photo, keep=True, **values)
+        parts = filters.decompose(photo, photo=True, **values)
         made = filters.composite(parts, size=(768, 512), patch=patch)
         ids = parts["label.1"].get_pixels(oiio.UINT32)[..., 0]
         rows.append(beside(halved(pixels(photo)), painted(ids, 256), halved(pixels(made))))

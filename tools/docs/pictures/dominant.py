@@ -98,7 +98,7 @@ def clean_quilt() -> None:
     """A photo, its dominant texture, a quilt of that alone, a quilt of the whole; how the texture was found."""
     photo = test_photo("stained_plaster_wall.jpg", 384)
     with tempfile.TemporaryDirectory() as folder:
-        parts = filters.dominant(photo, keep=True, chart=Path(folder) / "chart.png")
+        parts = filters.dominant(photo, photo=True, chart=Path(folder) / "chart.png")
         write_jpeg(pixels(oiio.ImageBuf(f"{folder}/chart.png")), "dominant_chart.jpg")
     mask = parts["dominant"]
     quilts = [filters.quilt(photo, size=(384, 384), patch=48, seed=1, **m) for m in ({"mask": mask}, {})]

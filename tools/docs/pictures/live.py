@@ -36,7 +36,7 @@ def tile(browser: object, folder: Path) -> None:
         page.wait_for_selector("[data-tile=whole]")
         page.keyboard.press("v")
         page.keyboard.press("Shift+A")
-        page.locator("select[title^=Keep]").select_option('"keep"')
+        page.locator("select[title^=Large]").select_option('"large"')
         page.wait_for_timeout(500)
         page.wait_for_selector("[data-tile=whole]")
         page.wait_for_timeout(4000)

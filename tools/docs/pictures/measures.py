@@ -31,7 +31,7 @@ def measures() -> None:
 
 def sigmas() -> None:
     """The contact sheet of --texsigmas."""
-    write_jpeg(pixels(filters.sigmas(test_photo(RUST, 256), n=6)), "sigmas.jpg", quality=60)
+    write_jpeg(pixels(filters.sigmas(test_photo(RUST, 256), count=6)), "sigmas.jpg", quality=60)
 
 
 def gradients(size: tuple[int, int] = (768, 128)) -> None:

@@ -53,7 +53,7 @@ def flattened_wall() -> None:
 
 def labeled_photo(name: str, side: int = 512) -> dict[str, oiio.ImageBuf]:
     """A test photo made small, with its label maps."""
-    return filters.label(test_photo(f"{name}.jpg", side), keep=True)
+    return filters.label(test_photo(f"{name}.jpg", side), photo=True)
 
 
 def cut_labels() -> None:
@@ -64,7 +64,7 @@ def cut_labels() -> None:
         first, *maps = photo.values()
         ids = maps[level].get_pixels(oiio.UINT32)
         label = int(np.bincount(ids.ravel())[1:].argsort()[-label] + 1)
-        tile = filters.cut(photo, label=label, level=len(maps) + 1 + level, size=(320, 320), seed=1)
+        tile = filters.cut(photo, label=label, labellevel=len(maps) + 1 + level, size=(320, 320), seed=1)
         shown = np.where(ids == label, pixels(first), pixels(first) // 4)
         rows.append(beside(shown, halved(twice(pixels(tile)))))
     write_jpeg(stacked(rows), "cut_labels.jpg")
@@ -75,7 +75,7 @@ def painted_meadow() -> None:
     photo = labeled_photo("flower_meadow_stones", 640)
     first, *maps = photo.values()
     level = len(maps) - 1
-    write_jpeg(beside(halved(pixels(first)), pixels(filters.palette(photo, level=level, side=64))), "palette.jpg")
+    write_jpeg(beside(halved(pixels(first)), pixels(filters.palette(photo, labellevel=level, panel=64))), "palette.jpg")
     y, x = np.mgrid[0:500, 0:700]
     coarse, fine = (
         1 + np.bincount(maps[n - 1].get_pixels(oiio.UINT32).ravel())[1:].argsort()[::-1] for n in (level, level - 1)
@@ -84,8 +84,8 @@ def painted_meadow() -> None:
     details = np.zeros(painting.shape, int)
     details[60:170, 60:260] = fine[0]
     details[(x - 350) ** 2 + (y - 250) ** 2 < 70**2] = fine[1]
-    once = filters.paint(photo, image_of(painting, oiio.UINT32), level=level)
-    over = filters.paint(photo, image_of(painting, oiio.UINT32), fine=image_of(details, oiio.UINT32), level=level)
+    once = filters.paint(photo, image_of(painting, oiio.UINT32), labellevel=level)
+    over = filters.paint(photo, image_of(painting, oiio.UINT32), fine=image_of(details, oiio.UINT32), labellevel=level)
     looks = np.array([[81, 94, 53], [93, 94, 77], [150, 150, 140], [60, 110, 40]], np.uint8)
     plain = looks[np.where(painting == coarse[1], 1, 0)]
     shown = looks[np.select([details == fine[0], details == fine[1], painting == coarse[1]], [2, 3, 1], 0)]
@@ -98,7 +98,7 @@ def composites() -> None:
     rows = []
     for name, below in (("flower_meadow_stones", 1), ("moss_grass_stones_ground", 2)):
         photo = labeled_photo(name, 640)
-        made = filters.composite(photo, level=max(1, len(photo) - 1 - below), size=(1280, 800), seed=1)
+        made = filters.composite(photo, labellevel=max(1, len(photo) - 1 - below), size=(1280, 800), seed=1)
         rows.append(beside(halved(pixels(next(iter(photo.values())))), halved(pixels(made))))
     write_jpeg(stacked(rows), "composite.jpg")
 
@@ -131,8 +131,8 @@ def moved_borders() -> None:
     photo, sigma, side = test_photo("stone_breccia.jpg"), 94.0, 340
     pairs = (
         ({"sigma": sigma}, {"sigma": sigma + 3}),
-        ({"finest": sigma}, {"finest": sigma + 3}),
-        ({"sigma": sigma}, {"sigma": sigma, "finest": 15.0}),
+        ({"sigmamin": sigma}, {"sigmamin": sigma + 3}),
+        ({"sigma": sigma}, {"sigma": sigma, "sigmamin": 15.0}),
     )
     panes = []
     for pair in pairs:
@@ -156,7 +156,10 @@ def mean_colors() -> None:
         sigma = (spec.width * spec.height / count) ** 0.5
         blurred = photo.copy()
         blurred.set_pixels(blurred.roi, ndimage.gaussian_filter(seen, (sigma / 4, sigma / 4, 0)))
-        made = filters.superpixel(photo, count=count), *(filters.superpixel(p, finest=sigma) for p in (photo, blurred))
+        made = (
+            filters.superpixel(photo, count=count),
+            *(filters.superpixel(p, sigmamin=sigma) for p in (photo, blurred)),
+        )
         for row, ids in zip(ways, made, strict=True):
             row.append(small(averaged(seen, ids.get_pixels(oiio.UINT32)[..., 0]), side))
     write_jpeg(stacked([beside(small(seen, side), *row) for row in ways]), "superpixel_means.jpg")
@@ -191,12 +194,12 @@ def quilts() -> None:
     wanted = 1 + np.argsort(-areas[level], kind="stable")[:3]
     y, x = np.mgrid[:60, :90]
     guide = wanted[np.where(np.hypot(y - 30, x - 30) < 20, 1, np.where(x + 12 * np.sin(y / 8) > 60, 2, 0))]
-    quilt = filters.quilt(parts, guide=image_of(guide, oiio.UINT32), level=level, size=(1080, 720), seed=1)
+    quilt = filters.quilt(parts, guide=image_of(guide, oiio.UINT32), labellevel=level, size=(1080, 720), seed=1)
     gray = np.searchsorted(np.sort(wanted), guide) * 100 + 40
     drawn = np.repeat(np.repeat(np.repeat(gray[..., None].astype(np.uint8), 3, 2), 6, 0), 6, 1)
     write_jpeg(beside(drawn, halved(pixels(quilt))), "quilt_guide.jpg")
-    marked = pixels(filters.content(parts, center=(300, 300), level=level))
-    table = pixels(filters.content(parts, level=level, table=True))
+    marked = pixels(filters.content(parts, center=(300, 300), labellevel=level))
+    table = pixels(filters.content(parts, labellevel=level, keys=True))
     height = max(marked.shape[0], table.shape[0])
     panes = [np.pad(p, ((0, height - len(p)), (0, 0), (0, 0)), constant_values=255) for p in (marked, table)]
     write_jpeg(beside(*panes), "content.jpg")

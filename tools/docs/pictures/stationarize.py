@@ -69,7 +69,7 @@ def gradient_of_sigmas() -> None:
     """MJH17 figures 10 and 11, first row: sigma grows from left to right, linearly, over a photo of rust."""
     photo = test_photo("rust_barrel_side.jpg", 768)
     ramp = np.linspace(4, 128, 768)[None, :].repeat(256, 0)
-    made = filters.stationarize(photo, size=(768, 256), sigmamap=image_of(ramp), tile="y", seed=SEED)
+    made = filters.stationarize(photo, size=(768, 256), sigmamap=image_of(ramp), tiles="y", seed=SEED)
     write_jpeg(stacked([pixels(photo)[:256], pixels(made)]), "stationarize_sigmamap.jpg")
 
 
@@ -119,7 +119,7 @@ def previewed() -> None:
     """What --texpreview shows of the demo's tile."""
     photo = stained_gravel()
     tile = filters.stationarize(photo, seed=SEED)
-    write_jpeg(pixels(filters.preview(tile, exemplar=photo, height=224)), "preview.jpg")
+    write_jpeg(pixels(filters.preview(tile, exemplar=photo, panel=224)), "preview.jpg")
 
 
 if __name__ == "__main__":

@@ -69,7 +69,7 @@ def single() -> np.ndarray:
     with tempfile.TemporaryDirectory() as folder:
         loop = graph_of(Path(folder), [("a", "a", 1)], a=exemplar.get_pixels(oiio.FLOAT)[..., :3])
         panes = [pixels(shrunk(exemplar, PANE))]
-        for images, values in (((exemplar,), {}), ((), {"graph": loop, "level": 11})):
+        for images, values in (((exemplar,), {}), ((), {"graph": loop, "lod": 11})):
             panes.append(made(*images, shown=2 * PANE, size=(1024, 1024), **values))
             panes.append(made(*images, window=f"{PANE}x{PANE}+400+400", **values))
     return beside(*panes, gap=4)
@@ -117,7 +117,7 @@ def crops() -> np.ndarray:
     whole = opened("photos/bark_flaky.jpg")
     with tempfile.TemporaryDirectory() as folder:
         graph = Path(folder) / "bark.json"
-        filters.graph(whole, json=graph, scales=4, side=128)
+        filters.graph(whole, graphfile=graph, scales=4, exemplarside=128)
         document = json.loads(graph.read_text())
         panes = [pixels(oiio.ImageBuf(str(Path(folder) / e["file"]))) for e in document["exemplars"]]
         rows = [beside(*panes, gap=4)]

@@ -12,7 +12,7 @@ _KINDS = {
     "probe": "results of OpenCL device tests",
     "linker": "linker for OpenCL runtimes that lack one",
     "candidates": "analyzed exemplars of --texsynth and --texzoom",
-    "sigmas": "scales of --texsigmas and :amount=",
+    "sigmas": "scales of --texsigmas and :evenness=",
 }
 
 

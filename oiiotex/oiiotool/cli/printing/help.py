@@ -25,7 +25,7 @@ usage: oiiotex IMAGE... --OP[:MODIFIER=VALUE...]... -o FILE
   oiiotex color.png normal.png --texstationarize:kinds=color,normal \\
       -o normal_tile.png --pop -o color_tile.png           maps of a material
   oiiotex photo.png --texestimateheight -o height.exr      height from shading
-  oiiotex photo.png --texlabel:keep=1 -o labels.exr        its textures, labeled
+  oiiotex photo.png --texlabel:photo=1 -o labels.exr       its textures, labeled
   oiiotex photo.png --texflatten -o flat.png               no gradients, stains
   oiiotex photo.png --resize 50% --texflatten -o f.png     with oiiotool's ops
   oiiotex photo.png --texlive                              all in a browser

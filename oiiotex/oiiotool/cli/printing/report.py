@@ -114,7 +114,7 @@ _NAMED = re.compile(r"`(\w+)`(?: with `(\w+)`)?")
 
 
 def on_a_line(text: str, op: type[Op], quote: str = "") -> str:
-    """Text of an op's declaration, with other filters as on a line: `label` with `keep` becomes --texlabel:keep=1."""
+    """Text of an op's declaration, with other filters as on a line: `label` with `photo` becomes --texlabel:photo=1."""
     flags = {name.removeprefix("--tex"): name for shelf in filters.SHELVES for name in shelf.names}
     own = {p.name for p in op.modifiers()}
 

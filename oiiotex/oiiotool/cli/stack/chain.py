@@ -170,8 +170,7 @@ class Chain:
         count = op.arity(values, len(self.stack))
         operands = self.stack[len(self.stack) - count :]
         log.info("%s on %s", op.flag(), ", ".join(image.source for image in operands) or "nothing")
-        share = f" chunk {values['chunk']}" if values.get("chunk") else ""
-        with self.session.resources.stats.time(f"{op.flag()}{share}"):
+        with self.session.resources.stats.time(op.flag()):
             bound = op(**self._bound(op, operands, values))
             if not op.deep:
                 require_flat(bound.operands())
@@ -180,7 +179,7 @@ class Chain:
         del self.stack[len(self.stack) - count :]
         for image in (self._entitled(op, operands, image) for image in images):
             self.push(_with_metadata_of(operands, image) if self.settings.get("--metamerge") else image)
-        self.user |= bound.facts()
+        self.user |= bound.user_variables()
         self._rename(bound.renamed())
         self.unwritten = True
 

@@ -5,7 +5,7 @@ import { button, make, segments } from "./controls.js";
 import { Viewer } from "./viewer.js";
 
 const STEP = 0.02; // of the view, of an arrow key
-const USUAL = { structure: 0.5, seed: 0, measure: "histogram", mask: "", fill: "" }; // other parameters: null
+const USUAL = { lattice: 0.5, seed: 0, measure: "histogram", mask: "", fill: "" }; // other parameters: null
 
 export class Compare {
   constructor(room) {

@@ -4,9 +4,9 @@
 import { button, make } from "./controls.js";
 
 const SEEDS = 8;
-const PRESETS = [["", "Automatic"], ["even", "Even"], ["clean", "Clean"], ["keep", "Keep"]];
+const PRESETS = [["", "Automatic"], ["even", "Even"], ["clean", "Clean"], ["large", "Large"]];
 // parameters that override a preset
-const DECIDED = { sigma: null, amount: null, patch: null, contrast: null };
+const DECIDED = { sigma: null, evenness: null, patch: null, histogram: null };
 
 export class Strip {
   constructor(room) {
@@ -110,7 +110,7 @@ export class Strip {
   }
 
   caption(tile) {
-    const size = tile.amount !== null ? `a ${tile.amount}` : tile.sigma !== null ? `σ ${tile.sigma}` : "auto";
+    const size = tile.evenness !== null ? `a ${tile.evenness}` : tile.sigma !== null ? `σ ${tile.sigma}` : "auto";
     return `${size} #${tile.seed}`;
   }
 }

@@ -75,24 +75,24 @@ export class TileRoom {
     const set = (values) => this.set(values);
     const effective = (name) => this.chosen?.[name] ?? this.planned()[name];
     this.controls = {
-      flatten: slider("Flatten", { title: "Fraction of the photo's gradients and stains to remove before synthesis. 0 copies the photo's pixels unchanged", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 1, change: (flatten) => set({ flatten }) }),
-      sigma: slider("Sigma", { title: "Scale, in pixels, above which the result is statistically uniform (MJH17)", low: 1, high: 512, log: true, reset: null, automatic: () => effective("sigma"), change: (sigma) => set({ sigma, amount: null }) }),
-      amount: slider("Amount", { title: "Perceived uniformity, an alternative to sigma: the matching sigma is measured on this photo (MJH17 section 4.4)", low: 0, high: 1, step: 0.05, reset: null, change: (amount) => set({ amount, sigma: null }) }),
-      contrast: slider("Contrast", { title: "Weight of matching the photo's overall histogram", low: 0, high: 1, step: 0.05, reset: null, automatic: () => effective("contrast"), change: (contrast) => set({ contrast }) }),
-      structure: slider("Structure", { title: "Weight of preserving a regular structure of the photo (courses, weaves)", low: 0, high: 1, step: 0.05, reset: 0.5, change: (structure) => set({ structure }) }),
+      flattening: slider("Flattening", { title: "Fraction of the photo's gradients and stains to remove before synthesis. 0 copies the photo's pixels unchanged", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 1, change: (flattening) => set({ flattening }) }),
+      sigma: slider("Sigma", { title: "Scale, in pixels, above which the result is statistically uniform (MJH17)", low: 1, high: 512, log: true, reset: null, automatic: () => effective("sigma"), change: (sigma) => set({ sigma, evenness: null }) }),
+      evenness: slider("Evenness", { title: "Perceived uniformity, an alternative to sigma: the matching sigma is measured on this photo (MJH17 section 4.4)", low: 0, high: 1, step: 0.05, reset: null, change: (evenness) => set({ evenness, sigma: null }) }),
+      histogram: slider("Histogram", { title: "Weight of matching the photo's overall histogram", low: 0, high: 1, step: 0.05, reset: null, automatic: () => effective("histogram"), change: (histogram) => set({ histogram }) }),
+      lattice: slider("Lattice", { title: "Weight of preserving a regular structure of the photo (courses, weaves)", low: 0, high: 1, step: 0.05, reset: 0.5, change: (lattice) => set({ lattice }) }),
       seed: whole("Seed", { title: "Random seed. The same seed gives the same pixels", low: 0, high: 4294967295, change: (seed) => set({ seed: seed ?? 0 }), extra: [button("Next", "Next seed (S)", () => this.nextSeed())] }),
       measure: choice("Measure", { title: "Statistics that are made uniform", options: [["histogram", "Histogram"], ["moments", "Moments"], ["steerable", "Steerable"]], change: (measure) => set({ measure }) }),
-      preset: choice("Preset", { title: "Keep: large structures are preserved. Even: structures larger than sigma are evened out. Clean: objects are removed. Automatic: the photo decides", options: [[null, "Automatic"], ["even", "Even"], ["clean", "Clean"], ["keep", "Keep"]], change: (preset) => set({ preset }) }),
+      preset: choice("Preset", { title: "Large: large structures are preserved. Even: structures larger than sigma are evened out. Clean: objects are removed. Automatic: the photo decides", options: [[null, "Automatic"], ["even", "Even"], ["clean", "Clean"], ["large", "Large"]], change: (preset) => set({ preset }) }),
       patch: choice("Patch", { title: "Patch size: detail up to this scale is copied unchanged", options: [], change: (patch) => set({ patch }) }),
       width: whole("Width", { title: "Width of the tile, in pixels. Empty: the photo's width", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[0], change: (width) => set({ width }) }),
       height: whole("Height", { title: "Height of the tile, in pixels. Empty: the photo's height", low: 16, high: 16384, automatic: () => this.shell.facts?.photo[1], change: (height) => set({ height }) }),
       mask: choice("Source", { title: "Valid source pixels: the part of the photo that patches are copied from", options: [["", "Whole photo"], ["dominant", "Dominant texture"], ["brush", "Painted mask"]], change: (mask) => this.setMask(mask) }),
-      fill: choice("Replace", { title: "Area to replace. A painted area is filled from Source (--texfill), with Patch, Structure and Seed", options: [["", "Everything"], ["brush", "Painted area"]], change: (fill) => set({ fill }) }),
+      fill: choice("Replace", { title: "Area to replace. A painted area is filled from Source (--texfill), with Patch, Lattice and Seed", options: [["", "Everything"], ["brush", "Painted area"]], change: (fill) => set({ fill }) }),
     };
     this.measures = make("div", { className: "measures", ariaLive: "polite" }, make("p", { className: "stale", textContent: "Measured when the tile is finished." }));
     this.output = new Output(this.shell, "tile", [button("Save", "Write the tile to the document's folder, in the background", () => { this.tell(); this.shell.ask("tile", { do: "save" }); })]);
     return make("aside", {},
-      section("Texture", this.controls.preset, this.controls.flatten, this.controls.sigma, this.controls.amount, this.controls.contrast, this.controls.structure, this.controls.measure, this.controls.patch),
+      section("Texture", this.controls.preset, this.controls.flattening, this.controls.sigma, this.controls.evenness, this.controls.histogram, this.controls.lattice, this.controls.measure, this.controls.patch),
       section("Result", this.controls.seed, this.controls.width, this.controls.height,
         make("div", { className: "buttons" }, button("Keep variant", "Add these parameters to the variants below (V)", () => this.strip.keep()), button("Show seeds", "Preview eight more seeds at low resolution", () => this.strip.askSeeds()), button("Show presets", "Preview all presets with the other parameters, at low resolution", () => this.shell.ask("tile", { do: "presets" })))),
       section("Measures", this.measures),

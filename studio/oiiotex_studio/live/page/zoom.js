@@ -51,7 +51,7 @@ export class ZoomRoom {
       jitter: slider("Jitter", { title: "Randomness of all levels (HRRG08 section 4.3). Reduce it where structures break, increase it where the exemplar repeats", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.6, change: (jitter) => this.set({ jitter }) }),
       frames: whole("Frames", { title: "Number of frames of the path", low: 2, high: 65536, change: (frames) => this.set({ frames: frames ?? 96 }) }),
     };
-    this.lock = button("Lock exemplar", "No jitter up to the exemplar's own resolution: the photo is kept and only finer detail is added", () => this.set({ lock: this.shell.state.zoom.lock ? 0 : 1 }));
+    this.lock = button("Lock exemplar", "No jitter up to the exemplar's own resolution: the photo is kept and only finer detail is added", () => this.set({ keeplayout: this.shell.state.zoom.keeplayout ? 0 : 1 }));
     this.keys = make("div");
     const panel = make("aside", {},
       section("Position", make("div", { className: "buttons" }, button("Home", "Return to the start (F)", () => this.home()), button("In", "Zoom in by one octave (Page Down)", () => this.fly(1)), button("Out", "Zoom out by one octave (Page Up)", () => this.fly(-1))),
@@ -83,7 +83,7 @@ export class ZoomRoom {
       this.asked = "";
     }
     for (const [name, control] of Object.entries(this.controls)) control.set(zoom[name]);
-    this.lock.setAttribute("aria-pressed", String(Boolean(zoom.lock)));
+    this.lock.setAttribute("aria-pressed", String(Boolean(zoom.keeplayout)));
     this.keys.replaceChildren(...(zoom.keys.length
       ? zoom.keys.map((key, n) => {
         const one = button(`${n + 1}. ${key.zoom.toFixed(2)} octaves`, "Go to this keyframe", () => { [this.x, this.y, this.zoom] = [BigInt(key.x), BigInt(key.y), key.zoom]; this.moved(); });

@@ -203,10 +203,10 @@ async def palette_of(hub: Hub, table: Path) -> tuple[LabelPalette, Path]:
     made_table = hub.spare / "palette.json"
     made, client = await hub.made("label"), await hub.client()
     values = {
-        "side": _SWATCH,
-        "rows": _MOST_LABELS,
+        "panel": _SWATCH,
+        "maxlabels": _MOST_LABELS,
         "children": _MOST_WITHIN,
-        "json": os.path.abspath(made_table),
+        "facts": os.path.abspath(made_table),
     }
     advance = hub.advancing("Rendering swatches")
     request = client.make("palette", [made["number"]], values, priority=BRUSH, read="", keep=False, on_progress=advance)

@@ -392,9 +392,9 @@ class PaintRoom:
         source = self._hub.source
         if self._step < 0 or source.image is None:
             raise ParameterError("there is no painting yet: open the Paint tab first")
-        values: dict[str, Any] = {"table": self._sewing.table, "previous": self._steps.plan(self._step)}
+        values: dict[str, Any] = {"palette": self._sewing.table, "fromplan": self._steps.plan(self._step)}
         values |= {"seed": self._seed} if self._seed else {}
         if self._steps.fine(self._step).exists():
             values["fine"] = self._steps.fine(self._step)
-        words = [*source.words, "--texlabel:keep=1", str(self._steps.picture(self._step))]
+        words = [*source.words, "--texlabel:photo=1", str(self._steps.picture(self._step))]
         return line([*words, word_of("--texpaint", values)], *self._hub.output("painted"))

@@ -37,8 +37,8 @@ class LiveSewing:
             Whether to write its plan.
         """
         hub, client = self._hub, await self._hub.client()
-        values = self._values(seed) | ({"patch": self._patch()} if before is None else {"previous": before})
-        values |= {"plan": self._steps.plan(step)} if new else {}
+        values = self._values(seed) | ({"patch": self._patch()} if before is None else {"fromplan": before})
+        values |= {"planfile": self._steps.plan(step)} if new else {}
         labeled, paintings = await self._images(client, step)
         hub.tell({"do": "busy", "room": "paint", "done": 0, "total": 1})
         try:
@@ -71,7 +71,7 @@ class LiveSewing:
         """
         client = await self._hub.client()
         labeled, paintings = await self._images(client, step)
-        values = self._values(seed) | {"size": f"{size[0]}x{size[1]}", "previous": before}
+        values = self._values(seed) | {"size": f"{size[0]}x{size[1]}", "fromplan": before}
 
         async def save() -> None:
             try:
@@ -94,7 +94,7 @@ class LiveSewing:
         return labeled, {layer: await asyncio.to_thread(client.put, read(path, cache)) for layer, path in there.items()}
 
     def _values(self, seed: int) -> dict[str, Any]:
-        return {"table": self.table} | ({"seed": seed} if seed else {})
+        return {"palette": self.table} | ({"seed": seed} if seed else {})
 
     def _patch(self) -> int:
         """A patch size of which the photo contains dozens."""

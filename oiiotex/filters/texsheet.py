@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texvariants: contact sheet of a synthesis over seeds and values of one modifier."""
+"""--texsheet: contact sheet of a synthesis over seeds and values of one modifier."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ..surfaces.charts.drawing import PAPER, Sheet, sampled, shown_pixels
 from . import op_named
 
 _FIXED = (
-    "seed", "data", "kinds", "variants", "report", "fail", "json", "plan", "render", "stmap", "keep", "grown", "graph",
+    "seed", "data", "kinds", "variants", "report", "fail", "planfile", "fromplan", "st", "grown", "graph",
 )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
-class Variants(InLab, Whole):
+class ContactSheet(InLab, Whole):
     """Compare results of a synthesis filter in a contact sheet, with a column for each seed.
 
     Use it to choose a seed, or to see the effect of a modifier: `vary=sigma:over=8,16,32` makes three rows of
@@ -31,17 +31,17 @@ class Variants(InLab, Whole):
     an 8-bit sRGB image for display, not for measurement.
     """
 
-    example: ClassVar[str] = '>>> sheet = filters.variants("photo.png", filter="quilt", seeds=3)'
-    name: ClassVar[str] = "variants"
+    example: ClassVar[str] = '>>> sheet = filters.sheet("photo.png", op="quilt", count=3)'
+    name: ClassVar[str] = "sheet"
     outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "Contact sheet."),)
 
-    exemplar: Image = image(help="Photo; for filter=composite, with label maps.")
-    filter: str = param(
+    exemplar: Image = image(help="Photo; for op=composite, with label maps.")
+    op: str = param(
         "stationarize",
         choices=("stationarize", "patchmatch", "quilt", "cut", "synth", "composite"),
         help="Name of the synthesis filter.",
     )
-    seeds: int = param(4, ge=1, le=16, help="Number of seeds, one for each column.")
+    count: int = param(4, ge=1, le=16, help="Number of seeds, one for each column.")
     seed: int = param(0, ge=0, le=2**32 - 17, help="First seed.")
     vary: str | None = param(
         None, example="sigma", help="Name of a modifier that varies from row to row. Requires over."
@@ -49,7 +49,7 @@ class Variants(InLab, Whole):
     over: Words | None = param(
         None, example="8,16,32", help="Values of the modifier that vary names, one for each row."
     )
-    thumb: int = param(256, ge=32, le=2048, unit="px", help="Maximum longer side of a result in the sheet.")
+    panel: int = param(256, ge=32, le=2048, unit="px", help="Maximum longer side of a result in the sheet.")
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The contact sheet."""
@@ -57,18 +57,18 @@ class Variants(InLab, Whole):
         panels = []
         for (caption, use), stage in zip(uses, session.stages(*[1] * len(uses)), strict=True):
             part = use.compute(stage)[use.main().name]
-            step = -(-max(part.spec.width, part.spec.height) // self.thumb)
+            step = -(-max(part.spec.width, part.spec.height) // self.panel)
             panels.append((caption, shown_pixels(sampled(part, step), part, session.resources)))
         largest = np.max([picture.shape[:2] for _, picture in panels], axis=0)
-        sheet = Sheet.of_panels([(title, _on_paper(picture, *largest)) for title, picture in panels], self.seeds)
+        sheet = Sheet.of_panels([(title, _on_paper(picture, *largest)) for title, picture in panels], self.count)
         return {"view": sheet.image()}
 
     def _uses(self) -> list[tuple[str, Op]]:
         """All uses of the filter with their captions, checked before the first is run."""
-        op = op_named(self.filter)
+        op = op_named(self.op)
         uses = []
         for name, value, text in self._values(op):
-            for seed in range(self.seed, self.seed + self.seeds):
+            for seed in range(self.seed, self.seed + self.count):
                 values = {"seed": seed, "data": self.data} | ({name: value} if name else {})
                 images = {"exemplar": self.exemplar} | {i.attribute: None for i in op.optional_images()}
                 uses.append((f"{text} seed={seed}".strip(), op(**images, **values)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texvariants: a sheet over seeds and values of one modifier."""
+"""--texsheet: a sheet over seeds and values of one modifier."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def panel(sheet: np.ndarray, row: int, column: int, height: int, width: int) -> 
 
 def test_every_panel_is_what_the_filter_makes_alone():
     photo = buffer(np.rint(255 * PHOTO) / 255)
-    sheet = pixels(filters.variants(photo, filter="quilt", seeds=2, seed=5, vary="patch", over=["16", "24"]))
+    sheet = pixels(filters.sheet(photo, op="quilt", count=2, seed=5, vary="patch", over=["16", "24"]))
     for row, patch in enumerate((16, 24)):
         for column, seed in enumerate((5, 6)):
             alone = pixels(filters.quilt(photo, patch=patch, seed=seed))
@@ -36,14 +36,14 @@ def test_every_panel_is_what_the_filter_makes_alone():
 
 
 def test_without_vary_there_is_one_row():
-    view = filters.variants(buffer(PHOTO), filter="quilt", seeds=3)
+    view = filters.sheet(buffer(PHOTO), op="quilt", count=3)
     assert view.spec().format == oiio.TypeDesc("uint8")
     assert view.spec().height == 2 * GAP + 64 + TEXT + 2 * GAP - GAP
-    assert filters.variants(buffer(PHOTO), filter="quilt", seeds=1, thumb=32).spec().width == GAP + 220 + GAP
+    assert filters.sheet(buffer(PHOTO), op="quilt", count=1, panel=32).spec().width == GAP + 220 + GAP
 
 
 def test_sizes_may_differ():
-    sheet = pixels(filters.variants(buffer(PHOTO), filter="cut", seeds=1, vary="size", over=["40x40", "60x50"]))
+    sheet = pixels(filters.sheet(buffer(PHOTO), op="cut", count=1, vary="size", over=["40x40", "60x50"]))
     first = panel(sheet, 0, 0, 50, 60)
     assert (first[:, 40:] == first[-1, -1]).all() and (first[:40, :40] != first[-1, -1]).any()
 
@@ -57,9 +57,9 @@ def test_sizes_may_differ():
         ({"vary": "seed", "over": ["1"]}, "vary='seed': expected a modifier of filters.stationarize"),
         ({"vary": "sigma", "over": ["8", "x"]}, "sigma='x': expected a number"),
         ({"vary": "sigma", "over": ["8", "0"]}, "sigma='0': expected a number"),
-        ({"filter": "warp"}, "filter='warp': expected one of 'stationarize'"),
+        ({"op": "warp"}, "op='warp': expected one of 'stationarize'"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_the_work(given, said):
     with pytest.raises(errors.ParameterError, match=said):
-        filters.variants(buffer(PHOTO), **given)
+        filters.sheet(buffer(PHOTO), **given)
