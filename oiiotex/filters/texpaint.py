@@ -12,13 +12,14 @@ from typing import Any, ClassVar
 from ..engine.core.demand import MadeRows, SomeRows
 from ..engine.core.image import Image, Part
 from ..engine.core.label_map import opened_level
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import Size, image, param
 from ..engine.core.source_map import COPIED, ST
 from ..engine.core.window import Window
 from ..engine.deferred import np, oiio
 from ..engine.errors import ParameterError, present
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..synthesis.exemplar.exemplar_masks import label_levels
 from ..synthesis.graphcut.seam_overlay import TILE, SeamOverlay
 from ..synthesis.quality.report import REPORT, Quality
@@ -79,28 +80,31 @@ class Paint(Reported, Quilted):
         None, example="plan.npz", help="Plan of an earlier run. Patches whose labels did not change are kept."
     )
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """The texture, and what other outputs are requested."""
-        resources, progress = session.resources, session.progress
-        if (
-            self.previous is not None
-            and self.fine is None
-            and present(read_begun(self.previous, resources.budget)).fine
-        ):
+    def planned(self, facts: Facts) -> Plan:
+        """The measures, the table, the labels by level, the painted level, and its quilting."""
+        if self.previous is not None and self.fine is None and present(read_begun(self.previous, facts.budget)).fine:
             self.inform("%s has a fine painting, which this run does not overlay", self.previous)
         asked = self.size or self.painting.first.window.size
-        quality = Quality.of_copies(self, resources, progress, asked, painted=True)
+        quality = Quality.of_copies(self, facts, asked, painted=True)
         table = None if self.table is None else read_table(self.table, self.tolerance)
         levels = label_levels(self.exemplar, self.labels)
         level = self.level or (table.level if table else None) or opened_level(levels)
-        coarse = self._sewing(level, self.painting, self.size, table, "", resources.budget)
-        coarse.require_memory(resources)
+        coarse = self._sewing(level, self.painting, self.size, table, "", facts.budget)
+        coarse.require_memory(facts)
+        if self.fine is not None and level - 1 not in levels:
+            raise ParameterError(f"requires label.{level - 1}, which the exemplar does not have", parameter="fine")
+        self.require_readable(facts)
+        return Plan(work=(quality, table, levels, level, coarse))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
+        """The texture, and what other outputs are requested."""
+        resources, progress = session.resources, session.progress
+        quality, table, levels, level, coarse = plan.work
+        quality = quality.during(resources, progress)
         seen, stages = self.read(resources), progress.stages(*[1] * (1 + (self.fine is not None)))
         base = coarse.quilt(seen, resources, next(stages))
         layers, sources = {"": base}, base.sources
         if self.fine is not None:
-            if level - 1 not in levels:
-                raise ParameterError(f"requires label.{level - 1}, which the exemplar does not have", parameter="fine")
             ids, fine = levels[level - 1].ids, self.fine.first
             size = Size(base.grid.width, base.grid.height)
             painted = painted_labels(fine, _meaning(fine, table, np.unique(ids), fine=True), size)
@@ -116,14 +120,14 @@ class Paint(Reported, Quilted):
             )  # fmt: skip
             sources = functools.partial(joined.sources, cache=resources.cache)
         spec = self.exemplar.first.spec
-        plan = {"plan": lambda: painting_arrays(layers, (spec.width, spec.height))}
+        patches = {"plan": lambda: painting_arrays(layers, (spec.width, spec.height))}
 
         def labels() -> tuple[np.ndarray, SomeRows]:
             ids, first, (width, height) = levels[level].ids, self.painting.first, (base.grid.width, base.grid.height)
             read = painted_labels(first, _meaning(first, table, np.unique(ids)), Size(width, height), strict=False)
             return ids, MadeRows((height, width), np.int64, lambda top, end: read(Window(0, top, width, end)))
 
-        return quality.add_to_copies(sewn_parts(self, sources, base.grid, resources) | plan, labels)
+        return quality.add_to_copies(sewn_parts(self, sources, base.grid, resources) | patches, labels)
 
     def _sewing(
         self, level: int, guide: Image, size: Size | None, table: Table | None, prefix: str, budget: int

@@ -102,13 +102,13 @@ def test_it_is_said_before_the_work(folder, idle, case):
 
 
 def test_what_does_not_fit_a_device_of_its_own_memory_is_said_before_the_work(folder, idle, monkeypatch):
-    measure = device.Device._measure
+    begin = device.DeviceMemory.__init__
 
     def small(self, info):
-        measure(self, info)
+        begin(self, info)
         self.own_memory, self.memory, self.largest = True, 18 << 20, 18 << 20
 
-    monkeypatch.setattr(device.Device, "_measure", small)
+    monkeypatch.setattr(device.DeviceMemory, "__init__", small)
     with pytest.raises(Error, match=r"a tile of 16384x16384 .* needs \d+ MB; .* allows at most 16 MB"):
         run(shlex.split("photo.png --texstationarize:size=16384x16384 -o t.exr"), folder)
     with pytest.raises(Worked):

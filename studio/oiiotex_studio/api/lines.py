@@ -3,7 +3,7 @@
 
 from oiiotex.engine.core.parameters import nearest
 from oiiotex.engine.machine import forget_current_folder, memory, usable_threads
-from oiiotex.engine.run import as_foreseen
+from oiiotex.engine.run import as_provisional
 from oiiotex.oiiotool.cli.language.parse import Step, parse, split_modifiers
 from oiiotex.oiiotool.cli.language.sequences import Frame
 from oiiotex.oiiotool.cli.main import exit_with
