@@ -20,8 +20,7 @@ from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
 from ..synthesis.quilting.guide_map import SOFT, meaning_of, read_table
 from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts, sewn_whole
-from ..synthesis.quilting.quilt_plan import MOST_PATCH, Renderer
-from ..synthesis.quilting.quilt_plan import Plan as QuiltPlan
+from ..synthesis.quilting.quilt_plan import MOST_PATCH, QuiltPlan, Renderer
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -393,9 +393,8 @@ class Kernel(Hosted, AnyWindow):
 
     def planned(self, facts: Facts) -> Plan:
         """The kernel; its values sum to 1."""
-        width, height = parse_size(self.size)
-        require_kernel(*kernel_size(self.kernel, width, height), facts)
-        return Plan(Image((in_memory("kernel", kernel_of(self.kernel, width, height)),), "kernel"))
+        require_kernel(*kernel_size(self.kernel, *parse_size(self.size)), facts)
+        return Plan(Image((in_memory("kernel", kernel_of(self.kernel, *parse_size(self.size))),), "kernel"))
 
 
 PATTERNS = (op("create", "Create a black image.", NewImage), Pattern, Kernel)
