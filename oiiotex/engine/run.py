@@ -26,7 +26,7 @@ from .core.image import Image, Part, from_pixels
 from .core.label_map import LabelMap
 from .core.op import Kind, Op, Output, Plan, Space, errors_of, no_pixels
 from .deferred import np, oiio
-from .errors import Error, ImageError, ParameterError
+from .errors import Error, ImageError, ParameterError, present
 from .io.atomic import require_place, temporary_beside
 from .io.cryptomatte import cryptomatte_part
 from .io.movie import require_encoder, write_movie
@@ -35,6 +35,7 @@ from .io.writing import require_writable, write
 
 if TYPE_CHECKING:
     from .session import Session
+    from .session.facts import Facts
 
 log = logging.getLogger("oiiotex")
 
@@ -88,7 +89,7 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
     return made
 
 
-def planned(op: Op, session: Session, written: set[str]) -> tuple[Image, ...]:
+def planned(op: Op, facts: Facts, written: set[str]) -> tuple[Image, ...]:
     """The images that `run` will return, without pixels, as far as they are planned; nothing is done.
 
     Images are `is_provisional` if only the declaration of the op is known of them.
@@ -102,12 +103,12 @@ def planned(op: Op, session: Session, written: set[str]) -> tuple[Image, ...]:
     provisional = any(map(is_provisional, op.operands()))
     with errors_of(type(op)):
         _require_free(op, files, written)
-        session.resources.require_streamable(*op.scanned())
+        facts.require_streamable(*op.scanned())
         reads_written = any(os.path.realpath(path) in written for path in op.paths_read())
         written.update(os.path.realpath(path) for path in files.values())
         if not reads_written:  # otherwise its input is not written yet
             try:
-                plan = op.planned(session.resources)
+                plan = op.planned(facts)
             except Error:
                 if not provisional:
                     raise
@@ -116,7 +117,7 @@ def planned(op: Op, session: Session, written: set[str]) -> tuple[Image, ...]:
         images = tuple(_declared(op, name) for name, _ in itertools.islice(cycle, op.result_count()))
         return tuple(map(as_provisional, images))
     sources = [(name, _facts(op)) for name, _ in _sources(op)]
-    runner = _Runner(op, session, files, provenance=False, dry=True)
+    runner = _Runner(op, None, files, provenance=False)
     images = tuple(result.image for result in runner.results(plan.results, sources))
     return tuple(map(as_provisional, images)) if provisional else images
 
@@ -164,10 +165,9 @@ class _Runner:
     """Turns the results of an op into images and files."""
 
     op: Op
-    session: Session
+    session: Session | None  # None: nothing is written or printed
     files: Mapping[str, Path]
     provenance: bool
-    dry: bool = False  # write no file, print no line
 
     def results(self, results: Any, sources: Iterable[tuple[str, dict[str, Any]]]) -> tuple[Result, ...]:
         """The results of `compute` as images, with facts about their sources as metadata."""
@@ -192,7 +192,7 @@ class _Runner:
             part = self._part(output, name, path, value, name == first)
             (parts if path is None or output.kind is Kind.CRYPTOMATTE else beside[path]).append(part)
         for path, members in beside.items():
-            with self.session.resources.checkpoints(path):
+            with present(self.session).resources.checkpoints(path):
                 metadata = facts if self.provenance else {}
                 image = Image(tuple(_saying(part, metadata) for part in members), str(path))
                 write(image, path, _type_of(op.output(members[0].name)))
@@ -206,7 +206,7 @@ class _Runner:
         """Name, declaration, file and value of each requested output, computed now if it is deferred."""
         for name, value in results.items():
             output = self.op.output(name)
-            if self.dry and not (self.op.asked(output) is True and output.kind.is_image):
+            if self.session is None and not (self.op.asked(output) is True and output.kind.is_image):
                 continue
             if self.op.asked(output) or self._is_said(output) or self.op.judges(output):
                 path = self.files.get(name) or self.files.get(output.name)
@@ -214,13 +214,14 @@ class _Runner:
 
     def _is_said(self, output: Output) -> bool:
         """Whether its lines are printed."""
-        return output.lines is not None and self.session.progress.say is not None
+        return output.lines is not None and present(self.session).progress.say is not None
 
     def _table_leaves(self, output: Output, path: Path | None, value: Any) -> None:
         """Print the lines of a table; write its file."""
-        if output.lines is not None and self.session.progress.say is not None:
+        say = present(self.session).progress.say
+        if output.lines is not None and say is not None:
             for line in output.lines(value):
-                self.session.progress.say(line)
+                say(line)
         if path is None:
             return
         if output.kind is Kind.TABLE:

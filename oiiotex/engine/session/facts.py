@@ -53,7 +53,7 @@ class Facts:
         """Cache of decoded pieces of files and of results."""
         return PieceCache(max(32 << 20, min(self.settings.budget // 4, 1 << 28)))
 
-    @property
+    @functools.cached_property
     def device_memory(self) -> DeviceMemory | None:
         """The memory of the device, which is not opened; None if there is no device, which only the work may need."""
         from ..opencl import device

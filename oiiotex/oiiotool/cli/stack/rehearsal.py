@@ -206,7 +206,7 @@ class _Rehearsal(Chain):
         if op.files() or measured or any(map(op.judges, op.outputs)):
             self._needed = self.position
         with self._certainly():
-            return planned(op, self.session, self.written)
+            return planned(op, self.session.resources, self.written)
 
     @contextlib.contextmanager
     def _certainly(self) -> Iterator[None]:
