@@ -72,7 +72,7 @@ def test_all_of_a_plain_photo_may_be_taken():
 
 def test_a_level_alone_says_nothing_but_to_what_looks_labels_up():
     with pytest.raises(ParameterError, match="level and labels require label"):
-        Cut(exemplar=photo(LABELS), level=1).read(Session().resources)
+        Cut(exemplar=photo(LABELS), level=1).planned(Session().resources)
     np.testing.assert_array_equal(Quilting(exemplar=photo(LABELS), level=1).read(Session().resources).usable, THERE)
 
 
