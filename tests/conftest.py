@@ -11,13 +11,16 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 
+from oiiotex.engine.core.op import Op
 from oiiotex.engine.opencl import device_choice as devices
 from oiiotex.engine.opencl.device import Device, Program
+from oiiotex.engine.session import Session
 from tests import budget, forked, pictures, skips
 from tests.kernel_options import require_known
 
@@ -88,6 +91,12 @@ def photo(tmp_path: Path) -> Path:
 def picture(tmp_path: Path) -> Path:
     """An image of noise: no format makes it small."""
     return save(np.random.default_rng(0).random((200, 300, 3)), tmp_path / "a.png")
+
+
+def made_by(op: Op, session: Session | None = None) -> Any:
+    """The outputs of an op, planned and made."""
+    session = session or Session()
+    return op.make(op.planned(session.resources), session)
 
 
 def save(pixels: np.ndarray, path: Path, kind: str = "uint8", space: str = "", **windows: int) -> Path:

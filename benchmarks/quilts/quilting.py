@@ -32,7 +32,7 @@ from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.io.reading import read
 from oiiotex.synthesis.patchmatch.field import hash_at
 from oiiotex.synthesis.quality.copy_detection import most_shown
-from oiiotex.synthesis.quilting.quilt_plan import Plan
+from oiiotex.synthesis.quilting.quilt_plan import QuiltPlan
 
 PHOTOS = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")).resolve() / "photos"
 PHOTOS_SEEN = (
@@ -132,9 +132,9 @@ def sources(path: Path, photo: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.floor(st[..., 1] * spec.height).astype(int), np.floor(st[..., 0] * spec.width).astype(int)
 
 
-def most_used(path: Path) -> tuple[Plan, float]:
+def most_used(path: Path) -> tuple[QuiltPlan, float]:
     """A plan, and how often its most used region stands in it over its fair share, by blocks of offsets."""
-    plan, (width, height) = Plan.load(path, BUDGET)
+    plan, (width, height) = QuiltPlan.load(path, BUDGET)
     step = plan.grid.step
     blocks = (plan.offsets >> 16) // step * 10000 + (plan.offsets & 0xFFFF) // step
     there = -(-(height - plan.grid.patch + 1) // step) * -(-(width - plan.grid.patch + 1) // step)
@@ -227,7 +227,7 @@ def fidelity(folder: Path) -> None:
         save_ids(guide, folder / "guide.tif")
         quilt = f"--texquilt:guide=guide.tif:labellevel={level}:size=2000x1400:st=st.exr:planfile=p.npz"
         oiiotex("labels.exr", quilt, "-o", "a.exr", cwd=folder)
-        patch = Plan.load(folder / "p.npz", BUDGET)[0].grid.patch
+        patch = QuiltPlan.load(folder / "p.npz", BUDGET)[0].grid.patch
         full = guide.repeat(8, 0).repeat(8, 1)
         y, x = sources(folder / "st.exr", photo)
         right = ids[y, x] == full

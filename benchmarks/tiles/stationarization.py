@@ -75,7 +75,8 @@ class Photo:
         """One variant's tile: where its pixels are from, and its Lab."""
         resources = self.session.resources
         if variant == DEFAULT:
-            parts = Stationarize(exemplar=self.image, st=True, seed=seed).compute(self.session)
+            op = Stationarize(exemplar=self.image, st=True, seed=seed)
+            parts = op.make(op.planned(self.session.resources), self.session)
             tile, _ = working_values(Image((parts["tile"],), self.image.source), resources)
             return SourceMap.of_coordinates(parts["st"].pixels(), self.buffer.spec(), "st"), tile
         recipe = replace(self.recipe(variant), seed=seed)

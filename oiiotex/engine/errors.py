@@ -228,10 +228,3 @@ class BuildError(DeviceError):
 
 class Interrupted(Error):
     """The run was stopped by a signal or by the progress callback."""
-
-
-class Unseen(Exception):
-    """Pixels or the device are needed in a dry run, so everything that depends on them is unknown.
-
-    Not an error; it never leaves `cli.rehearsal`.
-    """

@@ -24,10 +24,9 @@ from .core.attributes import SOURCE, TAG, mark_as_data, note
 from .core.demand import sha1
 from .core.image import Image, Part, from_pixels
 from .core.label_map import LabelMap
-from .core.op import Kind, Op, Output, Space, errors_of
-from .core.window import Window
+from .core.op import Kind, Op, Output, Plan, Space, errors_of, no_pixels
 from .deferred import np, oiio
-from .errors import Error, ImageError, ParameterError, Unseen
+from .errors import Error, ImageError, ParameterError, present
 from .io.atomic import require_place, temporary_beside
 from .io.cryptomatte import cryptomatte_part
 from .io.movie import require_encoder, write_movie
@@ -36,13 +35,14 @@ from .io.writing import require_writable, write
 
 if TYPE_CHECKING:
     from .session import Session
+    from .session.facts import Facts
 
 log = logging.getLogger("oiiotex")
 
 _TYPES = {Kind.IDS: "uint", Kind.PICTURE: "uint8"} | dict.fromkeys(
     (Kind.MASK, Kind.COORDINATES, Kind.MEASURE, Kind.CRYPTOMATTE), "float"
 )
-_FORESEEN = "oiiotex:foreseen"  # attribute of parts whose windows, channels or number are not final
+_PROVISIONAL = "oiiotex:provisional"  # attribute of parts whose windows, channels or number are not final
 _CHANNELS = {Kind.COORDINATES: 2, Kind.PICTURE: 3, Kind.CRYPTOMATTE: 4} | dict.fromkeys(
     (Kind.IDS, Kind.MASK, Kind.MEASURE), 1
 )
@@ -81,63 +81,55 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
         _require_free(op, files, written)
         session.resources.require_streamable(*op.scanned())
         facts = _facts(op)
-        computed = op.compute(session)  # first, so that its errors precede reading the photo for its hash
+        # first, so that its errors precede reading the photo for its hash
+        results = op.make(op.planned(session.resources), session)
         sources = [(name, facts | _photo(op, name, part) if facts else {}) for name, part in _sources(op)]
-        results = _Runner(op, session, files, provenance).results(computed, sources)
+        made = _Runner(op, session, files, provenance).results(results, sources)
     written.update(os.path.realpath(path) for path in files.values())
-    return results
+    return made
 
 
-def foreseen(op: Op, session: Session, written: set[str]) -> tuple[Image, ...]:
-    """A dry run of `run`: nothing is written, and no pixel is computed.
+def planned(op: Op, facts: Facts, written: set[str]) -> tuple[Image, ...]:
+    """The images that `run` will return, without pixels, as far as they are planned; nothing is done.
 
-    The op is run until it needs pixels or the device. From there on, its images follow from its declaration alone;
-    `is_foreseen` is then true for them and for all images made from them.
-
-    Parameters
-    ----------
-    op : Op
-    session : Session
-        A session whose device raises `Unseen`, as do the pixels of the op's images.
-    written : set of str
-        As in `run`.
+    Images are `is_provisional` if only the declaration of the op is known of them.
 
     Raises
     ------
     Error
-        As in `run`.
+        As in `run`, unless it may be due to a provisional image.
     """
-    files = op.files()
-    _require_free(op, files, written)
-    session.resources.require_streamable(*op.scanned())
-    reads_written = any(os.path.realpath(path) in written for path in op.paths_read())
-    written.update(os.path.realpath(path) for path in files.values())
-    guessed, images = any(map(is_foreseen, op.operands())), None
-    if not reads_written:  # otherwise its input is not written yet
-        try:
-            sources = [(name, _facts(op)) for name, _ in _sources(op)]
-            runner = _Runner(op, session, files, provenance=False, dry=True)
-            images = tuple(result.image for result in runner.results(op.compute(session), sources))
-        except Unseen:
-            pass
-        except Error:
-            if not guessed:
-                raise
-    if images is None:
+    files, plan = op.files(), Plan()
+    provisional = any(map(is_provisional, op.operands()))
+    with errors_of(type(op)):
+        _require_free(op, files, written)
+        facts.require_streamable(*op.scanned())
+        reads_written = any(os.path.realpath(path) in written for path in op.paths_read())
+        written.update(os.path.realpath(path) for path in files.values())
+        if not reads_written:  # otherwise its input is not written yet
+            try:
+                plan = op.planned(facts)
+            except Error:
+                if not provisional:
+                    raise
+    if plan.results is None:
         cycle = itertools.cycle(_sources(op))
         images = tuple(_declared(op, name) for name, _ in itertools.islice(cycle, op.result_count()))
-        guessed = True
-    return tuple(map(as_foreseen, images)) if guessed else images
+        return tuple(map(as_provisional, images))
+    sources = [(name, _facts(op)) for name, _ in _sources(op)]
+    runner = _Runner(op, None, files, provenance=False)
+    images = tuple(result.image for result in runner.results(plan.results, sources))
+    return tuple(map(as_provisional, images)) if provisional else images
 
 
-def is_foreseen(image: Image) -> bool:
-    """Whether the image comes from a dry run, with incomplete facts."""
-    return any(part.spec.get_int_attribute(_FORESEEN) for part in image.parts)
+def is_provisional(image: Image) -> bool:
+    """Whether windows, channels or number of the image's parts depend on pixels, so that they may change."""
+    return any(part.spec.get_int_attribute(_PROVISIONAL) for part in image.parts)
 
 
-def as_foreseen(image: Image) -> Image:
-    """The image marked as coming from a dry run, with incomplete facts."""
-    return Image(tuple(_saying(part, {_FORESEEN: 1}) for part in image.parts), image.source)
+def as_provisional(image: Image) -> Image:
+    """The image marked as one whose windows, channels or number of parts may change."""
+    return Image(tuple(_saying(part, {_PROVISIONAL: 1}) for part in image.parts), image.source)
 
 
 def _declared(op: Op, source: str) -> Image:
@@ -152,23 +144,20 @@ def _declared(op: Op, source: str) -> Image:
             parts += [getattr(op, output.of).first] if asked else []
         elif asked is True and output.kind.is_image:
             name = operands[0].first.name if operands and output.kind is Kind.PIXELS else output.name
-            parts.append(_unseen_part(output, name, like, stored=op.prefix == Op.prefix))
+            parts.append(_declared_part(output, name, like, stored=op.prefix == Op.prefix))
     parts += op.carried()
     return Image(tuple(parts), source)
 
 
-def _unseen_part(output: Output, name: str, like: oiio.ImageSpec, stored: bool) -> Part:
+def _declared_part(output: Output, name: str, like: oiio.ImageSpec, stored: bool) -> Part:
     """A part of which only the kind of output is known."""
     count = _CHANNELS.get(output.kind, like.nchannels)
     spec = oiio.ImageSpec(1, 1, count, _type_of(output) or like.format)
     if output.kind is Kind.PIXELS:
         spec.channelnames, spec.alpha_channel = like.channelnames, like.alpha_channel
 
-    def fetch(_: Window) -> np.ndarray:
-        raise Unseen
-
     pixel_type = spec.format if stored else None
-    return Part(name.replace(".N", ".1"), spec, fetch, pixel_type, ready=True, exact=output.kind.is_exact)
+    return Part(name.replace(".N", ".1"), spec, no_pixels, pixel_type, ready=True, exact=output.kind.is_exact)
 
 
 @dataclass(frozen=True)
@@ -176,10 +165,9 @@ class _Runner:
     """Turns the results of an op into images and files."""
 
     op: Op
-    session: Session
+    session: Session | None  # None: nothing is written or printed
     files: Mapping[str, Path]
     provenance: bool
-    dry: bool = False  # write no file, print no line
 
     def results(self, results: Any, sources: Iterable[tuple[str, dict[str, Any]]]) -> tuple[Result, ...]:
         """The results of `compute` as images, with facts about their sources as metadata."""
@@ -204,7 +192,7 @@ class _Runner:
             part = self._part(output, name, path, value, name == first)
             (parts if path is None or output.kind is Kind.CRYPTOMATTE else beside[path]).append(part)
         for path, members in beside.items():
-            with self.session.resources.checkpoints(path):
+            with present(self.session).resources.checkpoints(path):
                 metadata = facts if self.provenance else {}
                 image = Image(tuple(_saying(part, metadata) for part in members), str(path))
                 write(image, path, _type_of(op.output(members[0].name)))
@@ -218,7 +206,7 @@ class _Runner:
         """Name, declaration, file and value of each requested output, computed now if it is deferred."""
         for name, value in results.items():
             output = self.op.output(name)
-            if self.dry and not (self.op.asked(output) is True and output.kind.is_image):
+            if self.session is None and not (self.op.asked(output) is True and output.kind.is_image):
                 continue
             if self.op.asked(output) or self._is_said(output) or self.op.judges(output):
                 path = self.files.get(name) or self.files.get(output.name)
@@ -226,13 +214,14 @@ class _Runner:
 
     def _is_said(self, output: Output) -> bool:
         """Whether its lines are printed."""
-        return output.lines is not None and self.session.progress.say is not None
+        return output.lines is not None and present(self.session).progress.say is not None
 
     def _table_leaves(self, output: Output, path: Path | None, value: Any) -> None:
         """Print the lines of a table; write its file."""
-        if output.lines is not None and self.session.progress.say is not None:
+        say = present(self.session).progress.say
+        if output.lines is not None and say is not None:
             for line in output.lines(value):
-                self.session.progress.say(line)
+                say(line)
         if path is None:
             return
         if output.kind is Kind.TABLE:

@@ -65,10 +65,10 @@ def _lists(name: str) -> tuple[type[Op], ...]:
 
 
 @functools.cache
-def _function(op: type[Op]) -> Callable[..., Any]:
+def _function(name: str) -> Callable[..., Any]:
     from ..python.python_api import function_of
 
-    return function_of(op)
+    return function_of(op_named(name))
 
 
 def __getattr__(name: str) -> Any:
@@ -77,7 +77,7 @@ def __getattr__(name: str) -> Any:
         return _lists(name)
     if not name.startswith(("_", "tex")):  # modules are looked up by import
         try:
-            return _function(op_named(name))
+            return _function(name)
         except KeyError:
             pass
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

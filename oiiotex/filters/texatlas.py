@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..engine.core.access import Whole
 from ..engine.core.image import Part, channels_of
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import Size, param
 from ..engine.core.source_map import ST, require_addressable
 from ..engine.deferred import np
-from ..engine.errors import ImageError, ParameterError
+from ..engine.errors import ImageError, ParameterError, present
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..synthesis.exemplar.exemplar_op import MaterialOp
 
 if TYPE_CHECKING:
@@ -80,19 +81,14 @@ class Atlas(MaterialOp, Whole):
         help="Green channel of normal maps. opengl: up; directx: down.",
     )  # fmt: skip
 
-    def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
-        """The atlas and its source coordinates; a tuple of such mappings for several maps."""
-        from ..surfaces.atlas.charts import Frames  # trimesh and its like are slow to import
-        from ..surfaces.atlas.mesh import read_mesh
-        from ..surfaces.atlas.normals import turned, turns
-        from ..surfaces.atlas.synthesis import stack, synthesize
+    def planned(self, facts: Facts) -> Plan:
+        """The mesh, the size of the atlas, and that of a pixel of the photo on the surface."""
+        from ..surfaces.atlas.mesh import read_mesh  # trimesh and its like are slow to import
 
-        resources, progress = session.resources, session.progress
         if self.mesh is None:
             raise ParameterError("requires mesh=FILE, the mesh to texture")
         if self.obj is not None and self.obj.suffix.lower() != ".obj":
             raise ParameterError(parameter="obj", value=str(self.obj), expected="a file that ends in .obj")
-        maps = self.all_maps()
         photo = self.exemplar.first.spec
         tile, tiles = self.size or Size(photo.width, photo.height), self.udim or Size(1, 1)
         size = Size(tile.width * tiles.width, tile.height * tiles.height)
@@ -103,10 +99,20 @@ class Atlas(MaterialOp, Whole):
         require_addressable((photo.height, photo.width))
         need = size.width * size.height * _PIXEL_BYTES
         need += photo.width * photo.height * (_PHOTO_BYTES + len(self.maps) * _MAP_BYTES)
-        resources.require(need, f"an atlas of {size}", "reduce size")
-        with resources.stats.time("mesh"):
-            mesh = read_mesh(self.mesh, *size, tiles)
+        facts.require(need, f"an atlas of {size}", "reduce size")
+        mesh = read_mesh(self.mesh, *size, tiles)
         unit = self._unit(mesh, size, photo.width)
+        self.require_readable(facts)
+        return Plan(work=(mesh, size, tiles, unit))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
+        """The atlas and its source coordinates; a tuple of such mappings for several maps."""
+        from ..surfaces.atlas.charts import Frames
+        from ..surfaces.atlas.normals import turned, turns
+        from ..surfaces.atlas.synthesis import stack, synthesize
+
+        resources, progress = session.resources, session.progress
+        mesh, size, tiles, unit = plan.work
         seen = self.read(resources)
         with resources.stats.time("directions"):
             fine = mesh.refined()
@@ -118,7 +124,7 @@ class Atlas(MaterialOp, Whole):
                 missing = f"expected one free of {seen.why or 'the border'}"
                 raise ImageError(f"{self.exemplar.source}: {error}: {missing}") from error
             source, face = synthesize(
-                fine, frames, size, levels, self.seed, self.mesh.name, resources, progress.advance
+                fine, frames, size, levels, self.seed, present(self.mesh).name, resources, progress.advance
             )
         self.say_what_stays()
 
@@ -130,7 +136,7 @@ class Atlas(MaterialOp, Whole):
                 parts["atlas"] = turned(parts["atlas"], turn, encoded, self.normals == "opengl")
             return parts
 
-        first, *others = self.of_all([image.first for image in maps], copied)
+        first, *others = self.of_all([image.first for image in self.all_maps()], copied)
         first["obj"] = lambda: mesh.obj(tiles)
         return (first, *others) if others else first
 

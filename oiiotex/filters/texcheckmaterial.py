@@ -11,10 +11,11 @@ from typing import Any, ClassVar
 from .. import __version__
 from ..engine.core.access import ScanThenMap
 from ..engine.core.image import Image
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import Words, image, param
 from ..engine.deferred import oiio
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..synthesis.exemplar.materials import KINDS_HELP, kinds_of
 
 SCHEMA = "oiiotex.materialcheck/1"
@@ -78,11 +79,15 @@ class CheckMaterial(ScanThenMap):
         """The number of maps."""
         return 1 + len(self.maps)
 
-    def compute(self, session: Session) -> tuple[dict[str, Any], ...]:
-        """The maps; the first has the report on all of them."""
+    def planned(self, facts: Facts) -> Plan:
+        """The maps."""
         images = (self.source, *self.maps)
         kinds = kinds_of(self.kinds, len(images), data=False)
-        first, *others = ({"map": one.first.respecced(_without_hash)} for one in images)
+        return Plan(tuple({"map": one.first.respecced(_without_hash)} for one in images), (images, kinds))
+
+    def make(self, plan: Plan, session: Session) -> tuple[dict[str, Any], ...]:
+        """The maps; the first has the report on all of them."""
+        (first, *others), (images, kinds) = plan.results, plan.work
         return ({**first, "facts": lambda: self._report(images, kinds, session)}, *others)
 
     def _report(self, images: tuple[Image, ...], kinds: list[str], session: Session) -> dict[str, Any]:

@@ -9,12 +9,13 @@ from typing import Any, ClassVar
 
 from ..engine.core.image import Image, Part, from_pixels, spec_beside
 from ..engine.core.label_map import LabelMap
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import Size, image, param
 from ..engine.core.source_map import COPIED, ST
 from ..engine.core.window import Domain, Window
 from ..engine.deferred import np, oiio
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..engine.session.progress import Progress
 from ..engine.session.resources import Resources
 from ..synthesis.exemplar.exemplar_masks import label_map
@@ -70,14 +71,25 @@ class Composite(Reported, Quilted):
     )
     grown: bool = param(False, help="Append the grown label map as part 'grown'.")
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """The composite, and what other outputs are requested."""
-        resources, progress = session.resources, session.progress
+    def planned(self, facts: Facts) -> Plan:
+        """The size, the label map, and the measures."""
         spec = self.exemplar.first.spec
         size = self.size or Size(2 * spec.width, 2 * spec.height)
-        quality = Quality.of_copies(self, resources, progress, size)
+        quality = Quality.of_copies(self, facts, size)
         labels = label_map(self.exemplar, self.labels, self.labellevel)
-        Sewing(op=self, guide=None, level=self.labellevel, size=size, patch=self.patch).require_memory(resources)
+        Sewing(op=self, guide=None, level=self.labellevel, size=size, patch=self.patch).require_memory(facts)
+        side = cell_side(labels.scale, spec.width, spec.height)
+        cells = -(-size.width // side) * -(-size.height // side)
+        need = _CELL_BYTES * cells + _PIXEL_BYTES * spec.width * spec.height
+        facts.require(need, f"growing a label map for {size.width}x{size.height} in cells of {side} px")
+        self.require_readable(facts)
+        return Plan(work=(size, quality, labels))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
+        """The composite, and what other outputs are requested."""
+        resources, progress = session.resources, session.progress
+        size, quality, labels = plan.work
+        quality = quality.during(resources, progress)
         stages = progress.stages(1, 10)
         grown = self._grown(labels, size, resources, next(stages))
         guide = Image((grown,), "the grown label map")
@@ -89,9 +101,6 @@ class Composite(Reported, Quilted):
         """The grown map as an image part of ids."""
         spec = labels.part.spec
         side = cell_side(labels.scale, spec.width, spec.height)
-        cells = -(-size.width // side) * -(-size.height // side)
-        need = _CELL_BYTES * cells + _PIXEL_BYTES * spec.width * spec.height
-        resources.require(need, f"growing a label map for {size.width}x{size.height} in cells of {side} px")
         with resources.stats.time("grow"):
             growth = grow_labels(
                 resources.device, labels.ids, side, Domain.tiling(*size, self.tiles), self.seed,

@@ -15,12 +15,13 @@ from ..analysis.labels.content_table import histogram, key_of, patch_side
 from ..engine.core.access import ScanThenMap
 from ..engine.core.demand import cached
 from ..engine.core.image import Image, Part, dtype_of
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import Numbers, image, param
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.errors import ImageError, ParameterError
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..engine.session.resources import Resources
 from ..surfaces.charts.drawing import colored, shown_pixels
 from ..synthesis.exemplar.exemplar_masks import label_levels, label_map
@@ -84,13 +85,9 @@ class Content(ScanThenMap):
         None, example="content.json", help="File for the key, histograms and the number of patches of each key."
     )
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """The picture, and its data."""
-        from ..surfaces.charts.content_chart import (  # not needed to parse the command line
-            drawing_bytes,
-            key_table,
-            marked,
-        )
+    def planned(self, facts: Facts) -> Plan:
+        """The labels, the side of a patch, and its place."""
+        from ..surfaces.charts.content_chart import drawing_bytes  # not needed to parse the command line
 
         first = self.source.first
         labels = label_map(self.source, self.labels, self.labellevel)
@@ -102,9 +99,15 @@ class Content(ScanThenMap):
                 f"exceeds {self.source.source}, {width}x{height}", parameter="patch", value=self.patch,
                 hint="reduce patch",
             )  # fmt: skip
-        needed = scan_bytes(width, height, side, session.resources) + drawing_bytes(width)
-        session.resources.require(needed, f"the content of rows of {width} px in patches of {side} px")
-        left, top = self._place(first, side)
+        needed = scan_bytes(width, height, side, facts) + drawing_bytes(width)
+        facts.require(needed, f"the content of rows of {width} px in patches of {side} px")
+        return Plan(work=(labels, side, *self._place(first, side)))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
+        """The picture, and its data."""
+        from ..surfaces.charts.content_chart import key_table, marked  # not needed to parse the command line
+
+        first, (labels, side, left, top) = self.source.first, plan.work
         levels = label_levels(self.source, self.labels)
         histograms = {level: _histogram(one.part, left, top, side) for level, one in levels.items()}
         key = key_of(histograms[labels.level])

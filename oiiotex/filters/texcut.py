@@ -4,20 +4,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..analysis.regularity.lattice import bytes_needed as lattice_bytes
 from ..engine.core.access import InBands
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import Size, param
 from ..engine.core.source_map import COPIED, ST, require_addressable
 from ..engine.errors import ImageError
 from ..engine.session import Session
-from ..engine.session.resources import Resources
+from ..engine.session.facts import Facts
 from ..synthesis.exemplar.exemplar_op import ExemplarOp, tiles
 from ..synthesis.exemplar.photo_lattice import Structured, fitting_size, least_size
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
+
+if TYPE_CHECKING:
+    from ..synthesis.graphcut.placement import Layout
 
 _MASK_BYTES, _LAB_BYTES, _SEEN_BYTES = 3, 12, 28  # per pixel of the photo; _SEEN_BYTES where it is in memory
 
@@ -59,44 +62,49 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         " seams. Increase it if seams are visible.",
     )
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """The texture and its source coordinates."""
-        from ..synthesis.graphcut.placement import (  # scipy is not loaded before it is needed
-            Layout,
-            bytes_needed,
-            graph_cut,
-        )
-
-        resources, progress = session.resources, session.progress
+    def planned(self, facts: Facts) -> Plan:
+        """The size, and the measures."""
         spec = self.exemplar.first.spec
         size = self.size or Size(spec.width, spec.height)
-        quality = Quality.of_copies(self, resources, progress, size)
+        quality = Quality.of_copies(self, facts, size)
         require_addressable((spec.height, spec.width))
+        self._layout(least_size(size, self._wraps) if self.size is None and self.lattice > 0 else size, facts)
+        self.require_readable(facts)
+        return Plan(work=(size, quality))
+
+    @property
+    def _wraps(self) -> tuple[bool, bool]:
+        return "x" in self.tiles, "y" in self.tiles
+
+    def _layout(self, size: Size, facts: Facts) -> Layout:
+        """The layout of patches; refuses what exceeds the memory budget."""
+        from ..synthesis.graphcut.placement import Layout, bytes_needed  # scipy is not loaded before it is needed
+
+        spec = self.exemplar.first.spec
         patch = self.patch or min(96, max(16, min(spec.width, spec.height) // 5))
+        layout = Layout.tiling(*size, self.tiles, patch=patch, passes=self.passes, seed=self.seed)
+        needed = bytes_needed(layout, (spec.height, spec.width), facts.budget, facts.thread_count)
+        needed = max(needed, lattice_bytes(spec.height, spec.width) if self.lattice else 0)
+        held = _SEEN_BYTES + self.exemplar.first.pixel_bytes if self.holds_photo(facts) else 0
+        facts.require(
+            needed + spec.width * spec.height * (_MASK_BYTES + held),
+            f"cutting {size} from {spec.width}x{spec.height}",
+            "reduce the size of the result or of the photo",
+        )
+        return layout
 
-        def layout_of(size: Size) -> Layout:
-            layout = Layout.tiling(*size, self.tiles, patch=patch, passes=self.passes, seed=self.seed)
-            threads = resources.thread_count
-            needed = bytes_needed(layout, (spec.height, spec.width), resources.budget, threads)
-            needed = max(needed, lattice_bytes(spec.height, spec.width) if self.lattice else 0)
-            pixel = _MASK_BYTES + (
-                (_SEEN_BYTES + self.exemplar.first.pixel_bytes) if self.holds_photo(resources) else 0
-            )
-            resources.require(
-                needed + spec.width * spec.height * pixel,
-                f"cutting {size} from {spec.width}x{spec.height}",
-                "reduce the size of the result or of the photo",
-            )
-            return layout
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
+        """The texture and its source coordinates."""
+        from ..synthesis.graphcut.placement import graph_cut
 
-        wraps = "x" in self.tiles, "y" in self.tiles
-        fitted = self.size is None and self.lattice > 0
-        layout_of(least_size(size, wraps) if fitted else size)  # checks memory before the work starts
+        resources, progress = session.resources, session.progress
+        size, quality = plan.work
         seen = self.read(resources)
         if seen.usable is not None and not seen.usable.any():
             raise ImageError(f"no pixel of {self.exemplar.source} is free of {seen.why}")
         lattice = self.lattice_of(seen.values, seen.usable, resources)
-        layout = layout_of(fitting_size(self.flag(), lattice, size, self.size is not None, wraps))
+        size = fitting_size(self.flag(), lattice, size, self.size is not None, self._wraps)
+        layout = self._layout(size, resources)
         with resources.stats.time("cut"):
             in_step = self.in_step(lattice, layout, self.seed)
             source = graph_cut(
@@ -105,8 +113,9 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         self.say_what_stays()
         held = self.holds_photo(resources)
         photo = self.in_any_order(self.exemplar.first, held)
+        quality = quality.during(resources, progress)
         return quality.add_to_copies(source.parts("cut", photo, self.tiles, by_rows=not held))
 
-    def holds_photo(self, resources: Resources) -> bool:
+    def holds_photo(self, facts: Facts) -> bool:
         """Whether the photo and its Lab values are held in memory."""
-        return self.holds(resources, max(_LAB_BYTES, self.exemplar.first.pixel_bytes))
+        return self.holds(facts, max(_LAB_BYTES, self.exemplar.first.pixel_bytes))

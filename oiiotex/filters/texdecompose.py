@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..analysis.labels.legend import LabelNames
 from ..analysis.labels.single_part import SINGLE, OnePart
-from ..engine.color.lab import InLab, lens_of
+from ..engine.color.lab import InLab, color_to_convert, lens_of
 from ..engine.core.access import ScanThenMap
 from ..engine.core.image import Image
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import image, param
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 
 if TYPE_CHECKING:
     from ..analysis.segmentation.subtextures import DecompositionSettings
@@ -134,20 +135,28 @@ class Decompose(OnePart, InLab, ScanThenMap):
         "assign": "neighbors",
     }
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """The label map, and what other outputs are requested."""
-        resources, progress = session.resources, session.progress
+    def planned(self, facts: Facts) -> Plan:
+        """The names of labels, the reduction of the image, and the settings."""
+        from ..analysis.segmentation.subtextures import memory_needed  # scipy is not loaded before it is needed
+        from ..engine.color.lab_reduced import reduction
+
         self.require_single()
         names = None if self.palette is None else LabelNames(self.palette)
-        from ..analysis.segmentation.subtextures import decomposed, facts_of, label_map_of, memory_needed
-        from ..engine.color.lab_reduced import lab_pixels, reduction  # scipy is not loaded before it is needed
-
-        first = self.source.first
-        width, height = first.window.width, first.window.height
+        width, height = self.source.first.window.size
         factor = reduction(width, height, WORKING_PIXELS)
         settings = self._settings(-(-width // factor) * -(-height // factor))
         need = memory_needed(-(-width // factor) * -(-height // factor), settings) + width * height // 8
-        resources.require(need, f"{self.flag()} of {width}x{height} px", "increase step")
+        facts.require(need, f"{self.flag()} of {width}x{height} px", "increase step")
+        color_to_convert(self.source, facts, self.working_space)
+        return Plan(work=(names, factor, settings))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
+        """The label map, and what other outputs are requested."""
+        from ..analysis.segmentation.subtextures import decomposed, facts_of, label_map_of
+        from ..engine.color.lab_reduced import lab_pixels
+
+        resources, progress, first = session.resources, session.progress, self.source.first
+        names, factor, settings = plan.work
         lens = lens_of(self.source, resources, self.working_space)
         pixels = lab_pixels(self.source, lens, resources, factor)
         progress.advance(1, 4)

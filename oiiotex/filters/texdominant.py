@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..engine.color.lab import InLab
+from ..engine.color.lab import InLab, color_to_convert
 from ..engine.core.access import ScanThenMap
 from ..engine.core.image import Image
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import image, param
 from ..engine.deferred import np
 from ..engine.session import Session
-from ..synthesis.exemplar.exemplar_masks import masked_pixels
+from ..engine.session.facts import Facts
+from ..synthesis.exemplar.exemplar_masks import laid_over, masked_pixels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +105,17 @@ class Dominant(InLab, ScanThenMap):
 
     PAPER: ClassVar[dict[str, Any]] = {"rule": "paper", "mode": "diffusion", "step": 1}
 
-    def compute(self, session: Session) -> dict[str, Any]:
+    def planned(self, facts: Facts) -> Plan:
+        """Nothing but the declared outputs."""
+        from ..analysis.dominant.photo_mask import require_memory  # scipy is not loaded before it is needed
+
+        require_memory(self.flag(), self.source, facts, self.patch, self.step)
+        color_to_convert(self.source, facts, self.working_space)
+        if self.mask is not None:
+            laid_over(self.mask.first, self.source, "mask")
+        return Plan()
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         """The mask, and what other outputs are requested."""
         from ..analysis.dominant.photo_mask import photo_mask  # scipy is not loaded before it is needed
 

@@ -3,18 +3,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ..engine.core.access import Gather
 from ..engine.core.attributes import ESTIMATE, HEIGHT_PX
 from ..engine.core.demand import PIECE_PIXELS, cached
 from ..engine.core.image import Image, Part, channels_of, measure_spec
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space, no_pixels
 from ..engine.core.parameters import image, param
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 
 _HIGHEST = 1e12  # px, up or down: larger heights occlude no more, and squares of differences stay finite
 _RELIEF = 1 / 32  # of the longer side: height that a value of 1 stands for, unless given
@@ -48,14 +49,21 @@ class EstimateAO(Gather):
     )  # fmt: skip
     tiled: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the heights tile.")
 
-    def compute(self, session: Session) -> dict[str, Part]:
-        """The map, computed window by window on request."""
-        from ..surfaces.capture.occlusion import heights_around, visible_sky  # not needed to parse the command line
-
+    def planned(self, facts: Facts) -> Plan:
+        """The map, and the scale of its heights."""
         part = self.source.first
         said = part.spec.get_float_attribute(HEIGHT_PX, 0.0)  # PNG stores it as a string
         said = said if 1e-6 <= said <= 1e6 else 0.0
         scale = self.relief or said or max(part.spec.width, part.spec.height) * _RELIEF
+        spec = measure_spec(part.spec)
+        spec.attribute(ESTIMATE, f"ambient occlusion from heights of {scale:g} px")
+        return Plan({"ao": Part(part.name, spec, no_pixels)}, scale)
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Part]:
+        """The map, computed window by window on request."""
+        from ..surfaces.capture.occlusion import heights_around, visible_sky  # not needed to parse the command line
+
+        part, scale = self.source.first, plan.work
         self.inform("a height of 1 is %g px", scale)
         near, channel = cached(part, session.resources.cache), channels_of(part.spec).first
         wraps = "x" in self.tiled, "y" in self.tiled
@@ -70,6 +78,4 @@ class EstimateAO(Gather):
             pieces = [around[y : y + high + 2 * self.radius] for y in range(0, window.height, high)]
             return np.concatenate(list(session.resources.spread(look, pieces)))
 
-        spec = measure_spec(part.spec)
-        spec.attribute(ESTIMATE, f"ambient occlusion from heights of {scale:g} px")
-        return {"ao": Part(part.name, spec, fetch)}
+        return {"ao": replace(plan.results["ao"], fetch=fetch)}

@@ -9,15 +9,16 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..engine.color.config import color_space
-from ..engine.color.lab import working_values
+from ..engine.color.lab import color_to_convert, working_values
 from ..engine.core.access import Whole
 from ..engine.core.attributes import ESTIMATE, HEIGHT_PX
 from ..engine.core.image import Image, Part, from_pixels, measure_spec
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import image, param
 from ..engine.deferred import np
 from ..engine.errors import ImageError, ParameterError, modifier
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,25 +81,26 @@ class EstimateHeight(Whole):
     tiled: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the photo tiles.")
     data: bool = param(False, advanced=True, help="Treat the first channel as luminance, not color.")
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """Heights, and normals if requested."""
-        from ..surfaces.capture.shading import (  # not needed to parse the command line
-            BYTES,
-            has_two_albedos,
-            luminance,
-            normals_of,
-            padded_size,
-            relief,
-        )
+    def planned(self, facts: Facts) -> Plan:
+        """The scale of the heights."""
+        from ..surfaces.capture.shading import BYTES, padded_size  # not needed to parse the command line
 
-        resources, progress = session.resources, session.progress
         if self.overcast and self.light is not None:
             problem = f"conflicts with {modifier(overcast=True)}"
             raise ParameterError(problem, parameter="light", value=f"{self.light:g}")
         part, wraps = self.source.first, ("y" in self.tiled, "x" in self.tiled)
         width, height = part.spec.width, part.spec.height
         sigma = self.sigma or max(1.0, max(width, height) / 8)
-        resources.require(BYTES * math.prod(padded_size((height, width), sigma, wraps)), f"heights of {width}x{height}")
+        facts.require(BYTES * math.prod(padded_size((height, width), sigma, wraps)), f"heights of {width}x{height}")
+        color_to_convert(self.source, facts, self.working_space)
+        return Plan(work=(sigma, wraps))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
+        """Heights, and normals if requested."""
+        from ..surfaces.capture.shading import has_two_albedos, luminance, normals_of, relief
+
+        resources, progress, part = session.resources, session.progress, self.source.first
+        sigma, wraps = plan.work
         values, opaque = working_values(self.source, resources, self.working_space)
         if opaque is not None and not opaque.any():
             raise ImageError(f"{self.source.source}: alpha is 0 everywhere: expected opaque pixels")

@@ -7,16 +7,17 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..analysis.stationarity.grid_statistics import SplineSurface
-from ..engine.color.lab import lens_of
+from ..engine.color.lab import color_to_convert, lens_of
 from ..engine.color.lens import Lens
 from ..engine.core.access import ScanThenMap
 from ..engine.core.attributes import ESTIMATE
 from ..engine.core.image import Image, Part, channels_of, measure_spec
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import image, param
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +52,12 @@ class EstimateRoughness(ScanThenMap):
     spread: float = param(0.3, ge=0, le=1, help="Maximum deviation from middle.")
     data: bool = param(False, advanced=True, help="Treat the first channel as lightness, not color.")
 
-    def compute(self, session: Session) -> dict[str, Part]:
+    def planned(self, facts: Facts) -> Plan:
+        """Nothing but the declared output."""
+        color_to_convert(self.source, facts, self.working_space)
+        return Plan()
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Part]:
         """The map."""
         from ..analysis.drift.drift_field import drift_of
         from ..surfaces.capture.fine_detail import fine_detail  # not needed to parse the command line

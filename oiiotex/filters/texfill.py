@@ -10,12 +10,13 @@ from typing import Any, ClassVar
 from ..analysis.drift.flattening import DRIFT
 from ..engine.core.access import InBands
 from ..engine.core.image import Image
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import Numbers, Parameter, image, param
 from ..engine.core.source_map import ST
 from ..engine.core.window import Window
 from ..engine.errors import ImageError, ParameterError, modifier, whole_budget
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..engine.session.resources import Resources
 from ..synthesis.exemplar.exemplar_op import MaterialOp
 from ..synthesis.exemplar.heights import RELEVEL
@@ -140,13 +141,21 @@ class Fill(Reported, MaterialOp, InBands):
         named = values.get("replace") is not None or values.get("matte") is not None
         return tuple(one for one in cls.images() if not (named and one.name == "region"))
 
-    def compute(self, session: Session) -> tuple[dict[str, Any], ...]:
-        """The filled photo with its source coordinates, as one mapping for each map."""
-        from ..synthesis.fill.region_fill import RegionFill  # not needed for help
+    def planned(self, facts: Facts) -> Plan:
+        """The measures."""
+        from ..synthesis.fill.region import require_region  # not needed for help
+        from ..synthesis.fill.region_fill import quality_of
 
         self._check()
+        require_region(self.exemplar, self.region, self.labels, self.label, self.labellevel, self.mattes, self.matte)
+        return Plan(work=quality_of(self, facts))
+
+    def make(self, plan: Plan, session: Session) -> tuple[dict[str, Any], ...]:
+        """The filled photo with its source coordinates, as one mapping for each map."""
+        from ..synthesis.fill.region_fill import RegionFill
+
         with whole_budget(session.resources.budget):  # they are told what is left of it
-            return RegionFill(self, session.resources, session.progress).results()
+            return RegionFill(self, session.resources, session.progress, plan.work).results()
 
     def _check(self) -> None:
         """Refuse conflicting modifiers."""
@@ -216,14 +225,14 @@ class Fill(Reported, MaterialOp, InBands):
         """Side of a patch, px."""
         return self.patch or PATCH
 
-    def holds_photo(self, resources: Resources) -> bool:
+    def holds_photo(self, facts: Facts) -> bool:
         """Whether photo and source are held in memory; otherwise they are read by rows."""
-        return self.holds(resources, _LAB_BYTES * len(self.all_maps()))
+        return self.holds(facts, _LAB_BYTES * len(self.all_maps()))
 
-    def holds(self, resources: Resources, size: int) -> bool:
+    def holds(self, facts: Facts, size: int) -> bool:
         """Whether `size` bytes per pixel of the photo and of the source fit into a quarter of the budget."""
         specs = [one.first.spec for one in (self.exemplar, self.source) if one is not None]
-        return size * sum(spec.width * spec.height for spec in specs) <= resources.budget // 4
+        return size * sum(spec.width * spec.height for spec in specs) <= facts.budget // 4
 
     def budget_left(self, resources: Resources, window: Window | None = None) -> int:
         """Bytes of the budget that remain next to what a run holds: maps, masks, and the pixels of a window."""

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import ClassVar
 
 from ..analysis.drift.flattening import DEFAULT_RADIUS, DRIFT, DRIFT_HELP, Flattening
+from ..engine.color.lab import color_to_convert
 from ..engine.core.access import ScanThenMap
 from ..engine.core.image import Image, Part, derived_spec
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import image, param
 from ..engine.session import Session
-from ..synthesis.exemplar.exemplar_masks import masked_pixels
+from ..engine.session.facts import Facts
+from ..synthesis.exemplar.exemplar_masks import laid_over, masked_pixels
 from ..synthesis.exemplar.exemplar_op import MASK
 
 
@@ -68,7 +70,14 @@ class Flatten(ScanThenMap):
     drift: bool | Path = param(False, help=DRIFT_HELP)
     data: bool = param(False, advanced=True, help="Treat the channels as data, not color.")
 
-    def compute(self, session: Session) -> dict[str, Part]:
+    def planned(self, facts: Facts) -> Plan:
+        """Nothing but the declared outputs."""
+        color_to_convert(self.source, facts, self.working_space)
+        if self.mask is not None:
+            laid_over(self.mask.first, self.source, "mask")
+        return Plan()
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Part]:
         """The first part flattened."""
         how = Flattening(
             radius=self.radius,

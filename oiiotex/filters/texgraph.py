@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 from collections.abc import Sequence
@@ -14,14 +15,15 @@ from ..engine.color.config import as_float
 from ..engine.color.lens import in_type
 from ..engine.core.access import Whole
 from ..engine.core.demand import bands, resized
-from ..engine.core.image import Image, Part, cropped, derived_spec, dtype_of, from_pixels
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.image import Image, Part, cropped, derived_spec, dtype_of
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import Numbers, Parameter, image, param
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.errors import ImageError, ParameterError, present
 from ..engine.io.reading import read
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..surfaces.charts.drawing import sampled, shown_pixels
 from ..surfaces.charts.graph_chart import Node, drawn_graph
 from ..synthesis.multiscale.graph import LOOP_R, Graph, parse_graph
@@ -103,11 +105,12 @@ class ExemplarGraph(Whole):
         cut = self._factors() if self.scales > 1 else ()
         return {"graphfile": self.graphfile} | {f"exemplar.{factor}": self._file(factor) for factor in cut}
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """The picture, the graph, and the exemplars that are cut out of a photo."""
+    def planned(self, facts: Facts) -> Plan:
+        """The graph, its images, and those that are cut out of a photo."""
         if self.draw is not None:
-            graph, images = graph_images(self.draw, session.resources)
-            return {"picture": self._picture(graph, images, session)}
+            graph, images = graph_images(self.draw, facts)
+            _common_side(images, graph.factors, self.exemplarside)
+            return Plan(work=(graph, images, {}))
         photos = self.photos or ()
         if not photos:
             raise ParameterError("requires at least one image, or graph=FILE")
@@ -121,9 +124,17 @@ class ExemplarGraph(Whole):
         )
         if self.graphfile is not None and not cut:
             for photo in photos:
-                _require_written(photo, session)
+                _stored(photo, facts)
         exemplars = {f"exemplar.{factor}": exemplar.first for factor, exemplar in cut.items()}
-        return {"picture": self._picture(graph, photos, session), "graphfile": document, **exemplars}
+        return Plan(work=(graph, photos, {"graphfile": document, **exemplars}))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
+        """The picture, the graph, and the exemplars that are cut out of a photo."""
+        graph, images, others = plan.work
+        if self.draw is None and self.graphfile is not None and self.scales == 1:
+            for photo in images:
+                _require_written(photo, session.resources)
+        return {"picture": self._picture(graph, images, session), **others}
 
     # --- the graph as JSON ---
 
@@ -227,17 +238,30 @@ def _relation(ratio: float) -> dict[str, Any]:
     return {"r": int(octaves)} if octaves.is_integer() else {"scale": ratio}
 
 
-def _require_written(photo: Image, session: Session) -> None:
-    """Raise ImageError if an image differs from its file, which the graph will read."""
+def _stored(photo: Image, facts: Facts) -> Part:
+    """The file of an image, which the graph will read; raises ImageError if it cannot be the same image."""
     if not os.path.isfile(photo.source):
         raise ImageError("is not a file that the graph can name; write it to a file first", subject=photo.source)
-    mine, stored = photo.first, read(photo.source, session.resources.cache).first
+    mine, stored = photo.first, read(photo.source, facts.cache).first
     alike = (mine.window.width, mine.window.height, mine.spec.nchannels, str(mine.spec.format)) == (
         stored.window.width, stored.window.height, stored.spec.nchannels, str(stored.spec.format))  # fmt: skip
+    if not alike:
+        raise _differs(photo)
+    return stored
+
+
+def _differs(photo: Image) -> ImageError:
+    problem = "differs from its file, which the graph names; write it to a file first"
+    return ImageError(problem, subject=photo.source)
+
+
+def _require_written(photo: Image, facts: Facts) -> None:
+    """Raise ImageError if an image differs from its file."""
+    mine, stored = photo.first, _stored(photo, facts)
     x, y = stored.window.left - mine.window.left, stored.window.top - mine.window.top
-    if not alike or not all(np.array_equal(mine.read(b), stored.read(b.shifted(x, y)), equal_nan=True)
+    if not all(np.array_equal(mine.read(b), stored.read(b.shifted(x, y)), equal_nan=True)
                             for b in bands(mine)):  # fmt: skip
-        raise ImageError("differs from its file, which the graph names; write it to a file first", subject=photo.source)
+        raise _differs(photo)
 
 
 def _reduced(photo: Image, factor: int, side: int, name: str) -> Image:
@@ -245,14 +269,20 @@ def _reduced(photo: Image, factor: int, side: int, name: str) -> Image:
     part, whole = photo.first, photo.first.window
     left, top = (whole.left + (whole.width - side * factor) // 2, whole.top + (whole.height - side * factor) // 2)
     dtype = np.dtype(dtype_of(part.spec))
-    pixels = np.empty((side, side, part.spec.nchannels), dtype)
-    for row in range(side):
-        band = part.read(Window.sized(left, top + row * factor, side * factor, factor))
-        cells = as_float(band).reshape(factor, side, factor, -1)
-        pixels[row] = in_type(cells.mean((0, 2), dtype=np.float64).astype(np.float32)[None], dtype)[0]
-    spec = derived_spec(part.spec, side, side)
+
+    @functools.cache
+    def reduced() -> np.ndarray:
+        pixels = np.empty((side, side, part.spec.nchannels), dtype)
+        for row in range(side):
+            band = part.read(Window.sized(left, top + row * factor, side * factor, factor))
+            cells = as_float(band).reshape(factor, side, factor, -1)
+            pixels[row] = in_type(cells.mean((0, 2), dtype=np.float64).astype(np.float32)[None], dtype)[0]
+        return pixels
+
+    spec, square = derived_spec(part.spec, side, side), Window(0, 0, side, side)
     stem = f"{Path(photo.source).stem}_{factor}"
-    return Image((from_pixels(part.name, pixels, spec, part.spec.format),), name or stem)
+    exemplar = Part(part.name, spec, lambda w: reduced()[w.inside(square)], part.spec.format, ready=True)
+    return Image((exemplar,), name or stem)
 
 
 def _thumbnail(given: Image, side: int, shown: int, session: Session) -> np.ndarray:

@@ -12,12 +12,13 @@ from ..engine.core.access import ScanThenMap
 from ..engine.core.attributes import PLANE
 from ..engine.core.demand import bands
 from ..engine.core.image import Image, Part, derived_spec, dtype_of
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import image
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.errors import ImageError
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 
 # parameters in which crops of one image may differ
 _APART = ("window", "resume", "graph", "st", "report", "fail")
@@ -49,13 +50,20 @@ class Join(ScanThenMap):
         """All images on the stack."""
         return max(1, depth)
 
-    def compute(self, session: Session) -> Image:
-        """The whole image; apart from overlaps, pixels are read on request."""
+    def planned(self, facts: Facts) -> Plan:
+        """The whole image."""
         first = self.shares[0]
         for share in self.shares[1:]:
             _require_alike(share, first)
-        parts = [_Joined(self.shares, n).part() for n in range(len(first.parts))]
-        return Image(tuple(parts), first.source)
+        joined = [_Joined(self.shares, n) for n in range(len(first.parts))]
+        return Plan(Image(tuple(one.part() for one in joined), first.source), joined)
+
+    def make(self, plan: Plan, session: Session) -> Image:
+        """The whole image; apart from overlaps, pixels are read on request."""
+        for joined in plan.work:
+            joined.require_equal()
+        image: Image = plan.results
+        return image
 
 
 def _require_alike(share: Image, first: Image) -> None:
@@ -103,9 +111,12 @@ class _Joined:
         gap = first_gap(self._whole, windows)
         if gap is not None:
             raise ImageError(f"{gap} of {self._whole} is not covered by the {len(shares)} images")
+
+    def require_equal(self) -> None:
+        """Raise ImageError if crops differ where they overlap."""
         for n, part in enumerate(self._parts):
             for m in range(n):
-                self._require_equal(m, n, part.window & windows[m])
+                self._require_equal(m, n, part.window & self._parts[m].window)
 
     def _require_equal(self, m: int, n: int, shared: Window) -> None:
         """Raise ImageError if two crops differ where they overlap."""

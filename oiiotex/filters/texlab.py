@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, TypeAlias
 
 from ..engine.color.config import as_float, color_space
 from ..engine.color.lab import lens_for
@@ -12,14 +13,19 @@ from ..engine.color.lens import Lens, divisor
 from ..engine.core.access import Pointwise
 from ..engine.core.attributes import TAG
 from ..engine.core.image import Channels, Image, Part, channels_of, derived_spec
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space, no_pixels
 from ..engine.core.parameters import image, param
 from ..engine.core.window import Window
 from ..engine.deferred import np, oiio
 from ..engine.errors import COLORSPACE, ColorError, ImageError, ParameterError, modifier
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 
 FROM = "oiiotex:labFrom"  # attribute: the color space before the conversion
+
+
+Conversion: TypeAlias = "Callable[[np.ndarray, Window], np.ndarray]"
+"""Rows of the image in a window -> converted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,23 +58,29 @@ class Lab(Pointwise):
         help="Color space of the result. Requires inverse.",
     )  # fmt: skip
 
-    def compute(self, session: Session) -> dict[str, Part]:
-        """The first part converted."""
+    def planned(self, facts: Facts) -> Plan:
+        """The converted part, and what converts its rows."""
         if self.to is not None and not self.inverse:
             raise ParameterError(f"requires {modifier(inverse=True)}", parameter="to", value=self.to)
-        return {"color": self._color(session)} if self.inverse else {"lab": self._lab(session)}
+        part, work = self._color(facts) if self.inverse else self._lab(facts)
+        return Plan({"color" if self.inverse else "lab": part}, work)
 
-    def _lab(self, session: Session) -> Part:
+    def make(self, plan: Plan, session: Session) -> dict[str, Part]:
+        """The first part converted."""
+        (name, planned), *_ = plan.results.items()
+        return {name: replace(planned, fetch=self.mapped(self.source.first, plan.work, session).fetch)}
+
+    def _lab(self, facts: Facts) -> tuple[Part, Conversion]:
         part = self.source.first
         origin = part.spec.get_string_attribute(FROM)
         if origin:
             back = f"{modifier(inverse=True)} converts it back"
             raise ColorError(f"is already in Lab, converted from '{origin}'; {back}", subject=self.source.source)
-        space = color_space(self.source, session.resources.color, session.settings.autocc)
+        space = color_space(self.source, facts.color, facts.settings.autocc)
         if space is None:
             problem = f"is data and cannot be converted to Lab; add {COLORSPACE} if it is color"
             raise ColorError(problem, subject=self.source.source)
-        lens = lens_for(self.source, session.resources, space)
+        lens = lens_for(self.source, facts, space)
         places = _places(lens.channels, part.spec.nchannels)
 
         def work(rows: np.ndarray, _: Window) -> np.ndarray:
@@ -84,24 +96,25 @@ class Lab(Pointwise):
             spec.alpha_channel = -1 if alpha is None else names.index(part.spec.channelnames[alpha])
             spec.channelnames = tuple(names)
         spec.attribute(FROM, part.spec.get_string_attribute(TAG) or space)
-        return replace(self.mapped(part, work, session, spec), stored=spec.format, typed=True)
+        planned = replace(part, spec=spec, fetch=no_pixels, levels=(), ready=False)
+        return replace(planned, stored=spec.format, typed=True), work
 
-    def _color(self, session: Session) -> Part:
+    def _color(self, facts: Facts) -> tuple[Part, Conversion]:
         part, name = self.source.first, self.source.source
         tag, space = part.spec.get_string_attribute(TAG), self.to or part.spec.get_string_attribute(FROM)
-        if tag and not session.resources.color.is_data(tag):
+        if tag and not facts.color.is_data(tag):
             raise ColorError(f"is in '{tag}': expected Lab", subject=name)
         if not space:
             problem = f"does not record its original color space; add {modifier(to='NAME')}"
             raise ColorError(problem, subject=name)
-        if session.resources.color.is_data(space):
+        if facts.color.is_data(space):
             raise ColorError(parameter="to", value=space, expected="a color space, not data")
         channels = channels_of(part.spec)
         if len(channels.color) != 3:
             raise ImageError(
                 f"has {len(channels.color)} channels apart from alpha: expected the 3 of Lab", subject=name
             )
-        from_lab = session.resources.color.from_lab(space)
+        from_lab = facts.color.from_lab(space)
         lens = Lens(name, Channels(channels.color, None))  # Lab is not premultiplied
         places = _places(channels, part.spec.nchannels)
 
@@ -118,7 +131,8 @@ class Lab(Pointwise):
         for stale in ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile", FROM):
             spec.erase_attribute(stale)
         spec.attribute(TAG, space)
-        return replace(self.mapped(part, work, session, spec), stored=None, typed=False)
+        planned = replace(part, spec=spec, fetch=no_pixels, levels=(), ready=False)
+        return replace(planned, stored=None, typed=False), work
 
 
 def _places(channels: Channels, count: int) -> list[tuple[bool, int]]:

@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..analysis.labels.legend import LabelNames
 from ..analysis.labels.single_part import SINGLE, OnePart
-from ..engine.color.lab import InLab, lens_of
+from ..engine.color.lab import InLab, color_to_convert, lens_of
 from ..engine.core.access import ScanThenMap
 from ..engine.core.image import Image, Part
 from ..engine.core.label_map import LabelMap
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import image, param
 from ..engine.core.window import Window
 from ..engine.deferred import np, oiio
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 
 if TYPE_CHECKING:
     from ..analysis.labels.scales import LabelLevel, LabelMaps
@@ -117,14 +118,13 @@ class Label(OnePart, InLab, ScanThenMap):
         "coarsest": False,
     }
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """Label parts, finest first, and what other outputs are requested."""
+    def planned(self, facts: Facts) -> Plan:
+        """The names of labels, and the settings."""
+        from ..analysis.labels.scales import LabelSettings, require_memory  # scipy is not loaded before it is needed
+
         self.require_single()
         names = None if self.palette is None else LabelNames(self.palette)
-        from ..analysis.labels.scales import LabelSettings, label_maps  # scipy is not loaded before it is needed
-        from ..analysis.segmentation.subtextures import superpixel_subtextures
-
-        lens = lens_of(self.source, session.resources, self.working_space)
+        color_to_convert(self.source, facts, self.working_space)
         settings = LabelSettings(
             persistence=self.persistence,
             share=1.0 if self.paper else LabelSettings.share,
@@ -132,6 +132,16 @@ class Label(OnePart, InLab, ScanThenMap):
             authors=self.paper == "authors",
             tries=5 if self.paper else LabelSettings.tries,
         )
+        require_memory(self.source, facts, settings)
+        return Plan(work=(names, settings))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
+        """Label parts, finest first, and what other outputs are requested."""
+        from ..analysis.labels.scales import label_maps
+        from ..analysis.segmentation.subtextures import superpixel_subtextures
+
+        names, settings = plan.work
+        lens = lens_of(self.source, session.resources, self.working_space)
         coarsest: list[Callable[..., np.ndarray]] = []
         if self.coarsest:
             coarsest.append(functools.partial(superpixel_subtextures, count=self.maxlabels))

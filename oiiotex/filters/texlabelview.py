@@ -11,11 +11,12 @@ from ..engine.core.access import ScanThenMap
 from ..engine.core.attributes import SIGMA, SUPERPIXELS
 from ..engine.core.image import Image
 from ..engine.core.label_map import LabelMap, holds_ids, label_maps, required_ids
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import image, param
 from ..engine.deferred import np
 from ..engine.errors import ImageError, either, texture_filter
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..surfaces.charts.drawing import Sheet, colored, label_tree, sampled, shown_pixels
 
 
@@ -39,8 +40,8 @@ class LabelView(ScanThenMap):
     columns: int = param(3, ge=1, le=16, help="Number of panels in a row.")
     opacity: float = param(0.65, ge=0, le=1, help="Opacity of the label colors over the photo.")
 
-    def compute(self, session: Session) -> dict[str, np.ndarray]:
-        """The sheet."""
+    def planned(self, facts: Facts) -> Plan:
+        """The label maps to show."""
         named = {id(one.part): one for one in label_maps(self.source).values()}
         # superpixels, and parts from formats without part names, belong to no level
         labels = [named.get(id(part), LabelMap(part, 0)) for part in self.source.parts if holds_ids(part)]
@@ -50,6 +51,11 @@ class LabelView(ScanThenMap):
                 subject=self.source.source,
                 expected=f"a result of {texture_filter('label')} or {texture_filter('superpixel')}",
             )
+        return Plan(work=labels)
+
+    def make(self, plan: Plan, session: Session) -> dict[str, np.ndarray]:
+        """The sheet."""
+        labels = plan.work
         photo = None if holds_ids(self.source.first) else self.source.first
         spec = labels[0].part.spec
         step = max(1, -(-max(spec.width, spec.height) // self.panel))

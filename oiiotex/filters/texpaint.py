@@ -9,11 +9,12 @@ from typing import Any, ClassVar
 
 from ..engine.core.image import Image
 from ..engine.core.label_map import opened_level
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import Size, image, param
 from ..engine.core.source_map import COPIED, ST
-from ..engine.errors import present
+from ..engine.errors import ParameterError, present
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..synthesis.exemplar.exemplar_masks import label_levels
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
@@ -73,25 +74,30 @@ class Paint(Reported, Quilted):
         None, example="plan.npz", help="Plan of an earlier run. Patches whose labels did not change are kept."
     )
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """The texture, and what other outputs are requested."""
-        resources, progress = session.resources, session.progress
-        if (
-            self.fromplan is not None
-            and self.fine is None
-            and present(read_begun(self.fromplan, resources.budget)).fine
-        ):
+    def planned(self, facts: Facts) -> Plan:
+        """The measures, and the layers with the quilting of the first."""
+        if self.fromplan is not None and self.fine is None and present(read_begun(self.fromplan, facts.budget)).fine:
             self.inform("%s has a fine painting, which this run does not overlay", self.fromplan)
         asked = self.size or self.painting.first.window.size
-        quality = Quality.of_copies(self, resources, progress, asked, painted=True)
+        quality = Quality.of_copies(self, facts, asked, painted=True)
         table = None if self.palette is None else read_table(self.palette, self.tolerance)
         levels = label_levels(self.exemplar, self.labels)
         level = self.labellevel or (table.level if table else None) or opened_level(levels)
         layered = LayeredPainting(self, self.painting, self.fine, levels, level, table, self.size, self.fromplan)
-        coarse = layered.coarse(resources.budget)
-        coarse.require_memory(resources)
+        coarse = layered.coarse(facts.budget)
+        coarse.require_memory(facts)
+        if self.fine is not None and level - 1 not in levels:
+            raise ParameterError(f"requires label.{level - 1}, which the exemplar does not have", parameter="fine")
+        self.require_readable(facts)
+        return Plan(work=(quality, layered, coarse))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
+        """The texture, and what other outputs are requested."""
+        resources, progress = session.resources, session.progress
+        quality, layered, coarse = plan.work
+        quality = quality.during(resources, progress)
         layers, sources = layered.quilted(coarse, self.read(resources), resources, progress)
         spec, grid = self.exemplar.first.spec, layers[""].grid
-        plan = {"planfile": lambda: painting_arrays(layers, (spec.width, spec.height))}
-        parts = sewn_parts(self, sources, grid, resources) | plan
+        patches = {"planfile": lambda: painting_arrays(layers, (spec.width, spec.height))}
+        parts = sewn_parts(self, sources, grid, resources) | patches
         return quality.add_to_copies(parts, lambda: layered.painted(Size(grid.width, grid.height)))

@@ -13,13 +13,14 @@ from ..analysis.labels.content_table import largest_window
 from ..analysis.labels.legend import Legend
 from ..engine.core.access import InBands
 from ..engine.core.label_map import LabelMap
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import param
 from ..engine.core.source_map import ST, SourceMap
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.io.paint_palette import Swatch
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..engine.session.resources import Resources
 from ..surfaces.charts.paint_chips import paint_chips
 from ..synthesis.exemplar.exemplar_masks import label_levels, label_map
@@ -75,18 +76,25 @@ class Palette(LabeledExemplar, InBands):
         None, example="palette.json", help="File for ids, names, colors, areas, parents, children and boxes of labels."
     )
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """The palette, its source coordinates, and the table of its labels."""
-        resources, progress = session.resources, session.progress
+    def planned(self, facts: Facts) -> Plan:
+        """The label map, the next finer one, and the width of the palette."""
         spec = self.exemplar.first.spec
         labels = label_map(self.exemplar, self.labels, self.labellevel)
         finer = label_levels(self.exemplar, self.labels).get(labels.level - 1)
         width = self.panel * (2 if finer is None else 2 + self.children)
-        photo, held = self.exemplar.first, self.holds_photo(resources)
+        photo, held = self.exemplar.first, self.holds_photo(facts)
         looked_at = min(spec.width, self._reach) * min(spec.height, self._reach)
         needed = spec.width * spec.height * (_MASK_BYTES + (_SEEN_BYTES + photo.pixel_bytes if held else 0))
         needed += _SWATCH_BYTES * looked_at + 20 * width * self.panel * self.maxlabels
-        resources.require(needed, f"a palette of {spec.width}x{spec.height}")
+        facts.require(needed, f"a palette of {spec.width}x{spec.height}")
+        self.require_readable(facts)
+        return Plan(work=(labels, finer, width))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
+        """The palette, its source coordinates, and the table of its labels."""
+        resources, progress = session.resources, session.progress
+        labels, finer, width = plan.work
+        photo, held = self.exemplar.first, self.holds_photo(resources)
         seen = self.read(resources)
         shown = Legend(labels, areas_of(labels, seen.usable)).entries()
         below = [] if finer is None else Legend(finer, areas_of(finer, seen.usable)).entries()
@@ -116,9 +124,9 @@ class Palette(LabeledExemplar, InBands):
         copied = source.parts("palette", self.in_any_order(photo, held), by_rows=not held)
         return copied | {"chips": chips, "paints": paints, "facts": table}
 
-    def holds_photo(self, resources: Resources) -> bool:
+    def holds_photo(self, facts: Facts) -> bool:
         """Whether the photo and its Lab values are held in memory."""
-        return self.holds(resources, max(12, self.exemplar.first.pixel_bytes))
+        return self.holds(facts, max(12, self.exemplar.first.pixel_bytes))
 
     @property
     def _reach(self) -> int:

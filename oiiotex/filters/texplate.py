@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 from ..engine.color.lens import in_type
 from ..engine.core.access import Whole
 from ..engine.core.image import Image, Part, channels_of, derived_spec, dtype_of, from_pixels, spec_beside
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import image, param
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.errors import ImageError, ParameterError
 from ..engine.io.reading import read
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 
 if TYPE_CHECKING:
     from ..surfaces.motion.clean_plate import PlateLayout
@@ -86,16 +87,23 @@ class Plate(Whole):
         None, example="shot.npz", help="File to write the motion of all frames to, for `project`."
     )
 
-    def compute(self, session: Session) -> dict[str, Any]:
+    def planned(self, facts: Facts) -> Plan:
+        """The frames with their regions."""
+        shown = self._frames()
+        display = Window.display(self.source.first.spec)
+        size, advice = display.width * display.height, "choose a shorter range of frames"
+        facts.require(len(shown) * size, f"masks of {len(shown)} frames", advice)
+        if self.motion is not None:
+            self._require_motion(self.motion, list(shown), facts)
+        return Plan(work=shown)
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         """The plate, the pixels to fill, and the motion."""
         from ..surfaces.motion.clean_plate import laid_out, region_points
         from ..surfaces.motion.frame_motion import stored
 
-        shown = self._frames()
-        display = Window.display(self.source.first.spec)
+        shown, display = plan.work, Window.display(self.source.first.spec)
         given = next(iter(shown))
-        size, advice = display.width * display.height, "choose a shorter range of frames"
-        session.resources.require(len(shown) * size, f"masks of {len(shown)} frames", advice)
         regions = {number: region for number, (_, region) in self._read(shown, display)}
         if all(region.all() for region in regions.values()):
             raise ImageError(f"region covers every pixel of {self.source.source}: expected some surface around it")
@@ -145,6 +153,20 @@ class Plate(Whole):
             raise ImageError(f"frame {number} has channels {names}: expected those of {self.source.source}")
         return values_of(part, display, f"frame {number}")
 
+    def _require_motion(self, motion: Path, numbers: list[int], facts: Facts) -> None:
+        """Refuse a motion that does not cover the frames."""
+        from ..surfaces.motion.frame_motion import read_shot
+
+        given = numbers[0]
+        if motion.suffix.lower() == ".npz":
+            missing = sorted(set(numbers) - set(read_shot(motion, facts.budget)))
+            if missing:
+                raise ImageError(f"{motion} contains no motion for frame {missing[0]}")
+        elif self.vectors != "st" and given != (min if self.vectors == "backward" else max)(numbers):
+            side = "first" if self.vectors == "backward" else "last"
+            expected = f"a range with {given}, the reference frame, as its {side}: {self.vectors} vectors lead to it"
+            raise ParameterError(parameter="frames", value=self.frames, expected=expected)
+
     def _motion(self, numbers: list[int], regions: dict[int, np.ndarray], display: Window, session: Session) -> Shot:
         """From each frame to a common plane."""
         from ..surfaces.motion.frame_files import siblings
@@ -155,14 +177,7 @@ class Plate(Whole):
             return self._tracked(numbers, regions, display, session)
         if self.motion.suffix.lower() == ".npz":
             saved = read_shot(self.motion, session.resources.budget)
-            missing = sorted(set(numbers) - set(saved))
-            if missing:
-                raise ImageError(f"{self.motion} contains no motion for frame {missing[0]}")
             return {n: saved[n] for n in numbers}
-        if self.vectors != "st" and given != (min if self.vectors == "backward" else max)(numbers):
-            side = "first" if self.vectors == "backward" else "last"
-            expected = f"a range with {given}, the reference frame, as its {side}: {self.vectors} vectors lead to it"
-            raise ParameterError(parameter="frames", value=self.frames, expected=expected)
         named = siblings(str(self.motion), numbers, given, "motion")
         shot: Shot = {}
         for before, number in zip([given, *numbers], numbers, strict=False):

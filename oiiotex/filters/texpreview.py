@@ -11,12 +11,13 @@ from ..engine.color.lens import in_type
 from ..engine.core.access import Gather
 from ..engine.core.demand import materialized
 from ..engine.core.image import Image, Part, derived_spec, dtype_of
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import Words, image, param
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.errors import ImageError, ParameterError, present
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..surfaces.charts.tile_preview import PreviewPanel, bytes_needed, laid, look_through, plane, reduced
 
 PANELS = ("exemplar", "seamless", "2x2", "3x3", "plane")
@@ -53,9 +54,8 @@ class Preview(Gather):
     )
     panel: int = param(512, ge=16, le=16384, unit="px", help="Height of each panel.")
 
-    def compute(self, session: Session) -> dict[str, Part]:
-        """One image of all panels."""
-        resources = session.resources
+    def planned(self, facts: Facts) -> Plan:
+        """The names of the panels."""
         names, tile = self._names(), self.tile.first
         photo = None if self.exemplar is None else self.exemplar.first
         channels = tile.spec.nchannels
@@ -66,7 +66,13 @@ class Preview(Gather):
         shown = {name: ((photo if name in _OF_EXEMPLAR else tile) or tile).spec for name in names}
         sheet = sum(self.panel * max(1.5, spec.width / spec.height) + _GAP for spec in shown.values())
         values = channels * max(widest, round(sheet))  # in a row of an image and of the sheet
-        resources.require(bytes_needed(values), task, "reduce height")
+        facts.require(bytes_needed(values), task, "reduce height")
+        return Plan(work=names)
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Part]:
+        """One image of all panels."""
+        resources, names, tile = session.resources, plan.work, self.tile.first
+        photo = None if self.exemplar is None else self.exemplar.first
         if photo is not None and not photo.ready:
             photo = materialized(photo, resources.budget)
         panels = self._panels(names, tile, photo, resources.budget)

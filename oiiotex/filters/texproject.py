@@ -11,12 +11,13 @@ from ..engine.color.config import as_float
 from ..engine.color.lens import in_type
 from ..engine.core.access import Whole
 from ..engine.core.image import Image, Part, channels_of, derived_spec, dtype_of
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import image, param
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.errors import ImageError, ParameterError
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 
 if TYPE_CHECKING:
     from ..surfaces.motion.frame_motion import FrameMotion
@@ -54,13 +55,10 @@ class Project(Whole):
     )
     grain: float = param(1.0, ge=0, le=4, help="Amount of grain, as a multiple of the frame's. 0: none.")
 
-    def compute(self, session: Session) -> dict[str, Part]:
-        """The frame with the plate in its region."""
-        from ..surfaces.motion.frame_files import region_of, values_of
-        from ..surfaces.motion.rendering import rendered
-
+    def planned(self, facts: Facts) -> Plan:
+        """The motion of the frame."""
         part, plate = self.source.first, self.plate.first
-        motion = self._motion(session)
+        motion = self._motion(facts)
         names, colors = part.spec.channelnames, channels_of(part.spec)
         lacking = [names[c] for c in colors.color if names[c] not in plate.spec.channelnames]
         if lacking:
@@ -68,7 +66,16 @@ class Project(Whole):
                 f"plate {self.plate.source} has no channel {lacking[0]}: expected the frame's color channels"
             )
         pixels = part.spec.width * part.spec.height + plate.spec.width * plate.spec.height
-        session.resources.require(_COPIES * 4 * len(names) * pixels, self.flag())
+        facts.require(_COPIES * 4 * len(names) * pixels, self.flag())
+        return Plan(work=motion)
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Part]:
+        """The frame with the plate in its region."""
+        from ..surfaces.motion.frame_files import region_of, values_of
+        from ..surfaces.motion.rendering import rendered
+
+        part, plate = self.source.first, self.plate.first
+        names, colors = part.spec.channelnames, channels_of(part.spec)
         display = Window.display(part.spec)
         if self.region is None:
             region = np.ones(display.size[::-1], np.float32)
@@ -87,7 +94,7 @@ class Project(Whole):
             corner = corner[0] - plate.spec.full_x, corner[1] - plate.spec.full_y
         with session.resources.stats.time("project"):
             window, made, missing = rendered(
-                values[..., shared], region, surface, known, corner, motion,
+                values[..., shared], region, surface, known, corner, plan.work,
                 tuple(shared.index(c) for c in colors.color), self.grain, self.frame or 0,
             )  # fmt: skip
         if missing:
@@ -109,12 +116,12 @@ class Project(Whole):
 
         return {"frame": replace(part, spec=derived_spec(part.spec), fetch=fetch, levels=(), thumbnail=None)}
 
-    def _motion(self, session: Session) -> FrameMotion:
+    def _motion(self, facts: Facts) -> FrameMotion:
         from ..surfaces.motion.frame_motion import FrameMotion, read_shot
 
         if self.motion is None:
             return FrameMotion(np.eye(3))
-        shot = read_shot(self.motion, session.resources.budget)
+        shot = read_shot(self.motion, facts.budget)
         number = self.frame if self.frame is not None else next(iter(shot)) if len(shot) == 1 else None
         if number is None or number not in shot:
             expected = f"a frame of {self.motion}, {min(shot)} to {max(shot)}"

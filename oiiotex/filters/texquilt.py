@@ -7,19 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..engine.core.image import Image, Part
-from ..engine.core.op import Kind, Output
+from ..engine.core.image import Image
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import image, param
 from ..engine.core.source_map import COPIED, ST
 from ..engine.errors import ImageError, ParameterError, present
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..synthesis.exemplar.exemplar_op import LABEL, MASK
 from ..synthesis.exemplar.photo_lattice import Structured
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
 from ..synthesis.quilting.guide_map import SOFT, meaning_of, read_table
 from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts, sewn_whole
-from ..synthesis.quilting.quilt_plan import MOST_PATCH, Plan, Renderer
+from ..synthesis.quilting.quilt_plan import MOST_PATCH, QuiltPlan, Renderer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,15 +84,25 @@ class Quilting(Reported, Quilted, Structured):
         " size.",
     )
 
-    def compute(self, session: Session) -> dict[str, Any]:
+    def planned(self, facts: Facts) -> Plan:
+        """The measures, and how to quilt: the plan to render, or the patches to choose."""
+        size = self.size or (self.guide or self.exemplar).first.window.size
+        quality = Quality.of_copies(self, facts, size)
+        if self.fromplan is not None:
+            return Plan(work=(quality, self._stored(self.fromplan, facts)))
+        sewing = self._sewing()
+        sewing.require_memory(facts)
+        self.require_readable(facts)
+        return Plan(work=(quality, sewing))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         """The quilt and its further outputs."""
         resources, progress = session.resources, session.progress
-        size = self.size or (self.guide or self.exemplar).first.window.size
-        quality = Quality.of_copies(self, resources, progress, size)
-        if self.fromplan is not None:
-            return quality.add_to_copies(self._rendered(self.fromplan, session))
-        sewing = self._sewing()
-        sewing.require_memory(resources)
+        quality, sewing = plan.work
+        quality = quality.during(resources, progress)
+        if isinstance(sewing, QuiltPlan):
+            renderer = Renderer.of(resources.device, sewing, resources.budget)
+            return quality.add_to_copies(sewn_parts(self, renderer.sources, sewing.grid, resources))
         return quality.add_to_copies(sewn_whole(sewing, self.read(resources), resources, progress))
 
     def _sewing(self) -> Sewing:
@@ -105,19 +116,17 @@ class Quilting(Reported, Quilted, Structured):
             structured=self, meaning=lambda there: meaning_of(present(self.guide).first, table, there),
         )  # fmt: skip
 
-    def _rendered(self, path: Path, session: Session) -> dict[str, Part]:
-        """The quilt, rendered from a plan."""
-        resources = session.resources
+    def _stored(self, path: Path, facts: Facts) -> QuiltPlan:
+        """The plan to render."""
         planned = self.size, self.mask, self.labels, self.guide, self.label, self.patch, self.overlap, self.planfile
         if any(value is not None for value in planned):
             names = "size, patch, overlap, mask, label, labels, guide and planfile"
             raise ParameterError(f"fromplan conflicts with {names}: the plan contains them")
-        plan, size = Plan.load(path, resources.budget)
+        plan, size = QuiltPlan.load(path, facts.budget)
         spec = self.exemplar.first.spec
         if size != (spec.width, spec.height):
             raise ImageError(
                 f"{path} requires an exemplar of {size[0]}x{size[1]}, but {self.exemplar.source} is"
                 f" {spec.width}x{spec.height}"
             )
-        renderer = Renderer.of(resources.device, plan, resources.budget)
-        return sewn_parts(self, renderer.sources, plan.grid, resources)
+        return plan

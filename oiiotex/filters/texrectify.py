@@ -11,18 +11,19 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..engine.color.config import as_float
-from ..engine.color.lab import working_values
+from ..engine.color.lab import color_to_convert, working_values
 from ..engine.color.lens import in_type
 from ..engine.core.access import Gather
 from ..engine.core.demand import materialized
 from ..engine.core.image import Image, Part, derived_spec, dtype_of, pixels_of, spec_beside
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import Numbers, Size, image, param
 from ..engine.core.source_map import STMAP
 from ..engine.core.window import Window, warp_needs
 from ..engine.deferred import np, oiio
 from ..engine.errors import ImageError, ParameterError
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..surfaces.capture.homography import aspect_of, homography, require_quadrangle, sides_of
 
 log = logging.getLogger("oiiotex")
@@ -100,12 +101,32 @@ class Rectify(Gather):
         None, example="rectangle.json", advanced=True, help="JSON file for corners, size, cells, meters and the matrix."
     )
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """The rectified first part; the photo is read ahead only to find its lattice."""
-        part = self.source.first
-        if part.exact:
+    def planned(self, facts: Facts) -> Plan:
+        """The rectified part, if its corners are given; otherwise its size depends on the photo's lattice."""
+        if self.source.first.exact:
             raise ImageError(f"{self.source.source} contains ids or source coordinates, which cannot be resampled")
-        corners, cells = self._corners(session)
+        if self.corners is None:
+            self._meters(None)
+            spec, task = self.source.first.spec, "finding the lattice of the photo"
+            facts.require(_LATTICE_BYTES * spec.width * spec.height, task, "set corners")
+            color_to_convert(self.source, facts, Space.LAB)
+            return Plan()
+        if len(self.corners) != 8:
+            expected = "eight numbers: x,y of four points"
+            raise ParameterError(parameter="corners", value=self.corners, expected=expected)
+        corners = np.array(self.corners, float).reshape(4, 2)
+        require_quadrangle(corners)
+        return Plan(self._rectified(corners, None, facts))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
+        """The rectified first part; the photo is read ahead only to find its lattice."""
+        if plan.results is not None:
+            results: dict[str, Any] = plan.results
+            return results
+        return self._rectified(*self._corners(session), session.resources)
+
+    def _rectified(self, corners: np.ndarray, cells: tuple[int, int] | None, facts: Facts) -> dict[str, Any]:
+        part = self.source.first
         meters = self._meters(cells)
         width, height = self._size(corners, meters)
         matrix = homography(corners, width, height)
@@ -120,18 +141,11 @@ class Rectify(Gather):
             "corners": corners.ravel().tolist(), "width": width, "height": height, "cells": cells, "meters": meters,
             "matrix": matrix.tolist(),
         }  # fmt: skip
-        rectified = Part(part.name, spec, self._seen(part, matrix, spec, session), part.stored)
+        rectified = Part(part.name, spec, self._seen(part, matrix, spec, facts), part.stored)
         return {"rectified": rectified, "st": _coordinates(matrix, part, spec), "facts": geometry}
 
-    def _corners(self, session: Session) -> tuple[np.ndarray, tuple[int, int] | None]:
-        """Four points of the photo, and the lattice cells between them if these were detected."""
-        if self.corners is not None:
-            if len(self.corners) != 8:
-                expected = "eight numbers: x,y of four points"
-                raise ParameterError(parameter="corners", value=self.corners, expected=expected)
-            corners = np.array(self.corners, float).reshape(4, 2)
-            require_quadrangle(corners)
-            return corners, None
+    def _corners(self, session: Session) -> tuple[np.ndarray, tuple[int, int]]:
+        """Four points of the photo's lattice, and the cells between them."""
         from ..surfaces.capture.slanted_lattice import (  # only without corners
             is_sheared,
             largest_rectangle,
@@ -139,9 +153,6 @@ class Rectify(Gather):
         )
 
         spec = self.source.first.spec
-        session.resources.require(
-            _LATTICE_BYTES * spec.width * spec.height, "finding the lattice of the photo", "set corners"
-        )
         values, opaque = working_values(self.source, session.resources)
         with session.resources.stats.time("lattice"):
             lattice = slanted_lattice(values, opaque)
@@ -187,7 +198,7 @@ class Rectify(Gather):
         return found
 
     def _seen(
-        self, part: Part, matrix: np.ndarray, spec: oiio.ImageSpec, session: Session
+        self, part: Part, matrix: np.ndarray, spec: oiio.ImageSpec, facts: Facts
     ) -> Callable[[Window], np.ndarray]:
         """A function that computes a window of the result."""
         # relative to the display window, so that its position does not affect rounding
@@ -195,13 +206,13 @@ class Rectify(Gather):
         photo = part.window.shifted(-x, -y)
         inverse = np.linalg.inv(matrix)
         values, dtype = tuple(float(v) for v in matrix.ravel()), np.dtype(dtype_of(spec))
-        near = functools.cache(lambda: part if part.ready else materialized(part, session.resources.budget))
+        near = functools.cache(lambda: part if part.ready else materialized(part, facts.budget))
 
         def piece(window: Window) -> np.ndarray:
             wanted = warp_needs(inverse, window, FILTERS[self.filter], photo) & photo
             if wanted.empty:
                 return np.zeros((window.height, window.width, spec.nchannels), dtype)
-            session.resources.require(8 * spec.nchannels * wanted.width * wanted.height, self.flag())
+            facts.require(8 * spec.nchannels * wanted.width * wanted.height, self.flag())
             source = oiio.ImageBuf(_floats(wanted, part.spec))
             source.set_pixels(source.roi, np.ascontiguousarray(as_float(near().read(wanted.shifted(x, y)))))
             target = oiio.ImageBuf(_floats(window, spec))

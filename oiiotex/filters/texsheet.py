@@ -9,11 +9,12 @@ from typing import Any, ClassVar
 from ..engine.color.lab import InLab
 from ..engine.core.access import Whole
 from ..engine.core.image import Image
-from ..engine.core.op import Kind, Op, Output
+from ..engine.core.op import Kind, Op, Output, Plan
 from ..engine.core.parameters import Words, image, nearest, param
 from ..engine.deferred import np
 from ..engine.errors import ParameterError, texture_filter
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..surfaces.charts.drawing import PAPER, Sheet, sampled, shown_pixels
 from . import op_named
 
@@ -51,12 +52,16 @@ class ContactSheet(InLab, Whole):
     )
     panel: int = param(256, ge=32, le=2048, unit="px", help="Maximum longer side of a result in the sheet.")
 
-    def compute(self, session: Session) -> dict[str, Any]:
+    def planned(self, facts: Facts) -> Plan:
+        """All uses of the filter, with their captions and plans."""
+        return Plan(work=[(caption, use, use.planned(facts)) for caption, use in self._uses()])
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         """The contact sheet."""
-        uses = self._uses()
+        uses = plan.work
         panels = []
-        for (caption, use), stage in zip(uses, session.stages(*[1] * len(uses)), strict=True):
-            part = use.compute(stage)[use.main().name]
+        for (caption, use, planned), stage in zip(uses, session.stages(*[1] * len(uses)), strict=True):
+            part = use.make(planned, stage)[use.main().name]
             step = -(-max(part.spec.width, part.spec.height) // self.panel)
             panels.append((caption, shown_pixels(sampled(part, step), part, session.resources)))
         largest = np.max([picture.shape[:2] for _, picture in panels], axis=0)

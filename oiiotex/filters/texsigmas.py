@@ -10,14 +10,15 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..analysis.stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
-from ..engine.color.lab import InLab, working_values
+from ..engine.color.lab import InLab, color_to_convert, working_values
 from ..engine.color.srgb import srgb_of_lab
 from ..engine.core.access import Whole
 from ..engine.core.image import Image
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import Size, image, param
 from ..engine.deferred import np
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..surfaces.charts.drawing import Sheet
 from ..synthesis.exemplar.exemplar_op import SEED, ExemplarPixels
 from ..synthesis.exemplar.sigma_scale import Scale, SigmaTiles, perceived_scale, require_tiles, variation
@@ -74,20 +75,28 @@ class Sigmas(InLab, Whole):
     columns: int = param(3, ge=1, le=32, help="Number of tiles in a row.")
     facts: Path | None = param(None, example="sigmas.json", help="JSON file for the table.")
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """The sheet, and the table of sigmas."""
-        resources, progress = session.resources, session.progress
+    def planned(self, facts: Facts) -> Plan:
+        """The stationarization whose sigmas are compared, and the size of its result."""
         spec = self.exemplar.first.spec
         width, height = self.tilesize or Size(spec.width, spec.height)
         order_of(self.measure, self.order)
         same = {name: getattr(self, name) for name in ("exemplar", "measure", "order", "seed")}
         how: Any = op_named("stationarize")(**same)
-        resources.require(_BYTES * spec.width * spec.height, f"reading {spec.width}x{spec.height}")
-        require_tiles(resources.device, how.recipe(width, height), (spec.height, spec.width), resources.budget)
+        facts.require(_BYTES * spec.width * spec.height, f"reading {spec.width}x{spec.height}")
+        if facts.device_memory is not None:
+            shape = spec.height, spec.width
+            require_tiles(facts.device_memory, how.recipe(width, height), shape, facts.budget)
+        color_to_convert(self.exemplar, facts, self.working_space)
+        return Plan(work=(how, width, height))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
+        """The sheet, and the table of sigmas."""
+        resources, progress = session.resources, session.progress
+        how, width, height = plan.work
         with resources.stats.time("read and color"):
             lab, opaque = working_values(self.exemplar, resources, self.working_space)
         seen = ExemplarPixels(lab, opaque, opaque, "transparent pixels")
-        recipe = how.controlled(how.recipe(width, height), seen, resources, progress)
+        recipe = how.recipe(width, height)
         tiles = SigmaTiles(resources.device, lab, opaque, recipe, resources.budget, seen.why)
         scale = perceived_scale(tiles, self.count, progress.advance, scale_folder())
         amounts = np.linspace(0, 1, self.count)

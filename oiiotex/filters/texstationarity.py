@@ -9,12 +9,13 @@ from typing import ClassVar
 from ..analysis.stationarity.grid_statistics import SplineSurface
 from ..analysis.stationarity.measures import MEASURE, MEASURES, ORDER, cost_text, order_of
 from ..analysis.stationarity.stationarity_map import deviation_of
-from ..engine.color.lab import InLab, lens_of
+from ..engine.color.lab import InLab, color_to_convert, lens_of
 from ..engine.core.access import ScanThenMap
 from ..engine.core.image import Image, Part, measure_spec
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import image, param
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 
 COST = "oiiotex:stationarity"  # the attribute that holds the cost of the whole image
 
@@ -49,12 +50,17 @@ class Stationarity(InLab, ScanThenMap):
     measure: str = param("histogram", choices=MEASURES, help=MEASURE)
     order: int | None = param(None, example="3", ge=2, le=4, unset="2", help=ORDER, advanced=True)
 
-    def compute(self, session: Session) -> dict[str, Part]:
+    def planned(self, facts: Facts) -> Plan:
+        """The order of the measure."""
+        color_to_convert(self.source, facts, self.working_space)
+        return Plan(work=order_of(self.measure, self.order))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Part]:
         """The deviation map."""
         part = self.source.first
         lens = lens_of(self.source, session.resources, self.working_space)
         sigma = self.sigma or max(1.0, max(part.spec.width, part.spec.height) / 32)
-        order = order_of(self.measure, self.order)
+        order = plan.work
         deviation = deviation_of(self.source, lens, sigma, session.resources, session.progress, self.measure, order)
         self.inform("%s at sigma %g px", cost_text(deviation.cost, self.measure, order), sigma)
         spec = measure_spec(part.spec)

@@ -7,22 +7,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..analysis.drift.flattening import DRIFT, DRIFT_HELP, Flattening, correction_part
-from ..analysis.stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
-from ..engine.color.lab import lens_of
-from ..engine.core.image import Image, Part
-from ..engine.core.op import Output
+from ..analysis.drift.flattening import DRIFT, DRIFT_HELP
+from ..analysis.stationarity.measures import MEASURE, MEASURES, ORDER, order_of
+from ..engine.color.lab import color_to_convert
+from ..engine.core.image import Image
+from ..engine.core.op import Output, Plan
 from ..engine.core.parameters import image, param
-from ..engine.deferred import np
-from ..engine.errors import ParameterError, spelled, texture_filter
-from ..engine.io.disk_cache import hash_of
+from ..engine.errors import ParameterError, whole_budget
 from ..engine.session import Session
-from ..engine.session.progress import Progress
-from ..engine.session.resources import Resources
-from ..synthesis.exemplar.constraint_images import SIGMAMAP, sigmas_of
-from ..synthesis.exemplar.exemplar_masks import mask_of
-from ..synthesis.exemplar.exemplar_op import ExemplarPixels
-from ..synthesis.exemplar.patch_synthesis import PATCH, PatchSynthesis
+from ..engine.session.facts import Facts
+from ..synthesis.exemplar.constraint_images import SIGMAMAP
+from ..synthesis.exemplar.patch_synthesis import PATCH, PatchSynthesis, SynthesisPlan
 from ..synthesis.exemplar.photo_lattice import STRUCTURE
 from ..synthesis.exemplar.presets import (
     CLEAN,
@@ -34,8 +29,8 @@ from ..synthesis.exemplar.presets import (
     PRESETS,
     SIGMA_SHARE,
     filled,
+    masked,
 )
-from ..synthesis.exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from ..synthesis.patchmatch.recipe import Recipe
 
 PAPER_PATCH = 11
@@ -131,58 +126,52 @@ True
         """Side of a patch, px."""
         return self.patch or (PAPER_PATCH if self.paper else PATCH)
 
-    def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
-        """Expand the preset, if any, then synthesize."""
-        if self.preset is None:
-            return super().compute(session)
-        stages = session.stages(_DOMINANT_SHARE if self.preset == CLEAN else 0, 1)
-        sigma = self.evenness is None and self.sigmamap is None
-        first = next(stages)
-        op = filled(self, self.preset, first.resources, first.progress, sigma=sigma)
-        return op.compute(next(stages))
+    def planned(self, facts: Facts) -> Plan:
+        """What to synthesize, with values for a preset."""
+        self._check()
+        op, preset = (self, "") if self.preset is None else (filled(self, self.preset), self.preset)
+        given = self.sigma, self.evenness, self.sigmamap, self.patch
+        judged = preset == "" and not self.paper and all(one is None for one in given)
+        with whole_budget(facts.budget):
+            plan = op._synthesis(
+                facts,
+                finds_losses=self.variants == 1 and not self.paper,
+                lattice=self.lattice,
+                flattening=self._strength(facts),
+                sigmamap=self.sigmamap,
+                evenness=self.evenness,
+                second=(LARGE_SIGMA_SHARE, LARGE_PATCH) if judged else None,
+                preset=preset,
+                dominant=preset == CLEAN and self.mask is None,
+            )
+        return Plan(work=plan)
 
-    def _strength(self, resources: Resources) -> float:
+    def _check(self) -> None:
+        super()._check()
+        if self.sigmamap is not None:
+            for name, value in (("sigma", self.sigma), ("evenness", self.evenness)):
+                if value is not None:
+                    raise ParameterError("conflicts with sigmamap", parameter=name, value=value)
+        if self.evenness is not None and self.sigma is not None:
+            raise ParameterError(f"conflicts with sigma={self.sigma:g}", parameter="evenness", value=self.evenness)
+        order_of(self.measure, self.order)
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
+        """The tile; the mask of preset=clean is made first."""
+        how: SynthesisPlan = plan.work
+        if not how.preset:
+            return super().make(plan, session)
+        masking, stage = session.stages(_DOMINANT_SHARE if how.dominant else 0, 1)
+        op = masked(how, self, masking.resources, masking.progress)
+        return super().make(Plan(work=replace(how, op=op)), stage)
+
+    def _strength(self, facts: Facts) -> float:
         """Share of the low-frequency variation to remove."""
         if self.flattening is not None:
             return self.flattening
-        color = self.map_kinds[0] == "color"
-        if not color:
+        if self.map_kinds[0] != "color":
             return 0.0
-        return 0.0 if lens_of(self.exemplar, resources, self.working_space).space is None else 1.0
-
-    def flattened(self, resources: Resources, progress: Progress) -> tuple[Stationarize, dict[str, Part]]:
-        """The op on the flattened photo without its stains, and the correction."""
-        part, strength = self.exemplar.first, self._strength(resources)
-        if strength == 0:
-            return self, {"drift": correction_part(None, part)}
-        allowed = self._allowed()
-        flattening = Flattening(amount=strength)
-        flat, drift, stained = resources.remembered(
-            ("flattened", id(part), strength, None if allowed is None else hash_of(allowed)),
-            lambda: flattening.of(self.flag(), self.exemplar, self.working_space, resources, progress, allowed),
-            part,
-        )
-        mask = self.mask
-        if stained is not None and self.leaves_out_stains(resources):
-            mask = mask_of(~stained if allowed is None else allowed & ~stained, part)
-            keep = spelled(f"to keep it, use {texture_filter('flatten')} first, then flattening=0")
-            self.inform("a stain covers %.0f %% of the photo and is not copied; %s", 100 * stained.mean(), keep)
-        exemplar = Image((flat, *self.exemplar.parts[1:]), self.exemplar.source)
-        return replace(self, exemplar=exemplar, mask=mask, flattening=0.0), {"drift": drift}
-
-    def leaves_out_stains(self, resources: Resources) -> bool:
-        """Whether stains of the photo are excluded from the source pixels."""
-        return self._strength(resources) == 1
-
-    @property
-    def kept_structure(self) -> float:
-        """Value of `lattice`."""
-        return self.lattice
-
-    @property
-    def sized(self) -> bool:
-        """True with sigmamap."""
-        return self.sigmamap is not None
+        return 0.0 if color_to_convert(self.exemplar, facts, self.working_space) is None else 1.0
 
     def recipe(self, width: int, height: int) -> Recipe:
         """MJH17 with the selected measure."""
@@ -193,42 +182,3 @@ True
         contrast = self.histogram if self.histogram is not None else CONTRAST
         plain = self._recipe(width, height, sigma, contrast, self.target == "flat")
         return replace(plain, measure=self.measure, order=order, complete=not self.paper, literal=self.paper)
-
-    @property
-    def finds_losses(self) -> bool:
-        """True for a single tile that is synthesized as a whole."""
-        return self.variants == 1 and not self.paper
-
-    def controlled(self, recipe: Recipe, seen: ExemplarPixels, resources: Resources, progress: Progress) -> Recipe:
-        """The recipe with the sigma that `evenness` stands for (MJH17 section 4.4)."""
-        if self.evenness is None:
-            return recipe
-        if self.sigma is not None:
-            raise ParameterError(f"conflicts with sigma={self.sigma:g}", parameter="evenness", value=self.evenness)
-        tiles = SigmaTiles(resources.device, seen.values, seen.usable, recipe, resources.budget, seen.why)
-        scale = perceived_scale(tiles, DEFAULT_COUNT, progress.advance, scale_folder())
-        sigma = scale.sigma_at(self.evenness)
-        self.inform("evenness=%g corresponds to sigma=%.2f px", self.evenness, sigma)
-        return replace(recipe, sigma=sigma)
-
-    @property
-    def judges_itself(self) -> bool:
-        """True where no modifier sets sigma or patch."""
-        given = self.sigma, self.evenness, self.sigmamap, self.patch
-        return not self.paper and all(one is None for one in given)
-
-    def second_choice(self, recipe: Recipe) -> Recipe | None:
-        """The recipe of preset=large, which preserves larger structures."""
-        if not self.judges_itself:
-            return None
-        sigma = max(recipe.size) / LARGE_SIGMA_SHARE
-        return replace(recipe, sigma=sigma, patch=LARGE_PATCH)
-
-    def sigmas(self, width: int, height: int) -> np.ndarray | None:
-        """Values of sigmamap."""
-        if self.sigmamap is None:
-            return None
-        for name, value in (("sigma", self.sigma), ("evenness", self.evenness)):
-            if value is not None:
-                raise ParameterError("conflicts with sigmamap", parameter=name, value=value)
-        return sigmas_of(self.sigmamap, width, height)

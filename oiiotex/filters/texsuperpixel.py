@@ -12,17 +12,19 @@ from ..analysis.superpixels.superpixels import (
     LEAST_SIGMA,
     Superpixels,
     label_part,
+    require_superpixels,
     superpixels,
 )
-from ..engine.color.lab import InLab, lens_of
+from ..engine.color.lab import InLab, color_to_convert, lens_of
 from ..engine.core.access import ScanThenMap
 from ..engine.core.attributes import SIGMA, SUPERPIXELS
 from ..engine.core.image import Image, Part
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import image, param
 from ..engine.deferred import np, oiio
 from ..engine.errors import ParameterError, present
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,11 +80,17 @@ class Superpixel(InLab, ScanThenMap):
     )
     photo: bool = param(False, help="Keep the image as the first part, followed by the label map.")
 
-    def compute(self, session: Session) -> dict[str, Part]:
-        """The label map."""
-        resources, progress = session.resources, session.progress
+    def planned(self, facts: Facts) -> Plan:
+        """Nothing but the declared output."""
         if self.sigma is not None and self.count is not None:
             raise ParameterError("sigma conflicts with count; set only one of them")
+        color_to_convert(self.source, facts, self.working_space)
+        require_superpixels(self.source.first, facts, self.sigmamin, self.compactness)
+        return Plan()
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Part]:
+        """The label map."""
+        resources, progress = session.resources, session.progress
         lens = lens_of(self.source, resources, self.working_space)
         finest = superpixels(
             self.source, lens, resources, sigma=self.sigmamin, compactness=self.compactness,

@@ -12,13 +12,14 @@ from ..analysis.regularity.offset_prices import InStep
 from ..engine.color.lab_grid import FINE_STEPS
 from ..engine.core.attributes import PLANE, WINDOW, note
 from ..engine.core.image import Part, spec_beside
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import Size, param
 from ..engine.core.source_map import ST, SourceMap
 from ..engine.core.window import Domain, Window
 from ..engine.deferred import np, oiio
 from ..engine.errors import ParameterError, modifier
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..synthesis.exemplar.photo_lattice import Structured, fitting_size
 from ..synthesis.multiscale.graph import Graph
 from ..synthesis.multiscale.infinite_plane import Plane, States
@@ -102,13 +103,18 @@ class Synth(Multiscale, Structured):
         """Output files; without graph there is no transfer."""
         return {name: path for name, path in super().files().items() if self.graph or name != "transfer"}
 
-    def compute(self, session: Session) -> dict[str, Any]:
+    def planned(self, facts: Facts) -> Plan:
+        """The measures, the window that is asked for, and the exemplars."""
+        asked, wrap = self._asked_window(), (self.tiles == "xy",) * 2
+        quality = Quality(op=self, facts=facts, wrap=wrap, copies=self.graph is None)
+        return Plan(work=(asked, quality, self.exemplars(facts)))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         """The texture and its source coordinates."""
         resources, progress = session.resources, session.progress
-        asked, wrap = self._asked_window(), (self.tiles == "xy",) * 2
-        # checks the limits before the work
-        quality = Quality(op=self, resources=resources, progress=progress, wrap=wrap, copies=self.graph is None)
-        plane = self.opened(resources, progress)
+        asked, quality, (graph, images) = plan.work
+        quality = quality.during(resources, progress)
+        plane = self.opened(graph, images, resources, progress)
         first = plane.root.first
         level = plane.finest + plane.graph.depth() if self.lod is None else self.lod
         display, window = self._windows(first.spec, asked)

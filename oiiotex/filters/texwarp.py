@@ -9,13 +9,14 @@ from typing import ClassVar
 from ..engine.core.access import Gather
 from ..engine.core.demand import bands
 from ..engine.core.image import Image, Part, derived_spec, dtype_of
-from ..engine.core.op import Kind, Output, Space
+from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import image
 from ..engine.core.source_map import SourceMap, Sources
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.errors import ImageError
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,14 +42,20 @@ class Warp(Gather):
     source: Image = image(help="Image that provides the pixels.")
     stmap: Image = image(help="Source coordinates: part 'st', or the first part if there is none of that name.")
 
-    def compute(self, session: Session) -> dict[str, Part]:
-        """The rearranged first part. The map is read in bands, once to check it; the image is held in memory."""
-        part, st = self.source.first, self.stmap.part("st") or self.stmap.first
+    def planned(self, facts: Facts) -> Plan:
+        """The map of source coordinates."""
+        st = self.stmap.part("st") or self.stmap.first
         if st.spec.nchannels != 2 or dtype_of(st.spec) not in (np.float32, np.float64):
             raise ImageError(
                 f"has {st.spec.nchannels} channels of {st.spec.format}: expected two float channels (s, t)",
                 subject=self.stmap.source,
             )
+
+        return Plan(work=st)
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Part]:
+        """The rearranged first part. The map is read in bands, once to check it; the image is held in memory."""
+        part, st = self.source.first, plan.work
 
         def read(window: Window) -> SourceMap:
             at = window.shifted(st.spec.x, st.spec.y)

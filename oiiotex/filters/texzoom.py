@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..engine.core.image import Part
-from ..engine.core.op import Kind, Output
+from ..engine.core.op import Kind, Output, Plan
 from ..engine.core.parameters import Numbers, Size, param
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.errors import ParameterError
 from ..engine.session import Session
+from ..engine.session.facts import Facts
 from ..surfaces.charts.drawing import shown_pixels
 from ..synthesis.multiscale.graph import LOOP_R, Graph
 from ..synthesis.multiscale.infinite_plane import Plane
@@ -85,16 +86,26 @@ class Zoom(Multiscale):
         """A graph of one exemplar with an edge to itself."""
         return Graph.loop(name, LOOP_R)
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """The frame."""
-        resources, progress = session.resources, session.progress
+    def planned(self, facts: Facts) -> Plan:
+        """The measures, and the exemplars."""
         if self.center is not None and len(self.center) != 2:
             raise ParameterError(parameter="center", value=self.center, expected="two numbers, X,Y")
-        # checks the limits before the work
-        quality = Quality(op=self, resources=resources, progress=progress, copies=False)
-        plane = self.opened(resources, progress)
+        quality = Quality(op=self, facts=facts, copies=False)
+        graph, images = self.exemplars(facts)
+        spec = images[graph.root].first.spec
+        size = self.size or Size(spec.width, spec.height)
+        if self.movie and self.movie.suffix.lower() == ".gif":
+            need = 2 * self.count * size.width * size.height
+            facts.require(need, f"a GIF of {self.count} frames", "reduce count")
+        return Plan(work=(quality, graph, images, size))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
+        """The frame."""
+        resources, progress = session.resources, session.progress
+        quality, graph, images, (width, height) = plan.work
+        quality = quality.during(resources, progress)
+        plane = self.opened(graph, images, resources, progress)
         first = plane.root.first
-        width, height = self.size or Size(first.spec.width, first.spec.height)
         number = self.first if self.frame is None else self.frame
         zoom = self._zoom(plane, number)
         side = 1 << plane.finest
@@ -104,8 +115,6 @@ class Zoom(Multiscale):
         if max(abs(x), abs(y)) * 2 ** math.ceil(farthest) > FARTHEST:
             problem = f"more than 2^60 px away from 0,0 at {farthest:.6g} octaves"
             raise ParameterError(problem, parameter="center", value=self.center)
-        if self.movie and self.movie.suffix.lower() == ".gif":
-            resources.require(2 * self.count * width * height, f"a GIF of {self.count} frames", "reduce frames")
         maker = self.maker(plane, plane.settings(seed=self.seed, lock=self.keeplayout, jitter=self.jitter), resources)
         whole = Window(0, 0, width, height)
 

@@ -23,7 +23,7 @@ from oiiotex.engine.io.cryptomatte import cryptomatte_part, hashed, hashes
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.progress import Progress
 from tests.analysis.test_labels import NOISE, buffer, quarters
-from tests.conftest import oiiotex, save
+from tests.conftest import made_by, oiiotex, save
 from tests.peer import OIIOTOOL
 from tests.refusals import refused
 
@@ -177,4 +177,4 @@ def test_the_view_wants_labels():
         filters.labelview(buffer(NOISE))
     spec = oiio.ImageSpec(3, 2, 1, oiio.UINT32)
     part = from_pixels("label.1", np.arange(6, dtype=np.uint32).reshape(2, 3, 1), spec)
-    assert filters.op_named("labelview")(source=Image((part,))).compute(Session())["view"].any()
+    assert made_by(filters.op_named("labelview")(source=Image((part,))))["view"].any()

@@ -26,6 +26,7 @@ from oiiotex.engine.session.progress import Progress
 from tests import pictures
 from tests.analysis.test_label_kernels import blobs
 from tests.analysis.test_superpixels import resources_of
+from tests.conftest import made_by
 from tests.refusals import refused
 
 
@@ -53,7 +54,7 @@ def pixel_labels(maps: LabelMaps, level: int) -> np.ndarray:
 
 def best_score(op: Op) -> tuple[Score, list[float]]:
     """The score of `quarters(128)` on its best level, and the scales of all."""
-    maps, truth = op.compute(Session())["cryptomatte"], quarters(128)[1] + 1
+    maps, truth = made_by(op)["cryptomatte"], quarters(128)[1] + 1
     scores = [score(truth, ids, ids) for ids in (one.part.pixels()[..., 0] for one in maps)]
     return max(scores, key=lambda one: one.covering), [one.scale for one in maps]
 

@@ -12,10 +12,11 @@ from scipy.ndimage import uniform_filter
 
 from oiiotex.engine.core.access import Neighborhood, Pointwise
 from oiiotex.engine.core.image import Image, Part
-from oiiotex.engine.core.op import Kind, Op, Output, Space
+from oiiotex.engine.core.op import Kind, Op, Output, Plan, Space
 from oiiotex.engine.core.parameters import image, param
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.session import Session
+from tests.conftest import made_by
 from tests.parts import counted, part_of
 
 
@@ -29,7 +30,7 @@ class Doubled(Pointwise):
 
     source: Image = image(help="the image")
 
-    def compute(self, session: Session) -> dict[str, Part]:
+    def make(self, plan: Plan, session: Session) -> dict[str, Part]:
         return {"out": self.mapped(self.source.first, lambda rows, window: 2 * rows, session)}
 
 
@@ -47,7 +48,7 @@ class BoxMean(Neighborhood):
     def halo(self) -> tuple[int, int]:
         return self.radius, self.radius
 
-    def compute(self, session: Session) -> dict[str, Part]:
+    def make(self, plan: Plan, session: Session) -> dict[str, Part]:
         whole = self.source.first.window
 
         def work(rows: np.ndarray, window: Window) -> np.ndarray:
@@ -82,7 +83,7 @@ def picture(asked: list[Window]) -> Image:
 def test_a_neighborhood_is_the_same_in_any_window(radius, threads, monkeypatch):
     monkeypatch.setattr("oiiotex.engine.core.access.PIECE_PIXELS", 29 * 3)
     asked: list[Window] = []
-    part = BoxMean(source=picture(asked), radius=radius).compute(Session(threads=threads))["out"]
+    part = made_by(BoxMean(source=picture(asked), radius=radius), Session(threads=threads))["out"]
     assert asked == []
     expected = uniform_filter(WHOLE.pixels().astype(np.float64), (2 * radius + 1, 2 * radius + 1, 1), mode="nearest")
     whole = part.read(part.window)
@@ -93,7 +94,7 @@ def test_a_neighborhood_is_the_same_in_any_window(radius, threads, monkeypatch):
 
 def test_what_is_pointwise_reads_its_window_alone():
     asked: list[Window] = []
-    part = Doubled(source=picture(asked)).compute(Session())["out"]
+    part = made_by(Doubled(source=picture(asked)))["out"]
     window = Window(7, 0, 20, 9)
     pixels = part.read(window)
     assert asked == [window]
@@ -104,7 +105,7 @@ def test_a_neighborhood_reads_its_halo_and_not_more(monkeypatch):
     """In pieces of full rows that are kept: a halo is computed once."""
     monkeypatch.setattr("oiiotex.engine.core.demand.BAND_BYTES", 2 * 29 * 3 * 4)  # a row at a time
     asked: list[Window] = []
-    part = BoxMean(source=picture(asked), radius=2).compute(Session())["out"]
+    part = made_by(BoxMean(source=picture(asked), radius=2))["out"]
     part.read(Window(7, 0, 20, 9))
     assert {row for w in asked for row in range(w.top, w.bottom)} == set(range(-2, 11))
 

@@ -20,7 +20,7 @@ from oiiotex.engine.io.documents import read_arrays, read_document
 from oiiotex.engine.io.schema import Allowed, Fraction, read_as
 from oiiotex.synthesis.multiscale.graph import Edge, Graph, read_graph
 from oiiotex.synthesis.quilting.guide_map import read_table
-from oiiotex.synthesis.quilting.quilt_plan import Grid, Plan
+from oiiotex.synthesis.quilting.quilt_plan import Grid, QuiltPlan
 from tests.conftest import oiiotex
 
 NODE = '{"exemplars": [{"id": "a", "file": "a.png"}], '
@@ -141,11 +141,11 @@ def test_arrays_are_refused_by_what_they_say_before_they_are_unpacked(tmp_path):
     ],
 )  # fmt: skip
 def test_a_plan_of_odd_facts_is_refused(tmp_path, changed):
-    plan = Plan.empty(Grid(61, 47, patch=12, overlap=4))
+    plan = QuiltPlan.empty(Grid(61, 47, patch=12, overlap=4))
     plan.offsets[:] = 0
     arrays = plan.arrays((53, 45))
     path = tmp_path / "plan.npz"
-    Plan.of(arrays, path)  # it is one
+    QuiltPlan.of(arrays, path)  # it is one
     for name, change in changed.items():
         if change is None:
             del arrays[name]
@@ -156,7 +156,7 @@ def test_a_plan_of_odd_facts_is_refused(tmp_path, changed):
             arrays[name] = arrays[name].astype(change)
     np.savez(path, **arrays)
     with pytest.raises(ImageError, match=r"not a complete plan|another version|has no"):
-        Plan.load(path, 1 << 30)
+        QuiltPlan.load(path, 1 << 30)
 
 
 def test_the_depth_of_a_graph_is_found_in_no_time():

@@ -119,7 +119,7 @@ potts.winners(random.random((3, 4, 5)).astype(np.float32), 4, (15, 19), resource
     "quilting": """
 from oiiotex.analysis.labels import content_table as regions
 from oiiotex.synthesis.quilting import quilter as quilting
-from oiiotex.synthesis.quilting.quilt_plan import Grid, Plan
+from oiiotex.synthesis.quilting.quilt_plan import Grid, QuiltPlan
 from oiiotex.engine.core.source_map import NONE
 from oiiotex.engine.core.window import Window
 random = np.random.default_rng(0)

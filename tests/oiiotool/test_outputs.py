@@ -17,11 +17,12 @@ from oiiotex import filters
 from oiiotex.engine import errors
 from oiiotex.engine.core.access import Pointwise
 from oiiotex.engine.core.image import Image, from_buffer
-from oiiotex.engine.core.op import Kind, Op, Output, Space
+from oiiotex.engine.core.op import Kind, Op, Output, Plan, Space
 from oiiotex.engine.core.parameters import image, param
 from oiiotex.engine.io.reading import read
 from oiiotex.engine.run import run
 from oiiotex.engine.session import Session
+from oiiotex.engine.session.facts import Facts
 from tests.any_filter import PHOTO, buffer, of, operands, settings
 from tests.conftest import oiiotex, save
 
@@ -89,10 +90,10 @@ def test_a_side_file_is_refused_before_the_work(op, output, tmp_path, monkeypatc
     save(PHOTO, tmp_path / "photo.exr", "half", "srgb_rec709_scene")
     before = (tmp_path / "photo.exr").read_bytes()
 
-    def never(self: Op, session: Session) -> None:
-        pytest.fail("the work has begun")
+    def never(self: Op, facts: Facts) -> None:
+        pytest.fail("the op is planned")
 
-    monkeypatch.setattr(op, "compute", never)
+    monkeypatch.setattr(op, "planned", never)
 
     def refused(kind: type[Exception], path: Path, said: str, written: set[str] | None = None, **more: Path) -> None:
         with pytest.raises(kind, match=said):
@@ -138,7 +139,7 @@ class Sample(Pointwise):
     json: Path | None = param(None, help="facts")
     plan: Path | None = param(None, help="arrays")
 
-    def compute(self, session: Session) -> dict[str, Any]:
+    def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         part = self.source.first
         more = {f"st.{n}": (lambda n=n: part.respecced(lambda spec: spec.attribute("n", n))) for n in (1, 2)}
 
@@ -188,7 +189,7 @@ def test_files_hold_all_that_one_modifier_asks_for_and_say_how_they_were_made(tm
 
 
 def test_an_undeclared_output_is_a_mistake(monkeypatch):
-    monkeypatch.setattr(Sample, "compute", lambda self, session: {"image": self.source.first, "other": None})
+    monkeypatch.setattr(Sample, "make", lambda self, plan, session: {"image": self.source.first, "other": None})
     with pytest.raises(KeyError, match=r"other"):
         run(Sample(source=source()), Session())
 

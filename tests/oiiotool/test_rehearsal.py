@@ -13,7 +13,7 @@ import pytest
 
 from oiiotex.engine.errors import Error
 from oiiotex.engine.opencl import device_choice
-from oiiotex.engine.opencl.device import Device
+from oiiotex.engine.opencl.device import DeviceMemory
 from oiiotex.oiiotool.cli.running.line_run import run
 from tests import pictures
 from tests.conftest import load, save
@@ -102,13 +102,13 @@ def test_it_is_said_before_the_work(folder, idle, case):
 
 
 def test_what_does_not_fit_a_device_of_its_own_memory_is_said_before_the_work(folder, idle, monkeypatch):
-    measure = Device._measure
+    begin = DeviceMemory.__init__
 
     def small(self, info):
-        measure(self, info)
+        begin(self, info)
         self.own_memory, self.memory, self.largest = True, 18 << 20, 18 << 20
 
-    monkeypatch.setattr(Device, "_measure", small)
+    monkeypatch.setattr(DeviceMemory, "__init__", small)
     with pytest.raises(Error, match=r"tile .*16384x16384 .* 16 MB"):
         run(shlex.split("photo.png --texstationarize:size=16384x16384 -o t.exr"), folder)
     with pytest.raises(Worked):

@@ -26,6 +26,7 @@ from oiiotex.oiiotool import host
 from oiiotex.oiiotool.host import remapping
 from oiiotex.oiiotool.host.kinds import HostOp, Respec
 
+from ..conftest import made_by
 from ..sources import spec_of
 
 DISPLAY = Window.sized(-3, 5, 43, 33)
@@ -243,7 +244,7 @@ def with_depth(given: Image) -> Image:
 
 def computed(op: type[Op], arguments: dict[str, Any], data: Window, type: str, session: Session) -> Part:
     """The op's result."""
-    return op(**images_for(op, data, type), **arguments).compute(session).first
+    return made_by(op(**images_for(op, data, type), **arguments), session).first
 
 
 def windows_of(whole: Window) -> Iterator[list[Window]]:
@@ -339,7 +340,7 @@ def test_an_op_reads_what_its_access_kind_says(op: type[HostOp], number: int, mo
     kernel = images.pop("kernel", None)  # is held
     images = {name: tuple(map(watched, v)) if isinstance(v, tuple) else watched(v) for name, v in images.items()}
     use = op(**images, **({} if kernel is None else {"kernel": kernel}), **SAMPLES[op.name][number])
-    part = use.compute(Session()).first
+    part = made_by(use).first
     assert asked == []
     source = window = Window.sized(15, 18, 4, 3)  # in the middle: no edge repeats
     if isinstance(use, Respec):  # which may call the same places otherwise

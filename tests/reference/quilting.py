@@ -7,7 +7,7 @@ import numpy as np
 
 from oiiotex.engine.core.source_map import NONE
 from oiiotex.synthesis.patchmatch.field import hash_at
-from oiiotex.synthesis.quilting.quilt_plan import Grid, Plan
+from oiiotex.synthesis.quilting.quilt_plan import Grid, QuiltPlan
 
 COARSE, SHORTLIST, DRAWS = 4, 8, 4
 OFTEN = 3
@@ -41,7 +41,7 @@ class Oracle:
             self.shares[can] += showing / can.sum()
         self.shares = np.rint(256 * rules.reuse * self.shares).astype(np.int64)
         self.progress = 0
-        self.plan = Plan.empty(grid)
+        self.plan = QuiltPlan.empty(grid)
         h, w = lab.shape[0] // COARSE * COARSE, lab.shape[1] // COARSE * COARSE
         squares = self.lab[:h, :w].reshape(h // COARSE, COARSE, w // COARSE, COARSE, 3)
         self.coarse = (squares.sum((1, 3)) + 8) >> 4
@@ -266,7 +266,7 @@ class Oracle:
             cut[s] = low + error[s, low:high].argmin()
         (self.plan.horizontal if upper else self.plan.vertical)[i, j] = cut
 
-    def run(self) -> Plan:
+    def run(self) -> QuiltPlan:
         rows, columns = self.grid.shape
         for wave in range(2 * (rows - 1) + columns):
             cells = [(i, wave - 2 * i) for i in range(rows) if 0 <= wave - 2 * i < columns]

@@ -130,13 +130,13 @@ def test_no_module_imports_the_file_of_an_op():
 
 
 def test_below_the_ops_nothing_has_a_session():
-    """But `compute` and `mapped`, which every op has: they take from it what the functions below need."""
+    """But `make` and `mapped`, which every op has: they take from it what the functions below need."""
     floors = FLOORS[: FLOORS.index("filters")]
     below = [path for path in MODULES if floor_of(path) in floors and room_of(path) not in HOLDERS]
     assert len(below) > 100
     for path in below:
         for node in ast.walk(tree_of(path)):
-            if isinstance(node, ast.FunctionDef) and node.name not in ("compute", "mapped"):
+            if isinstance(node, ast.FunctionDef) and node.name not in ("make", "mapped"):
                 assert "session" not in {one.arg for one in (*node.args.args, *node.args.kwonlyargs)}, path
             if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
                 assert node.target.id != "session", path

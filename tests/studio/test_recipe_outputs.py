@@ -105,7 +105,7 @@ def test_no_modifier_of_a_filter_leads_out(asset, op, output, monkeypatch):
     def never(self: Op, session: Session) -> None:
         pytest.fail("the work has begun")
 
-    monkeypatch.setattr(op, "compute", never)
+    monkeypatch.setattr(op, "make", never)
     before = tree(asset)
     for name in every_name(asset, "exr", 6, seed=len(output.name)):
         with writing_only_below(Path("t")), pytest.raises(Error, match=OUTSIDE):

@@ -22,6 +22,7 @@ from oiiotex.filters.texsynth import Synth
 from oiiotex.synthesis.quality.lost_structure import peaks_over_floor
 from tests import pictures
 from tests.any_filter import buffer
+from tests.conftest import made_by
 from tests.lattices import regular
 
 OPS = [Quilting, Cut]
@@ -36,7 +37,7 @@ def test_a_result_is_as_regular_as_its_photo(op, name):
     lattice = find_lattice(lab)
     own, least = peaks_over_floor(lab, lattice, False), {}
     for structure in (0.0, 0.5):
-        tile = op(exemplar=image, seed=1, lattice=structure, **TILING[op]).compute(session)[op.main().name]
+        tile = made_by(op(exemplar=image, seed=1, lattice=structure, **TILING[op]), session)[op.main().name]
         seen, _ = working_values(from_buffer(buffer(tile.pixels())), session.resources)
         closed = replace(lattice, frequencies=lattice.on_torus(Domain(seen.shape[1], seen.shape[0], True, True)))
         least[structure] = (peaks_over_floor(seen, closed, True) / own).min()
@@ -57,7 +58,7 @@ def test_a_texture_without_end_is_as_regular_as_its_photo(name):
     lattice, least = find_lattice(lab), {}
     own = peaks_over_floor(lab, lattice, False)
     for structure in (0.0, 0.5):
-        tile = Synth(exemplar=image, seed=1, lattice=structure, **WITHOUT_END).compute(session)["texture"]
+        tile = made_by(Synth(exemplar=image, seed=1, lattice=structure, **WITHOUT_END), session)["texture"]
         seen, _ = working_values(from_buffer(buffer(tile.pixels())), session.resources)
         closed = replace(lattice, frequencies=lattice.on_torus(Domain(256, 256, True, True)))
         least[structure] = (peaks_over_floor(seen, closed, True) / own).min()
@@ -67,7 +68,7 @@ def test_a_texture_without_end_is_as_regular_as_its_photo(name):
 @pytest.mark.parametrize("op", [*OPS, Synth])
 def test_structure_changes_nothing_where_there_is_no_lattice(op):
     image = from_buffer(buffer(pictures.stained(pictures.moss(64, 72, 4))))
-    made = [op(exemplar=image, seed=2, lattice=s).compute(Session())["st"].pixels() for s in (0.0, 0.5, 1.0)]
+    made = [made_by(op(exemplar=image, seed=2, lattice=s))["st"].pixels() for s in (0.0, 0.5, 1.0)]
     np.testing.assert_array_equal(made[0], made[1])
     np.testing.assert_array_equal(made[0], made[2])
 
@@ -76,13 +77,13 @@ def test_structure_changes_nothing_where_there_is_no_lattice(op):
 def test_the_size_follows_the_lattice_or_is_warned_of(op, caplog):
     image = from_buffer(buffer(regular("square", 128, 128, 1)))
     with caplog.at_level(logging.INFO, "oiiotex"):
-        tile = op(exemplar=image, **TILING[op]).compute(Session())[op.main().name]
+        tile = made_by(op(exemplar=image, **TILING[op]))[op.main().name]
     assert (tile.spec.width, tile.spec.height) == (135, 135)  # 7 periods of 19.3 px
     assert "a lattice of" in caplog.text and not any(r.levelno == logging.WARNING for r in caplog.records)
-    given = op(exemplar=image, size=Size(125, 135), **TILING[op]).compute(Session())[op.main().name]
+    given = made_by(op(exemplar=image, size=Size(125, 135), **TILING[op]))[op.main().name]
     assert given.spec.width == 125
     assert "116x135" in next(r for r in caplog.records if r.levelno == logging.WARNING).getMessage()
-    one_sided = op(exemplar=image, **TILING[op] | {"tiles": "none"}).compute(Session())[op.main().name]
+    one_sided = made_by(op(exemplar=image, **TILING[op] | {"tiles": "none"}))[op.main().name]
     assert (one_sided.spec.width, one_sided.spec.height) == (128, 128)
 
 

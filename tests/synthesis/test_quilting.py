@@ -16,7 +16,7 @@ from oiiotex.engine.core.window import Window
 from oiiotex.engine.errors import ImageError
 from oiiotex.synthesis.quality.copy_detection import most_shown
 from oiiotex.synthesis.quilting import quilter
-from oiiotex.synthesis.quilting.quilt_plan import Grid, Plan, Renderer
+from oiiotex.synthesis.quilting.quilt_plan import Grid, QuiltPlan, Renderer
 from oiiotex.synthesis.quilting.repetition import UNITS, PatchSquares
 from tests import pictures
 from tests.reference.quilting import Oracle
@@ -211,7 +211,9 @@ def test_what_is_decided_stays_and_only_its_surroundings_are_cut_anew(device):
     old = sewn(device, grid, quilter.Rules(seed=1), found).sources(whole).packed
     offsets = first.offsets.copy()
     offsets[4:6, 5:8] = NONE
-    again = sewn(device, grid, quilter.Rules(seed=9), found, plan=Plan(grid, offsets, first.vertical, first.horizontal))
+    again = sewn(
+        device, grid, quilter.Rules(seed=9), found, plan=QuiltPlan(grid, offsets, first.vertical, first.horizontal)
+    )
     new, plan = again.sources(whole).packed, again.finished()
     kept = np.ones(grid.shape, bool)
     kept[4:6, 5:8] = False
@@ -228,7 +230,7 @@ def test_a_saved_plan_gives_the_same_pixels(device, tmp_path):
     grid = Grid(61, 47, True, True, patch=12, overlap=4)
     quilt = sewn(device, grid, quilter.Rules(candidates=8))
     np.savez_compressed(tmp_path / "plan.npz", **quilt.finished().arrays((53, 45)))
-    plan, size = Plan.load(tmp_path / "plan.npz", BUDGET)
+    plan, size = QuiltPlan.load(tmp_path / "plan.npz", BUDGET)
     assert size == (53, 45) and plan.grid == grid
     window = Window(5, 3, 61, 47)
     made = Renderer.of(device, plan, BUDGET)
@@ -238,16 +240,16 @@ def test_a_saved_plan_gives_the_same_pixels(device, tmp_path):
 def test_what_is_no_plan_is_refused(device, tmp_path):
     path = tmp_path / "plan.npz"
     with pytest.raises(ImageError, match="cannot read arrays"):
-        Plan.load(path, BUDGET)
+        QuiltPlan.load(path, BUDGET)
     path.write_bytes(b"PK nonsense")
     with pytest.raises(ImageError, match="cannot read arrays"):
-        Plan.load(path, BUDGET)
+        QuiltPlan.load(path, BUDGET)
     grid = Grid(61, 47, patch=12, overlap=4)
     plan = sewn(device, grid, quilter.Rules(candidates=8)).finished()
     plan.offsets[2, 3] = 40 << 16 | 3  # would read below the exemplar
     np.savez_compressed(path, **plan.arrays((53, 45)))
     with pytest.raises(ImageError, match="is not a complete plan"):
-        Plan.load(path, BUDGET)
+        QuiltPlan.load(path, BUDGET)
 
 
 def test_wide_grids_are_the_same_from_any_order_of_waves():

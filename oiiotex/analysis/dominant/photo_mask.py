@@ -15,6 +15,7 @@ from ...engine.color.lab_reduced import LabPixels, lab_pixels, reduction
 from ...engine.core.image import Image, Part
 from ...engine.core.op import Space
 from ...engine.errors import ImageError
+from ...engine.session.facts import Facts
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from ..superpixels.superpixels import label_spec
@@ -112,28 +113,17 @@ def photo_mask(
 
     `allowed` gives the pixels to analyze, (height, width) bool or None.
     """
-    width, height = photo.first.window.width, photo.first.window.height
-    factor = reduction(width, height, WORKING_PIXELS)
-    shape = -(-height // factor), -(-width // factor)
+    factor, shape = _reduced(photo)
     side = None if patch is None else patch - 1 + patch % 2
-    if side is not None and side > min(shape):
-        problem = f"exceeds {photo.source}, {width}x{height}"
-        raise ImageError(problem, parameter="patch", value=side)
+    require_memory(flag, photo, resources, patch, step)
     automatic = step_for(shape, side or LEAST_PATCH, TEXELS)
-    apart = step or automatic
-    texels = -(-shape[0] // apart) * -(-shape[1] // apart)
-
-    def require(patch: int) -> None:
-        need = memory_needed(shape[0] * shape[1], texels, patch, resources.thread_count) + width * height // 8
-        resources.require(need, f"{flag} of {width}x{height} px", "increase step")
-
-    require(side or LEAST_PATCH)
+    apart, texels = _spacing(shape, side or LEAST_PATCH, step)
     if texels > TEXELS:  # each is compared with all others
         times = (texels / TEXELS) ** 2
         log.warning("%s: step=%d takes about %.0f times as long as step=%d", flag, apart, times, automatic)
     pixels = lab_pixels(photo, lens_of(photo, resources, space), resources, factor, allowed())
     side = side or patch_size(pixels.lab[..., 0], resources.spread)
-    require(side)
+    require_memory(flag, photo, resources, side, apart)
     work = times_of(shape, side, step or step_for(shape, side, TEXELS))
     reading, looking = progress.stages(shape[0] * shape[1] * _READ[patch is None], sum(work))
     reading.advance(1, 1)
@@ -155,6 +145,31 @@ def photo_mask(
         log.info("%s: %.0f %% of patches of %d px are dominant", flag, 100 * texture.share, texture.texels.patch)
     looking.advance(1, 1)
     return PhotoMask(photo.first, pixels, texture, mask)
+
+
+def require_memory(flag: str, photo: Image, facts: Facts, patch: int | None, step: int | None) -> None:
+    """Refuse patches larger than the photo, and what exceeds the memory budget, by sizes alone."""
+    (width, height), (_, shape) = photo.first.window.size, _reduced(photo)
+    side = LEAST_PATCH if patch is None else patch - 1 + patch % 2
+    if patch is not None and side > min(shape):
+        problem = f"exceeds {photo.source}, {width}x{height}"
+        raise ImageError(problem, parameter="patch", value=side)
+    texels = _spacing(shape, side, step)[1]
+    need = memory_needed(shape[0] * shape[1], texels, side, facts.thread_count) + width * height // 8
+    facts.require(need, f"{flag} of {width}x{height} px", "increase step")
+
+
+def _reduced(photo: Image) -> tuple[int, tuple[int, int]]:
+    """Reduction factor of a photo for the analysis, and its reduced height and width."""
+    width, height = photo.first.window.size
+    factor = reduction(width, height, WORKING_PIXELS)
+    return factor, (-(-height // factor), -(-width // factor))
+
+
+def _spacing(shape: tuple[int, int], side: int, step: int | None) -> tuple[int, int]:
+    """Distance of patches, and their number."""
+    apart = step or step_for(shape, side, TEXELS)
+    return apart, -(-shape[0] // apart) * -(-shape[1] // apart)
 
 
 def _mask(texture: Dominance, pixels: LabPixels, colors: np.ndarray | None) -> np.ndarray:

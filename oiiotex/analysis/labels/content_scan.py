@@ -17,6 +17,7 @@ from ...engine.core.scratch import empty_rows
 from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.errors import ImageError
+from ...engine.session.facts import Facts
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from .content_table import window_keys
@@ -62,10 +63,10 @@ def _add_areas(areas: dict[int, int], ids: np.ndarray) -> None:
         areas[label] = areas.get(label, 0) + count
 
 
-def scan_bytes(width: int, height: int, side: int, resources: Resources) -> int:
+def scan_bytes(width: int, height: int, side: int, facts: Facts) -> int:
     """Memory of `_key_strips`, in bytes, for a map of any height."""
     across = _columns(side) + side
-    pieces = resources.thread_count * min(width, across) * min(height, across)
+    pieces = facts.thread_count * min(width, across) * min(height, across)
     rows = min(height, _rows(width, side))
     strip = _ID_BYTES * min(height, rows + side) + _KEY_BYTES * rows
     return strip * width + _PIECE_BYTES * pieces

@@ -37,11 +37,12 @@ from ...engine.color.lens import Lens
 from ...engine.core.image import Image
 from ...engine.core.window import Window
 from ...engine.errors import ImageError
+from ...engine.session.facts import Facts
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from ..superpixels.hierarchy import COARSEST, Hierarchy, hierarchy, scales
 from ..superpixels.slic import SeedGrid
-from ..superpixels.superpixels import COMPACTNESS, Superpixels, finest_scale, superpixels
+from ..superpixels.superpixels import COMPACTNESS, Superpixels, finest_scale, require_superpixels, superpixels
 from .affinity_graph import NEIGHBORS, AffinityGraph, similarity_graph
 from .features import WORKING_PIXELS, Features, SmallLab, features_of, small_lab
 from .potts import UNLIKELY, settled
@@ -149,11 +150,10 @@ def label_maps(
     """
     settings = settings or LabelSettings()
     window = image.first.window
-    side = max(window.size) if settings.authors else min(window.size)
-    sigma = finest_scale(side)
+    side, sigma = _finest(window, settings)
     sigmas = scales(sigma, (AUTHORS_COARSEST if settings.authors else COARSEST) * side)
     seeds = SeedGrid.of(window.width, window.height, sigma, COMPACTNESS).count
-    _require(resources, window, seeds, settings)  # there will hardly be fewer superpixels: fail before the work
+    require_memory(image, resources, settings)
     cutting, describing, labeling = progress.stages(
         runs * window.width * window.height, _DESCRIBED * seeds, _LABELED * seeds
     )
@@ -184,11 +184,25 @@ def label_maps(
     return LabelMaps(finest, levels)
 
 
-def _require(resources: Resources, window: Window, count: int, settings: LabelSettings) -> None:
+def _finest(window: Window, settings: LabelSettings) -> tuple[int, float]:
+    """The side of an image from which scales follow, and the finest scale, px."""
+    side = max(window.size) if settings.authors else min(window.size)
+    return side, finest_scale(side)
+
+
+def require_memory(image: Image, facts: Facts, settings: LabelSettings) -> None:
+    """Refuse what exceeds the memory budget by sizes alone: there will hardly be fewer superpixels than seeds."""
+    window = image.first.window
+    sigma = _finest(window, settings)[1]
+    _require(facts, window, SeedGrid.of(window.width, window.height, sigma, COMPACTNESS).count, settings)
+    require_superpixels(image.first, facts, sigma, literal=settings.literal)
+
+
+def _require(facts: Facts, window: Window, count: int, settings: LabelSettings) -> None:
     """Raise an error if `count` superpixels of a window exceed the memory budget."""
     pixels = min(window.width * window.height, WORKING_PIXELS)
     need = pixels * _PIXEL_BYTES + min(count, MOST) * settings.neighbors * _EDGE_BYTES
-    resources.require(need, "labeling", "reduce neighbors")
+    facts.require(need, "labeling", "reduce neighbors")
 
 
 def label_levels(

@@ -24,6 +24,7 @@ from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
 from ...engine.errors import present
 from ...engine.opencl.buffers import Buffers, in_smaller_pieces, offset_table
+from ...engine.session.facts import Facts
 from ...engine.session.resources import Resources
 from .crumbs import without_crumbs
 from .run_length import OUTSIDE, Pieces, Runs, Strip, pieces_of, without_small
@@ -140,20 +141,14 @@ def superpixels(
         NaN or Inf, or it does not fit the budget.
     """
     part = image.first
-    sigma = finest_scale(min(part.window.size)) if sigma is None else sigma
-    # a superpixel is 16 to 32 squares wide, whatever the image's size
-    side = min(1 << max(0, int(math.log2(sigma / 16))), WIDEST)
-    on_squares = side > 1 and not literal
-    window = part.window
-    grid = SeedGrid.of(window.width, window.height, sigma, compactness, side if on_squares else 1)
+    window, (side, on_squares, grid) = part.window, _seeds(part, sigma, compactness, literal)
     least = 0.25 * grid.scale**2 if minsize is None else minsize
 
     def require(need: int) -> None:
         size = f"{part.spec.width}x{part.spec.height} px"
         resources.require(need, f"{size} divided into that many pieces", "blur the image first")
 
-    cut = f"{window.width}x{window.height} px divided into {grid.count} superpixels"
-    resources.require(_certain(grid.of_squares if on_squares else grid, window, side), cut, "use larger superpixels")
+    require_superpixels(part, resources, sigma, compactness, literal)
 
     def within(most: int) -> Superpixels:
         """With a limit in bytes for the image on the device at a time."""
@@ -184,6 +179,25 @@ def superpixels(
 
     row = PIXEL_BYTES * part.window.width
     return in_smaller_pieces(within, min(most_on_device(resources), row * part.window.height), side * row)
+
+
+def _seeds(part: Part, sigma: float | None, compactness: float, literal: bool) -> tuple[int, bool, SeedGrid]:
+    """The side of the squares that pixels are averaged in, whether seeds are moved on these, and the seeds."""
+    window = part.window
+    sigma = finest_scale(min(window.size)) if sigma is None else sigma
+    # a superpixel is 16 to 32 squares wide, whatever the image's size
+    side = min(1 << max(0, int(math.log2(sigma / 16))), WIDEST)
+    on_squares = side > 1 and not literal
+    return side, on_squares, SeedGrid.of(window.width, window.height, sigma, compactness, side if on_squares else 1)
+
+
+def require_superpixels(
+    part: Part, facts: Facts, sigma: float | None, compactness: float = COMPACTNESS, literal: bool = False
+) -> None:
+    """Refuse `superpixels` that exceed the memory budget whatever the pixels are."""
+    window, (side, on_squares, grid) = part.window, _seeds(part, sigma, compactness, literal)
+    cut = f"{window.width}x{window.height} px divided into {grid.count} superpixels"
+    facts.require(_certain(grid.of_squares if on_squares else grid, window, side), cut, "use larger superpixels")
 
 
 def _certain(grid: SeedGrid, window: Window, side: int) -> int:

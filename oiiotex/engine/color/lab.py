@@ -16,6 +16,7 @@ from ..core.scratch import RowStore, empty_rows
 from ..core.window import Window
 from ..deferred import np
 from ..scan import scan
+from ..session.facts import Facts
 from ..session.resources import Resources
 from .config import color_space
 from .lens import Lens
@@ -42,16 +43,27 @@ def lens_of(image: Image, resources: Resources, space: Space = Space.LAB) -> Len
     ColorError
         As by `config.space_of`.
     """
-    named = color_space(image, resources.color, resources.settings.autocc) if space is Space.LAB else None
+    named = color_to_convert(image, resources, space)
     if named is not None:
         return lens_for(image, resources, named)
     plain = Lens(image.source, channels_of(image.first.spec))
     return plain if space is Space.ANY else _scaled(plain, image.first, resources)
 
 
-def lens_for(image: Image, resources: Resources, space: str) -> Lens:
+def color_to_convert(image: Image, facts: Facts, space: Space) -> str | None:
+    """The image's color space if an op that works in `space` converts it to Lab, else None; reads no pixel.
+
+    Raises
+    ------
+    ImageError, ColorError
+        As by `config.color_space`.
+    """
+    return color_space(image, facts.color, facts.settings.autocc) if space is Space.LAB else None
+
+
+def lens_for(image: Image, facts: Facts, space: str) -> Lens:
     """The lens from an image of this color space to Lab."""
-    config = resources.color
+    config = facts.color
     return Lens(image.source, channels_of(image.first.spec), space, config.to_lab(space), config.from_lab(space))
 
 

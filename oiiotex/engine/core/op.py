@@ -14,13 +14,15 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 from ..errors import Error, ParameterError, modifier
 from .parameters import Parameter, declared
 
 if TYPE_CHECKING:
     from ..session import Session
+    from ..session.facts import Facts
+    from .window import Window
 
 log = logging.getLogger("oiiotex")
 
@@ -101,6 +103,28 @@ class Output:
     def text(self) -> str:
         """Its help, kind, and the parameter that requests it."""
         return f"{self.help} [{self.kind.value}{f'; with {self.asked_by}' if self.asked_by else ''}]"
+
+
+def no_pixels(window: Window) -> NoReturn:
+    """The `fetch` of parts that are only planned."""
+    raise AssertionError(f"{window} is read before the work")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is known of one use of an op before its work.
+
+    Attributes
+    ----------
+    results : optional
+        Its outputs, as `Op.make` returns them, if they lack nothing but pixels. None: windows, channels or number of
+        its images depend on pixels, so that only their declared kinds are known.
+    work
+        Values for `Op.make`: what it shall do, decided without pixels.
+    """
+
+    results: Any = None
+    work: Any = None
 
 
 @contextlib.contextmanager
@@ -314,8 +338,15 @@ class Op:
         """Number of images that this use makes."""
         return 1
 
-    def compute(self, session: Session) -> Any:
-        """The outputs by name; a tuple of such mappings if it makes several images.
+    def planned(self, facts: Facts) -> Plan:
+        """What is known of this use from its values and the specs of its images; never reads a pixel.
+
+        Called before any work, for a command line that may never run: raise errors here. It may be called again.
+        """
+        return Plan()
+
+    def make(self, plan: Plan, session: Session) -> Any:
+        """The outputs by name; a tuple of such mappings if it makes several images. `plan`: from `planned`.
 
         Outputs are: for an image, an `image.Part`, which may be computed when it is read; for a picture, (height,
         width, 3) sRGB values, 8-bit or floats in 0 .. 1, or an 8-bit part; for a table, values that JSON can hold; for
@@ -323,8 +354,5 @@ class Op:
         `io.paint_palette.Paint`; for a mesh, its text; for Cryptomatte, its label maps. An output may also be a
         callable without arguments, which is called if the output is requested. An `image.Image` alone is the op's
         image with all its parts.
-
-        Command lines are checked by a dry run, in which reading pixels or using the device raises `Unseen` and only
-        the declaration of the op is used. Check for errors before touching either.
         """
-        raise NotImplementedError
+        return plan.results

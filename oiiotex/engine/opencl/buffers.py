@@ -15,7 +15,7 @@ from .device import INT_RANGE
 if TYPE_CHECKING:
     import pyopencl as cl
 
-    from .device import Device
+    from .device import Device, DeviceMemory
 
 log = logging.getLogger("oiiotex")
 
@@ -85,7 +85,7 @@ class Buffers:
 
 
 def require_room(
-    device: Device, layout: Mapping[str, int], budget: int, asker: str, held: int = 0,
+    device: DeviceMemory, layout: Mapping[str, int], budget: int, asker: str, held: int = 0,
     tables: Mapping[str, np.ndarray] | None = None,
 ) -> int:  # fmt: skip
     """Refuse buffers that do not fit; returns the total number of bytes.

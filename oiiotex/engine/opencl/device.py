@@ -59,34 +59,15 @@ class DeviceInfo:
         return wanted.lower() == self.kind or wanted.lower() in f"{self.platform} {self.name}".lower()
 
 
-class Device:
-    """An opened OpenCL device: one context, two in-order queues, the programs built so far.
-
-    Kernels run in one queue, asynchronous downloads (`read_later`) in the other; events synchronize them.
-    """
+class DeviceMemory:
+    """The memory of an OpenCL device, known before the device is opened."""
 
     def __init__(self, info: DeviceInfo):
-        self._cl = runtime.load()
         self.info = info
-        self._context = self._cl.Context([info.handle])
-        timed = self._cl.command_queue_properties.PROFILING_ENABLE
-        self._queue, self._transfers = (self._cl.CommandQueue(self._context, properties=timed) for _ in range(2))
-        self._programs: dict[tuple[object, ...], Program] = {}
-        self._events: list[tuple[str, cl.Event | float]] = []
-        self.record = False  # keep events for the timings of `collect`
-        self._measure(info)
-
-    def _measure(self, info: DeviceInfo) -> None:
-        """Record the sizes of the memory."""
         self.memory, self.largest = info.memory, info.handle.max_mem_alloc_size  # bytes, in total and per buffer
         # a CPU and an integrated GPU use the host's memory, other devices have their own
         self.own_memory = info.kind != "cpu" and not info.handle.host_unified_memory
         self.taken = 0  # bytes of all `Buffers`
-
-    @property
-    def lanes(self) -> int:
-        """Number of 16-bit lanes in a register of the runtime's target, for cl/lanes.h; 1 on GPUs."""
-        return runtime.tried(self.info.handle).lanes if self.info.kind == "cpu" else 1
 
     def memory_budget(self, budget: int) -> int:
         """Bytes that buffers may take, given the host's `budget`.
@@ -94,6 +75,28 @@ class Device:
         A device with separate memory has its own limit; elsewhere both are the same memory.
         """
         return int(self.memory * _OWN_SHARE) if self.own_memory else min(budget, self.memory)
+
+
+class Device(DeviceMemory):
+    """An opened OpenCL device: one context, two in-order queues, the programs built so far.
+
+    Kernels run in one queue, asynchronous downloads (`read_later`) in the other; events synchronize them.
+    """
+
+    def __init__(self, info: DeviceInfo):
+        super().__init__(info)
+        self._cl = runtime.load()
+        self._context = self._cl.Context([info.handle])
+        timed = self._cl.command_queue_properties.PROFILING_ENABLE
+        self._queue, self._transfers = (self._cl.CommandQueue(self._context, properties=timed) for _ in range(2))
+        self._programs: dict[tuple[object, ...], Program] = {}
+        self._events: list[tuple[str, cl.Event | float]] = []
+        self.record = False  # keep events for the timings of `collect`
+
+    @property
+    def lanes(self) -> int:
+        """Number of 16-bit lanes in a register of the runtime's target, for cl/lanes.h; 1 on GPUs."""
+        return runtime.tried(self.info.handle).lanes if self.info.kind == "cpu" else 1
 
     @property
     def team(self) -> int:

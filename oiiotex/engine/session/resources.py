@@ -15,32 +15,26 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from ..core.piece_cache import PieceCache
-from ..deferred import oiio
-from ..errors import BuildError, Error, ImageError, MemoryBudgetError
+from ..errors import BuildError, Error
 from ..io.checkpoint import Checkpoint
-from ..machine import usable_threads
 from ..stats import Stats
+from .facts import Facts
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import DTypeLike
 
-    from ..color.config import ColorConfig
-    from ..core.image import Part
-    from ..opencl.device import Device
+    from ..opencl.device import Device, DeviceMemory
     from .settings import Settings
 
 log = logging.getLogger("oiiotex")
-
-MOST_SIDE = 1 << 22  # px of a side of an image that is written or scanned
 
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
 
-class Resources:
-    """Resources that a run opens once, at first use.
+class Resources(Facts):
+    """Resources that a run opens once, at first use, in addition to the facts about it.
 
     Parameters
     ----------
@@ -57,23 +51,13 @@ class Resources:
     """
 
     def __init__(self, settings: Settings):
-        self.settings = settings
+        super().__init__(settings)
         self.stats = Stats()
         self._last: tuple[str, Any] = ("", None)
         self.keeper: Checkpoint | None = None
         self.memory = 0
         self._memory: OrderedDict[Hashable, tuple[Any, tuple[object, ...]]] = OrderedDict()
         self._checkpoints: dict[Path, Checkpoint] = {}  # by file, shared by the op and the writer
-
-    @property
-    def budget(self) -> int:
-        """Memory budget of an op, in bytes."""
-        return self.settings.budget
-
-    @property
-    def thread_count(self) -> int:
-        """Number of CPU threads for computation."""
-        return self.settings.threads or usable_threads()
 
     @functools.cached_property
     def device(self) -> Device:
@@ -86,6 +70,11 @@ class Resources:
         return opened
 
     @property
+    def device_memory(self) -> DeviceMemory | None:
+        """The device itself, whose memory may be partly in use."""
+        return self.device
+
+    @property
     def has_device(self) -> bool:
         """Whether the device is open."""
         return "device" in self.__dict__
@@ -95,18 +84,6 @@ class Resources:
         self.__dict__.pop("device", None)
         self._last = "", None
         self._memory.clear()
-
-    @functools.cached_property
-    def color(self) -> ColorConfig:
-        """The color config."""
-        from ..color.config import ColorConfig
-
-        return ColorConfig(self.settings.colorconfig, self.settings.interchange)
-
-    @functools.cached_property
-    def cache(self) -> PieceCache:
-        """Cache of decoded pieces of files and of results."""
-        return PieceCache(max(32 << 20, min(self.settings.budget // 4, 1 << 28)))
 
     @functools.cached_property
     def workers(self) -> ThreadPoolExecutor:
@@ -222,45 +199,6 @@ class Resources:
                 keeper.discard()
         finally:
             self._checkpoints.pop(Path(path), None)
-
-    def require(self, need: int, task: str, advice: str = "reduce the size of the image") -> None:
-        """Check a task, in bytes, against the memory budget.
-
-        Raises
-        ------
-        MemoryBudgetError
-            The task exceeds the budget.
-        """
-        if need > self.budget:
-            raise MemoryBudgetError(task, need, self.budget, advice)
-
-    def require_streamable(self, *parts: Part) -> None:
-        """Check that images can be processed by rows, and written and read as files.
-
-        Parameters
-        ----------
-        parts : Parts
-            Parts whose pixels will all be read.
-
-        Raises
-        ------
-        ImageError
-            A side exceeds 2^22 pixels (files have an offset for each row), the image exceeds the limit of OpenImageIO,
-            or 16 rows, which are held at once, exceed the budget.
-        """
-        most = oiio.get_int_attribute("limits:imagesize_MB")
-        for part in parts:
-            width, height = part.window.size
-            image = f"an image of {width}x{height} pixels"
-            if max(width, height) > MOST_SIDE:
-                raise ImageError(f"{image}: expected at most {MOST_SIDE} along each side")
-            size = width * height * part.pixel_bytes >> 20
-            if most and size > most:
-                raise ImageError(
-                    f"{image} requires {size} MB: expected at most {most} MB, the limit of OpenImageIO; raise its"
-                    " attribute limits:imagesize_MB"
-                )
-            self.require(16 * width * max(part.pixel_bytes, 4 * part.spec.nchannels), f"{image}")
 
     def scratch(
         self, layout: Mapping[str, tuple[tuple[int, ...], DTypeLike]], task: str, advice: str, extra: int = 0

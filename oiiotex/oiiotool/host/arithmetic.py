@@ -15,7 +15,7 @@ from ...engine.errors import ImageError, ParameterError
 from .kinds import AtOnce, OneImage, PointOp, op, worked
 
 if TYPE_CHECKING:
-    from ...engine.session import Session
+    from ...engine.session.facts import Facts
 
 log = logging.getLogger("oiiotex")
 
@@ -148,11 +148,11 @@ def warn_of_second_unpremult(spec: oiio.ImageSpec) -> None:
 class ByAlpha(OneImage):
     """Multiply or divide color by alpha."""
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed. Without alpha, the part unchanged: OpenImageIO would move its pixels."""
         if self.name == "unpremult":
             warn_of_second_unpremult(parts[0].spec)
-        return super().result(parts, session) if parts[0].spec.alpha_channel >= 0 else worked(parts[0])
+        return super().result(parts, facts) if parts[0].spec.alpha_channel >= 0 else worked(parts[0])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,7 @@ from ...engine.core.parameters import Numbers, argument, image, param
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
 from ...engine.errors import ParameterError
-from ...engine.session import Session
+from ...engine.session.facts import Facts
 from .arithmetic import per_channel
 from .kinds import OneImage, PointOp, Respec, filled, like, op, pointwise
 
@@ -88,7 +88,7 @@ class ChosenChannels(OneImage):
             for part in parts
         )
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed."""
         chosen = self.chosen(parts[0].spec)
         order, names = tuple(c.source for c in chosen), tuple(c.name for c in chosen)
@@ -148,9 +148,9 @@ class ChannelNames(Respec):
 class FromChannels(OneImage):
     """New channels computed from all channels; OpenImageIO drops the metadata and the display window."""
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed."""
-        part = super().result(parts, session)
+        part = super().result(parts, facts)
         spec = oiio.ImageSpec(part.spec)
         Window.data(spec).show_in(spec)
         return dataclasses.replace(part, spec=spec)

@@ -15,7 +15,7 @@ from ...engine.core.parameters import Numbers, argument, image, param
 from ...engine.deferred import np, oiio
 from ...engine.errors import ColorError, ImageError, ParameterError
 from ...engine.io.documents import require_regular
-from ...engine.session import Session
+from ...engine.session.facts import Facts
 from .kinds import HostOp, Respec, checked, op, pointwise, worked
 
 log = logging.getLogger("oiiotex")
@@ -38,13 +38,13 @@ class IsColorSpace(Respec):
         """Set the color space, and erase metadata that contradicts it."""
         spec.set_colorspace(self.space)
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The part under its new spec."""
         if not self.space:
-            return super().result(parts, session)
-        session.resources.color.resolve(self.space)
-        known = replace(self, space=session.resources.color.known_name(self.space))
-        return super(IsColorSpace, known).result(parts, session)
+            return super().result(parts, facts)
+        facts.color.resolve(self.space)
+        known = replace(self, space=facts.color.known_name(self.space))
+        return super(IsColorSpace, known).result(parts, facts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,15 +62,15 @@ class OnColor(HostOp, Pointwise):
         """Names of this kind in the config, listed in the error if the conversion fails."""
         return ()
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed. A conversion that does not exist is an error now."""
-        path = session.resources.color.path
+        path = facts.color.path
 
         def convert(color: oiio.ImageBuf) -> oiio.ImageBuf:
             try:
                 return checked(self.convert(color, path))
             except (ImageError, RuntimeError) as error:  # OpenImageIO may take braces in names for format fields
-                known = ", ".join(self.known(session.resources.color.names))
+                known = ", ".join(self.known(facts.color.names))
                 raise ColorError(f"{error} ({path}{f' has {known}' if known else ''})") from None
 
         return pointwise(parts, parts[0].window, lambda source: _converted(source, convert))
@@ -121,17 +121,15 @@ class Converting(OnColor):
         source = _space(source, color.spec())
         return oiio.ImageBufAlgo.colorconvert(color, source, target, self.unpremult, self.key, self.value, config)
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed."""
-        names: dict[str, Any] = {
-            n: session.resources.color.known_name(s) for n, s in self.spaces().items() if hasattr(self, n)
-        }
+        names: dict[str, Any] = {n: facts.color.known_name(s) for n, s in self.spaces().items() if hasattr(self, n)}
         try:
-            return super(Converting, replace(self, **names)).result(parts, session)
+            return super(Converting, replace(self, **names)).result(parts, facts)
         except ColorError as error:
             if self.strict:
                 for name in {*self.spaces().values()} - {"", "current"}:
-                    session.resources.color.resolve(name)  # its error has more detail
+                    facts.color.resolve(name)  # its error has more detail
                 raise
             log.warning("%s: %s; the pixels are not converted", self.flag(), error)
             return worked(parts[0])

@@ -9,11 +9,12 @@ from typing import Any, ClassVar, TypeAlias
 
 from ...engine.core.access import AnyWindow, Pointwise
 from ...engine.core.image import Image, Part, derived_spec, in_memory, type_named
+from ...engine.core.op import Plan
 from ...engine.core.parameters import Numbers, argument, image, nearest, param, parse_modifiers
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
 from ...engine.errors import ParameterError
-from ...engine.session import Session
+from ...engine.session.facts import Facts
 from .arithmetic import per_channel
 from .geometry_text import Box, box_of, parse_box, parse_size
 from .kinds import Hosted, HostOp, checked, fields_of, like, op, worked
@@ -97,7 +98,7 @@ class Drawn(HostOp, Pointwise):
         """Draw on a window of an image with this spec, by the function."""
         self.called(buffer, spec)
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The drawing, not yet computed."""
         part = worked(parts[0])
         spec = part.window.apply_to(derived_spec(part.spec))
@@ -293,7 +294,7 @@ class NewImage(Hosted, AnyWindow):
         """A function that paints a window of the image, which is black before; here it does nothing."""
         return lambda buffer: None
 
-    def compute(self, session: Session) -> Image:
+    def planned(self, facts: Facts) -> Plan:
         """The image, not yet computed; data and display window are the same."""
         window = parse_box(self.size, Box(0, 0, 64, 64)).window()
         if window.empty:
@@ -307,7 +308,7 @@ class NewImage(Hosted, AnyWindow):
             paint(buffer)
             return checked(buffer)
 
-        return Image((Part("part0", spec, fetch, ready=True),), "new")
+        return Plan(Image((Part("part0", spec, fetch, ready=True),), "new"))
 
 
 def _paint_checker(use: Any, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
@@ -390,11 +391,10 @@ class Kernel(Hosted, AnyWindow):
     kernel: str = argument(help="Kernel, such as gaussian, box, binomial or laplacian.", example="gaussian")
     size: str = argument(help="Width and height WxH, in integer or fractional pixels.", example="5x5")
 
-    def compute(self, session: Session) -> Image:
+    def planned(self, facts: Facts) -> Plan:
         """The kernel; its values sum to 1."""
-        width, height = parse_size(self.size)
-        require_kernel(*kernel_size(self.kernel, width, height), session)
-        return Image((in_memory("kernel", kernel_of(self.kernel, width, height)),), "kernel")
+        require_kernel(*kernel_size(self.kernel, *parse_size(self.size)), facts)
+        return Plan(Image((in_memory("kernel", kernel_of(self.kernel, *parse_size(self.size))),), "kernel"))
 
 
 PATTERNS = (op("create", "Create a black image.", NewImage), Pattern, Kernel)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ...engine.core.access import Pointwise, Whole
 from ...engine.core.image import Image, Part, Pixels, cropped, in_memory
-from ...engine.core.op import Kind, Op, Output, Space
+from ...engine.core.op import Kind, Op, Output, Plan, Space, no_pixels
 from ...engine.core.parameters import Parameter, declared, image, param
 from ...engine.core.window import Window
 from ...engine.deferred import oiio
@@ -27,6 +27,7 @@ from ...engine.errors import ImageError, ParameterError, one_line
 
 if TYPE_CHECKING:
     from ...engine.session import Session
+    from ...engine.session.facts import Facts
 
 _OF_PARTS = ("subimages", "allsubimages")
 
@@ -48,7 +49,7 @@ class HostOp(Op):
     )  # fmt: skip
     allsubimages: bool | None = param(None, unset="1 with -a, else 0", help="Work on all parts.", advanced=True)
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The op's result from one part of each input."""
         raise NotImplementedError
 
@@ -70,26 +71,30 @@ class HostOp(Op):
         """Whether none of these parts of the first image would change: the image is then passed through."""
         return False
 
-    def compute(self, session: Session) -> Image:
-        """The result for each selected part; the others are dropped, as by oiiotool, unless the op keeps them."""
+    def planned(self, facts: Facts) -> Plan:
+        """The result, not yet computed."""
+        return Plan(self.of_parts(facts, self.result))
+
+    def of_parts(self, facts: Facts, result: Callable[[Sequence[Part], Facts], Part]) -> Image:
+        """`result` for each selected part; the others are dropped, as by oiiotool, unless the op keeps them."""
         inputs = self.inputs()
         first = inputs[0]
         chosen = _chosen(self.subimages, first)
-        everything = self.allsubimages if self.allsubimages is not None else session.settings.all_parts
+        everything = self.allsubimages if self.allsubimages is not None else facts.settings.all_parts
         count = len(first.parts) if everything or self.subimages else 1
         if self.idle([part for n, part in enumerate(first.parts[:count]) if n in chosen]):
             return first
         parts = []
         for n, part in enumerate(first.parts[:count]):
             operands = [given.parts[min(n, len(given.parts) - 1)] for given in inputs]
-            parts.append(self._worked(operands, session) if n in chosen else part)
+            parts.append(self._worked(operands, facts, result) if n in chosen else part)
         return Image((*parts, *(first.parts[count:] if self.keeps else ())), first.source)
 
-    def _worked(self, parts: Sequence[Part], session: Session) -> Part:
+    def _worked(self, parts: Sequence[Part], facts: Facts, result: Callable[[Sequence[Part], Facts], Part]) -> Part:
         """The op's result; ids and coordinates keep their type, and an op that would mix them is refused."""
         part = parts[0]
         if not part.exact:
-            made, typed = self.result(parts, session), next((one for one in parts if one.typed), None)
+            made, typed = result(parts, facts), next((one for one in parts if one.typed), None)
             return made if typed is None else dataclasses.replace(made, stored=typed.stored, typed=True)
         if self.mixes:
             content = "source coordinates" if part.spec.format == oiio.FLOAT else "ids"
@@ -97,7 +102,7 @@ class HostOp(Op):
                 f"part '{part.name}' holds {content}, which must not be interpolated",
                 hint=f"exclude it: :subimages=-{part.name}, or no -a",
             )
-        return dataclasses.replace(self.result(parts, session), stored=part.stored, exact=True)
+        return dataclasses.replace(result(parts, facts), stored=part.stored, exact=True)
 
     def inputs(self) -> list[Image]:
         """The given images, in the order of declaration."""
@@ -242,7 +247,7 @@ class PointOp(HostOp, Pointwise):
         """The result over the common data window of the buffers."""
         return self.called(*buffers)
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed, over the union of the inputs' data windows."""
         return pointwise(parts, functools.reduce(operator.or_, (part.window for part in parts)), self.apply)
 
@@ -276,9 +281,21 @@ class AtOnce(HostOp, Whole):
         """Bytes needed in addition to the inputs."""
         return _bytes(parts[0])
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
+        """A part of which only the name and the kind are known: its memory is checked."""
+        facts.require(sum(map(_bytes, parts)) + self.result_bytes(parts), self.flag())
+        return dataclasses.replace(parts[0], fetch=no_pixels)
+
+    def planned(self, facts: Facts) -> Plan:
+        """The spec of the result is known when its function has returned it."""
+        self.of_parts(facts, self.result)
+        return Plan()
+
+    def make(self, plan: Plan, session: Session) -> Image:
         """The computed result."""
-        session.resources.require(sum(map(_bytes, parts)) + self.result_bytes(parts), self.flag())
+        return self.of_parts(session.resources, self._computed)
+
+    def _computed(self, parts: Sequence[Part], facts: Facts) -> Part:
         return in_memory(parts[0].name, checked(self.called(*(part.buffer(part.window) for part in parts))))
 
 
@@ -296,6 +313,6 @@ class Respec(HostOp, Pointwise):
 
     source: Image = image(help="Input image.")
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The part with its new spec, in its own type."""
         return parts[0].respecced(self.called)

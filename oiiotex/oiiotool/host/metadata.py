@@ -17,7 +17,7 @@ from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
 from ...engine.errors import ImageError, ParameterError
 from ...engine.io.documents import require_regular
-from ...engine.session import Session
+from ...engine.session.facts import Facts
 from .geometry_text import box_of, parse_box, parse_offset
 from .kinds import HostOp, Respec, op, worked
 
@@ -108,7 +108,7 @@ class PasteMetadata(HostOp, Pointwise):
         """The second image first: the result has its parts."""
         return [self.pixels, self.metadata]
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The second image's pixels with the new spec."""
         pixels, metadata = parts
         corner = Window.sized(pixels.spec.x, pixels.spec.y, 1, 1)

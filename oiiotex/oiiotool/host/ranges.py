@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ...engine.core.demand import bands, cached
-from ...engine.core.image import Part, pixels_of
+from ...engine.core.image import Image, Part, pixels_of
+from ...engine.core.op import Plan
 from ...engine.core.parameters import Numbers, argument, param
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
 from ...engine.errors import ImageError
 from ...engine.session import Session
+from ...engine.session.facts import Facts
 from .arithmetic import numbers_for_channels
 from .kinds import OneImage, filled, op, window_of
 from .remapping import Area
@@ -110,14 +112,16 @@ class FixNonFinite(Area):
         """The radius of the neighborhood."""
         return (1, 1) if self.strategy == "box3" else (0, 0)
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def make(self, plan: Plan, session: Session) -> Image:
         """The result, not yet computed; with `error`, all pixels are read now."""
-        if self.strategy == "error":
-            near = cached(parts[0], session.resources.cache)
-            count = sum(int((~np.isfinite(near.read(w))).any(axis=2).sum()) for w in bands(near))
-            if count:
-                raise ImageError(f"{count} pixel(s) have NaN or Inf values")
-        return super().result(parts, session)
+        return self.of_parts(session.resources, self._finite) if self.strategy == "error" else plan.results
+
+    def _finite(self, parts: Sequence[Part], facts: Facts) -> Part:
+        near = cached(parts[0], facts.cache)
+        count = sum(int((~np.isfinite(near.read(w))).any(axis=2).sum()) for w in bands(near))
+        if count:
+            raise ImageError(f"{count} pixel(s) have NaN or Inf values")
+        return self.result(parts, facts)
 
 
 def _numbers(value: float, help: str, example: str) -> Any:

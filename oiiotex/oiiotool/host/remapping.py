@@ -19,7 +19,7 @@ from ...engine.errors import ImageError, ParameterError
 from .kinds import HostOp, checked, once, sample
 
 if TYPE_CHECKING:
-    from ...engine.session import Session
+    from ...engine.session.facts import Facts
 
 _MOST_NEIGHBORS = 1 << 24  # of a pixel
 _CELL = 256  # side of the squares in which oblique reads are done: a band of rows would need the whole source
@@ -45,11 +45,11 @@ class _Resampled(HostOp):
         """The result over the data window of `target`, from buffers with the pixels that it reads."""
         raise NotImplementedError
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed."""
         specs = [part.spec for part in parts]
         needs = functools.partial(self.needs, specs=specs)
-        return remapped(self, parts, self.target(specs), needs, self.apply, session, scattered=self.scattered)
+        return remapped(self, parts, self.target(specs), needs, self.apply, facts, scattered=self.scattered)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,13 +74,13 @@ class Area(_Resampled, Neighborhood):
         """The function's result for this window."""
         return self.called(buffers[0], Window.data(target).roi(target.nchannels))
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed; a kernel that is too large is refused."""
-        require_kernel(*self.neighborhood(), session)
-        return super().result(parts, session)
+        require_kernel(*self.neighborhood(), facts)
+        return super().result(parts, facts)
 
 
-def require_kernel(width: int, height: int, session: Session) -> None:
+def require_kernel(width: int, height: int, facts: Facts) -> None:
     """Refuse a kernel that takes too long (more than 2^24 pixels: ParameterError) or exceeds the memory budget."""
     if width * height > _MOST_NEIGHBORS:
         raise ParameterError(
@@ -88,7 +88,7 @@ def require_kernel(width: int, height: int, session: Session) -> None:
             expected=f"at most {_MOST_NEIGHBORS} pixels",
             hint="use a smaller image or kernel",
         )
-    session.resources.require(width * height * 4, "a kernel", "use a smaller kernel")
+    facts.require(width * height * 4, "a kernel", "use a smaller kernel")
 
 
 def remapped(
@@ -97,7 +97,7 @@ def remapped(
     target: oiio.ImageSpec,
     needs: Callable[[Window], Sequence[Window]],
     apply: Callable[..., oiio.ImageBuf],
-    session: Session,
+    facts: Facts,
     *,
     scattered: bool = False,
 ) -> Part:
@@ -109,12 +109,12 @@ def remapped(
     whole = Window.data(target)
     if whole.empty or target.full_width < 1 or target.full_height < 1:
         raise ImageError(f"the result would have {max(0, whole.width)}x{max(0, whole.height)} pixels")
-    bring = functools.partial(materialized, budget=session.resources.budget)
-    near = [once(part, bring) if scattered else cached(part, session.resources.cache) for part in parts]
+    bring = functools.partial(materialized, budget=facts.budget)
+    near = [once(part, bring) if scattered else cached(part, facts.cache) for part in parts]
 
     def at(window: Window) -> oiio.ImageBuf:
         pieces = [(part, _seen(wanted, part)) for part, wanted in zip(near, needs(window), strict=True)]
-        session.resources.require(sum(w.width * w.height * part.spec.nchannels * 4 for part, w in pieces), op.flag())
+        facts.require(sum(w.width * w.height * part.spec.nchannels * 4 for part, w in pieces), op.flag())
         return checked(apply(window.apply_to(target), *(part.buffer(w) for part, w in pieces)))
 
     corner = Window.sized(whole.left, whole.top, 1, 1)

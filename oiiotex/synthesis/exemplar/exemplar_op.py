@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-from ...engine.color.lab import DATA, working_values
+from ...engine.color.lab import DATA, color_to_convert, working_values
 from ...engine.core.attributes import mark_as_data
 from ...engine.core.demand import SomeRows, first_channels, materialized
 from ...engine.core.image import Image, Part
@@ -20,9 +20,10 @@ from ...engine.core.source_map import STMAP
 from ...engine.deferred import np
 from ...engine.errors import ImageError, ParameterError
 from ...engine.io.disk_cache import hash_of
+from ...engine.session.facts import Facts
 from ...engine.session.resources import Resources
-from .exemplar_masks import both, label_map, labeled_pixels, masked_pixels
-from .materials import KINDS_HELP, MATCH_HELP, kinds_of, read_material
+from .exemplar_masks import both, label_map, labeled_pixels, laid_over, masked_pixels
+from .materials import KINDS_HELP, MATCH_HELP, kinds_of, read_material, require_readable
 
 Found = TypeVar("Found")
 
@@ -76,6 +77,18 @@ class LabeledExemplar(Op):
     seed: int = param(0, ge=0, le=2**32 - 1, help=SEED)
     st: bool | Path = param(False, help=STMAP, example="st.exr", advanced=True)
 
+    def require_readable(self, facts: Facts) -> None:
+        """Refuse inputs that `read` would refuse whatever their pixels are."""
+        if self.label is not None:
+            label_map(self.exemplar, self.labels, self.labellevel)
+        if self.mask is not None:
+            laid_over(self.mask.first, self.exemplar, "mask")
+        self.require_seen(facts)
+
+    def require_seen(self, facts: Facts) -> None:
+        """Refuse an exemplar whose color space is not known."""
+        color_to_convert(self.exemplar, facts, self.working_space)
+
     def read(self, resources: Resources, *also: np.ndarray | None) -> ExemplarPixels:
         """Values and usable pixels; each of `also` is a further mask of usable pixels, (height, width) bool."""
         with resources.stats.time("read and color"):
@@ -89,14 +102,14 @@ class LabeledExemplar(Op):
         """Values of the exemplar, and its opaque pixels."""
         return working_values(self.exemplar, resources, self.working_space, self.holds_photo(resources))
 
-    def holds_photo(self, resources: Resources) -> bool:
+    def holds_photo(self, facts: Facts) -> bool:
         """Whether the photo's values are held in memory instead of a file."""
         return True
 
-    def holds(self, resources: Resources, size: int) -> bool:
+    def holds(self, facts: Facts, size: int) -> bool:
         """Whether `size` bytes per pixel of the photo fit into a quarter of the budget."""
         spec = self.exemplar.first.spec
-        return size * spec.width * spec.height <= resources.budget // 4
+        return size * spec.width * spec.height <= facts.budget // 4
 
     def in_any_order(self, part: Part, held: bool) -> Part:
         """The part with random access to its pixels: decoded to a file if they are not held in memory."""
@@ -128,10 +141,11 @@ class ExemplarOp(LabeledExemplar):
     mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
     label: int | None = param(None, example="3", ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
 
-    def _allowed(self) -> np.ndarray | None:
+    def require_readable(self, facts: Facts) -> None:
+        """Also refuses a level without a label."""
         if self.label is None and (self.labellevel is not None or self.labels is not None):
             raise ParameterError("labellevel and labels require label")
-        return super()._allowed()
+        super().require_readable(facts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,6 +160,10 @@ class MaterialOp(ExemplarOp):
     mapweights: Numbers | None = param(
         None, ge=0, unset="1 for each map, 0.25 for a height", help=MATCH_HELP, example="1,0.5,0", advanced=True
     )
+
+    def require_seen(self, facts: Facts) -> None:
+        """Refuse maps that do not belong together."""
+        require_readable(self.all_maps(), self.kinds, self.mapweights, self.data, facts)
 
     def seen(self, resources: Resources) -> tuple[SomeRows, np.ndarray | None]:
         """Values of all maps of the material together."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import logging
 
 from ...engine.color.config import as_float
-from ...engine.color.lab import working_values
+from ...engine.color.lab import color_to_convert, working_values
 from ...engine.core.demand import SomeRows, first_channels
 from ...engine.core.image import Image, channels_of
 from ...engine.core.op import Space
@@ -14,6 +14,7 @@ from ...engine.core.parameters import Numbers, Words
 from ...engine.core.scratch import AT_ONCE, empty_rows
 from ...engine.deferred import np
 from ...engine.errors import ImageError, ParameterError
+from ...engine.session.facts import Facts
 from ...engine.session.resources import Resources
 from .exemplar_masks import both
 
@@ -90,6 +91,18 @@ def _read(
             pieces.append(np.zeros((*pieces[0].shape[:2], 3 - count), np.float32))
         joined[rows] = np.concatenate(pieces, axis=-1)
     return joined, opaque
+
+
+def require_readable(
+    maps: tuple[Image, ...], kinds: Words | None, match: Numbers | None, data: bool, facts: Facts
+) -> None:
+    """Refuse maps that `read_material` would refuse whatever their pixels are."""
+    named = tuple(kinds_of(kinds, len(maps), data))
+    weights = _weights(match, named)
+    _require_alike(maps)
+    for image, kind, weight in zip(maps, named, weights, strict=True):
+        if weight > 0 and kind == "color":
+            color_to_convert(image, facts, Space.LAB)
 
 
 def kinds_of(kinds: Words | None, count: int, data: bool) -> list[str]:

@@ -6,18 +6,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ...engine.core.access import InBands
-from ...engine.core.image import Image, Part
-from ...engine.core.op import Kind, Output
+from ...engine.core.image import Image
+from ...engine.core.op import Kind, Output, Plan
 from ...engine.core.parameters import Size, SizeRule, image, param
 from ...engine.core.source_map import COPIED, ST
-from ...engine.deferred import np
 from ...engine.errors import ParameterError, modifier, whole_budget
 from ...engine.session import Session
-from ...engine.session.progress import Progress
-from ...engine.session.resources import Resources
+from ...engine.session.facts import Facts
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import require_memory
 from ..patchmatch.recipe import Recipe
@@ -25,9 +23,12 @@ from ..quality.report import REPORT, Quality
 from ..quality.reported_op import Reported
 from ..wang.tiles import COUNTS, TWO_COLORS_FROM
 from .constraint_images import WEIGHT
-from .exemplar_op import ExemplarPixels, MaterialOp, tiles
+from .exemplar_op import MaterialOp, tiles
 from .heights import RELEVEL
 from .photo_lattice import least_size
+
+if TYPE_CHECKING:
+    from ...engine.opencl.device import DeviceMemory
 
 _COUNTS = f"{', '.join(map(str, COUNTS[:-1]))} or {COUNTS[-1]}"
 PATCHES, PATCH = tuple(range(5, 23, 2)), 13
@@ -36,6 +37,57 @@ _SIZE_HELP = "Size of the result. pow2: each side of the photo, rounded to the n
 PATCH_HELP = (
     "Side of a patch, in pixels. Structures up to this size are copied whole. Increase it if bricks or stones are cut."
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SynthesisPlan:
+    """What to synthesize, decided without pixels.
+
+    Attributes
+    ----------
+    op : PatchSynthesis
+        The op, with values for its preset.
+    size : Size
+        Of a tile, px. A lattice of the photo changes it, unless it `is_size_given`.
+    quality : Quality
+    in_memory : bool
+        Whether the photo is held in memory; otherwise it is read by rows.
+    budget : int
+        Bytes of the budget that remain next to the maps' pixels.
+    lattice : float
+        How much of the photo's lattice the result keeps, 0 to 1.
+    flattening : float or None
+        Share of low-frequency variation to remove from the photo; 1: also its stains. None: the op does not flatten.
+    sigmamap : Image or None
+        Sigma at each pixel.
+    evenness : float or None
+        Visible uniformity, used instead of sigma (MJH17 section 4.4).
+    second : (float, int) or None
+        If the first result is not faithful, sigma as a divisor of the longer side, and the patch, of another one.
+        None: the op does not judge its result.
+    preset : str
+        The preset whose values the op has; empty: none.
+    dominant : bool
+        Whether the preset takes source pixels only from the dominant texture.
+    """
+
+    op: PatchSynthesis
+    size: Size
+    quality: Quality
+    in_memory: bool
+    budget: int
+    lattice: float = 0.0
+    flattening: float | None = None
+    sigmamap: Image | None = None
+    evenness: float | None = None
+    second: tuple[float, int] | None = None
+    preset: str = ""
+    dominant: bool = False
+
+    @property
+    def is_size_given(self) -> bool:
+        """Whether the size was given, or follows from an input image."""
+        return self.op.size is not None or self.sigmamap is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,48 +179,39 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """One image for each map of the material, times variants unless they are packed."""
         return (1 if self.pack else self.variants) * super().result_count()
 
-    def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
-        """The tile and its source coordinates, as one mapping for each map and variant."""
-        from .synthesis_run import SynthesisRun  # not needed for help
-
-        with whole_budget(session.resources.budget):  # they are told what is left of it
-            return SynthesisRun(self, session.resources, session.progress).results()
-
-    def second_choice(self, recipe: Recipe) -> Recipe | None:
-        """The recipe to try if the first result is not faithful; None: no other."""
-        return None
-
-    @property
-    def judges_itself(self) -> bool:
-        """Whether the op chooses the scales itself."""
-        return False
-
-    def flattened(self, resources: Resources, progress: Progress) -> tuple[PatchSynthesis, dict[str, Part]]:
-        """The op with the exemplar that provides the patches, and further outputs of flattening."""
-        return self, {}
-
-    def leaves_out_stains(self, resources: Resources) -> bool:
-        """Whether stains of the photo are excluded from the source pixels."""
-        return False
-
-    def holds_photo(self, resources: Resources) -> bool:
-        """Whether the photo is held in memory; otherwise it is read by rows."""
-        return self.holds(resources, _LAB_BYTES * len(self.all_maps()))
-
-    def budget_left(self, resources: Resources) -> int:
-        """Bytes of the budget that remain next to the maps' pixels."""
-        parts = [one.first for one in (self.exemplar, *self.maps)] if self.holds_photo(resources) else []
-        return resources.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
-
-    def planned(self, resources: Resources, progress: Progress) -> tuple[Size, Quality]:
-        """The requested size and the measures; raises for all errors that do not depend on pixels."""
+    def planned(self, facts: Facts) -> Plan:
+        """What to synthesize."""
         self._check()
+        with whole_budget(facts.budget):  # errors are told what is left of it
+            return Plan(work=self._synthesis(facts))
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
+        """The tile and its source coordinates, as one mapping for each map and variant."""
+        from .synthesis_run import synthesized  # not needed for help
+
+        with whole_budget(session.resources.budget):
+            return synthesized(plan.work, session.resources, session.progress)
+
+    def _synthesis(self, facts: Facts, **choices: Any) -> SynthesisPlan:
+        """The plan of this op; raises for all errors that do not depend on pixels."""
         size = self.asked_size
         tiling = self.tiles if self.pack or self.variants < TWO_COLORS_FROM else "none"  # continue in other tiles
         whole = Size(*(n * (math.isqrt(self.variants) if self.pack else 1) for n in size))
-        quality = Quality.of_copies(self, resources, progress, whole, tiling, patch=self.side, losses=self.finds_losses)
-        self._require_memory(size, resources)
-        return size, quality
+        quality = Quality.of_copies(
+            self, facts, whole, tiling, patch=self.side, losses=choices.pop("finds_losses", False)
+        )
+        held = self.holds_photo(facts)
+        parts = [one.first for one in self.all_maps()] if held else []
+        budget = facts.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
+        plan = SynthesisPlan(op=self, size=size, quality=quality, in_memory=held, budget=budget, **choices)
+        if facts.device_memory is not None:
+            self._require_memory(plan, facts.device_memory)
+        self.require_readable(facts)
+        return plan
+
+    def holds_photo(self, facts: Facts) -> bool:
+        """Whether the photo is held in memory; otherwise it is read by rows."""
+        return self.holds(facts, _LAB_BYTES * len(self.all_maps()))
 
     @property
     def asked_size(self) -> Size:
@@ -177,32 +220,9 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         return own.powers_of_two() if self.size == SizeRule.POW2 else self.size or own
 
     @property
-    def kept_structure(self) -> float:
-        """How much of the photo's lattice the result keeps, 0 to 1."""
-        return 0.0
-
-    @property
-    def finds_losses(self) -> bool:
-        """Whether lost texture of the photo is measured."""
-        return False
-
-    @property
     def side(self) -> int:
         """Side of a patch, px."""
         return self.patch or PATCH
-
-    @property
-    def sized(self) -> bool:
-        """Whether an input image determines the size of the result."""
-        return False
-
-    def sigmas(self, width: int, height: int) -> np.ndarray | None:
-        """Sigma at each pixel of a result of this size; None if it is constant."""
-        return None
-
-    def controlled(self, recipe: Recipe, seen: ExemplarPixels, resources: Resources, progress: Progress) -> Recipe:
-        """The recipe, completed by values that depend on the photo."""
-        return recipe
 
     def _check(self) -> None:
         """Refuse conflicting modifiers."""
@@ -217,14 +237,13 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
             if wrong:
                 raise ParameterError(f"conflicts with {wrong}", parameter="variants", value=self.variants)
 
-    def _require_memory(self, size: Size, resources: Resources) -> None:
-        """Refuse what exceeds the memory budget by sizes alone."""
-        if self.size is None and self.kept_structure > 0 and not self.sized:
-            least = least_size(size, ("x" in self.tiles, "y" in self.tiles))
-            size = Size(*(max(n, self.side) for n in least))
-        recipe, spec = self.recipe(*size), self.exemplar.first.spec
-        if self.values().get("evenness") is not None or getattr(self, "sigmamap", None) is not None:
+    def _require_memory(self, plan: SynthesisPlan, device: DeviceMemory) -> None:
+        """Refuse what exceeds the memory by sizes alone."""
+        size, spec = plan.size, self.exemplar.first.spec
+        if plan.lattice > 0 and not plan.is_size_given:
+            size = Size(*(max(n, self.side) for n in least_size(size, ("x" in self.tiles, "y" in self.tiles))))
+        recipe = self.recipe(*size)
+        if plan.evenness is not None or plan.sigmamap is not None:
             recipe = replace(recipe, sigma=None)  # sigma depends on pixels
-        masked = self.mask is not None or self.label is not None or self.leaves_out_stains(resources)
-        held = ExemplarHeld(self.holds_photo(resources), masked)
-        require_memory(resources.device, recipe, (spec.height, spec.width, 3), self.budget_left(resources), held)
+        masked = self.mask is not None or self.label is not None or plan.flattening == 1 or plan.dominant
+        require_memory(device, recipe, (spec.height, spec.width, 3), plan.budget, ExemplarHeld(plan.in_memory, masked))

@@ -16,6 +16,7 @@ from ...engine.core.op import Op
 from ...engine.core.parameters import Size, param
 from ...engine.core.window import Domain
 from ...engine.deferred import np
+from ...engine.session.facts import Facts
 from ...engine.session.resources import Resources
 from ..patchmatch.field import hash_at
 
@@ -92,11 +93,11 @@ class Structured(Op):
         with resources.stats.time("lattice"):
             return photo_lattice(self.flag(), first_channels(lab, 3), usable)
 
-    def require_lattice(self, height: int, width: int, resources: Resources, held: int = 0) -> None:
+    def require_lattice(self, height: int, width: int, facts: Facts, held: int = 0) -> None:
         """Refuse a photo whose lattice cannot be found within the budget; `held`: bytes in use at the same time."""
         if self.lattice > 0:
             need = lattice_bytes(height, width) + held
-            resources.require(need, f"finding the lattice of {width}x{height}", "set lattice=0")
+            facts.require(need, f"finding the lattice of {width}x{height}", "set lattice=0")
 
     def in_step(self, lattice: Lattice | None, domain: Domain, seed: int | None = None) -> InStep | None:
         """How a result on that domain follows the lattice; a seed determines where its cells begin.

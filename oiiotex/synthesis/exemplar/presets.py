@@ -14,7 +14,7 @@ from ...engine.session.resources import Resources
 from .patch_synthesis import PATCH
 
 if TYPE_CHECKING:
-    from .patch_synthesis import PatchSynthesis
+    from .patch_synthesis import PatchSynthesis, SynthesisPlan
 
 _DOMINANT = "--texdominant"
 EVEN, CLEAN, LARGE = "even", "clean", "large"
@@ -35,29 +35,29 @@ PRESET_HELP = (
 )
 
 
-def filled(op: PatchSynthesis, preset: str, resources: Resources, progress: Progress, *, sigma: bool) -> PatchSynthesis:
-    """The op with its preset replaced by values for modifiers that were not given (for sigma only if `sigma` is set).
-
-    -v logs the equivalent command line.
-    """
+def filled(op: Any, preset: str) -> Any:
+    """The op with its preset replaced by values for modifiers that were not given."""
     chosen: dict[str, Any] = dict(PRESETS[preset])
     share = chosen.pop("share")
-    if sigma:
+    if op.amount is None and op.sigmamap is None:
         chosen["sigma"] = max(max(op.asked_size) / share, (op.patch or chosen["patch"]) / 4)
     missing: dict[str, Any] = {name: value for name, value in chosen.items() if getattr(op, name) is None}
-    plain = replace(op, **missing | {"preset": None})
-    before = ""
-    if preset == CLEAN and op.mask is None:
-        plain.planned(resources, progress)  # reports errors before any pixel is read
+    return replace(op, **missing | {"preset": None})
+
+
+def masked(plan: SynthesisPlan, given: PatchSynthesis, resources: Resources, progress: Progress) -> PatchSynthesis:
+    """The op of the plan, with the mask of its preset if that has one. -v logs the equivalent line of op `given`."""
+    op, before = plan.op, ""
+    if plan.dominant:
         part = op.exemplar.first
         mask = resources.remembered(("dominant", id(part), op.data), lambda: _dominant(op, resources, progress), part)
         if mask.pixels().any():  # otherwise it has warned
-            plain = replace(plain, mask=Image((mask,), mask.name))
+            op = replace(op, mask=Image((mask,), mask.name))
             before = f"{_DOMINANT}{':data=1' * op.data}:photo=1 "
-    others = "".join(f"{shlex.quote(image.source)} " for image in op.operands()[1:])
-    line = _words(plain, "mask" if before else "")
-    op.inform("preset=%s is equivalent to %s%s%s", preset, before, others, line)
-    return plain
+    others = "".join(f"{shlex.quote(image.source)} " for image in given.operands()[1:])
+    line = _words(op, "mask" if before else "")
+    given.inform("preset=%s is equivalent to %s%s%s", plan.preset, before, others, line)
+    return op
 
 
 def _dominant(op: PatchSynthesis, resources: Resources, progress: Progress) -> Part:

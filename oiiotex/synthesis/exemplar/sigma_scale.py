@@ -21,7 +21,7 @@ from pathlib import Path
 from ...engine.core.demand import SomeRows
 from ...engine.deferred import np
 from ...engine.io.disk_cache import cached_arrays, hash_of
-from ...engine.opencl.device import Device
+from ...engine.opencl.device import Device, DeviceMemory
 from ..patchmatch.constraints import Octaves, coarse_mask
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import require_memory, synthesize
@@ -79,7 +79,7 @@ def _reduction(recipe: Recipe, photo: tuple[int, ...]) -> tuple[float, tuple[int
     return factor, (width, height, e_width, e_height)
 
 
-def require_tiles(device: Device, recipe: Recipe, photo: tuple[int, int], budget: int) -> None:
+def require_tiles(device: DeviceMemory, recipe: Recipe, photo: tuple[int, int], budget: int) -> None:
     """Refuse a `SigmaTiles` of a photo, (height, width), that exceeds the memory budget by sizes alone."""
     width, height, e_width, e_height = _reduction(recipe, photo)[1]
     small = replace(recipe, width=width, height=height, sigma=None)

@@ -1,23 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One run of a `PatchSynthesis`: from reading the photo to the tiles and their report."""
+"""One run of a `SynthesisPlan`: from reading the photo to the tiles and their report."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from ...analysis.drift.flattening import Flattening, correction_part
 from ...analysis.regularity.courses import Courses, InCourses
 from ...analysis.regularity.lattice import Lattice
 from ...analysis.regularity.offset_prices import InStep
+from ...analysis.stationarity.measures import scale_folder
 from ...engine.color.config import as_float
 from ...engine.color.lab import working_values
 from ...engine.core.demand import SomeRows, first_channels, materialized
-from ...engine.core.image import Part, from_pixels
+from ...engine.core.image import Image, Part, from_pixels
 from ...engine.core.source_map import SourceMap
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
+from ...engine.errors import present, spelled, texture_filter
+from ...engine.io.disk_cache import hash_of
 from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
 from ..patchmatch.optimization import Synthesis, synthesize
@@ -27,104 +31,157 @@ from ..quality.report import Look, Quality
 from ..wang.atlas import mark_as_atlas, packed, shared_pixels
 from ..wang.tiles import COUNTS, edged, edges_of, runs_for, wang_tiles
 from .coarse_looks import coarse_looks
-from .constraint_images import weights_of
+from .constraint_images import sigmas_of, weights_of
+from .exemplar_masks import mask_of
 from .first_result import SET_OF_TILES, better_of, fidelity_of, hint_that_it_tiles, say_fidelity
 from .heights import Pairing, height_tile
 from .photo_lattice import fitting_size, photo_structure
+from .sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 
 if TYPE_CHECKING:
-    from ...engine.core.parameters import Size
     from ...engine.session.progress import Progress
     from ...engine.session.resources import Resources
-    from .patch_synthesis import PatchSynthesis
+    from .exemplar_op import ExemplarPixels
+    from .patch_synthesis import PatchSynthesis, SynthesisPlan
 
 
 # time of a pixel of the photo: flattened, read, searched for a lattice; and of the tile: made, judged, measured
 _PHOTO, _TILE = (1, 3, 8), (30, 2, 4)
 
 
+def synthesized(
+    plan: SynthesisPlan, resources: Resources, progress: Progress
+) -> dict[str, Any] | tuple[dict[str, Any], ...]:
+    """The tile with all its outputs, as one mapping for each map and variant."""
+    op, photo = plan.op, plan.op.exemplar.first.window
+    made = plan.size.width * plan.size.height * (runs_for(op.variants) if op.variants > 1 else 1)
+    measured = plan.quality.during(resources, progress).is_asked_for
+    given, wanted = (1, 1, int(plan.lattice > 0)), (1, 1, int(measured))
+    flattening, reading, searching, making, judging, measuring = progress.stages(
+        *(photo.width * photo.height * cost * here for cost, here in zip(_PHOTO, given, strict=True)),
+        *(made * cost * here for cost, here in zip(_TILE, wanted, strict=True)),
+    )
+    with resources.stats.time("flatten"):
+        flat, drift = _flattened(plan, resources, flattening)
+    flattening.advance(1, 1)
+    with resources.stats.time("read and color"):
+        maps = [_in_any_order(image.first, plan.in_memory) for image in flat.all_maps()]
+        weight = None if op.weightmap is None else weights_of(op.weightmap, op.exemplar)
+    seen = flat.read(resources, None if weight is None else weight > 0)
+    reading.advance(1, 1)
+    if not plan.in_memory:
+        resources.cache.forget()  # everything has been read
+    structure = None
+    if plan.lattice > 0:
+        with resources.stats.time("lattice"):
+            structure = seen.remembered(resources, photo_structure, op.flag())
+    searching.advance(1, 1)
+    lattice = structure if isinstance(structure, Lattice) else None
+    wraps = "x" in op.tiles, "y" in op.tiles
+    size = fitting_size(op.flag(), lattice, plan.size, plan.is_size_given, wraps)
+    look = coarse_looks(maps[0], making.look) if op.variants == 1 else None
+    sigmas = None if plan.sigmamap is None else sigmas_of(plan.sigmamap, *size)
+    recipe = op.recipe(*size)
+    if plan.evenness is not None:
+        recipe = _perceived(plan, recipe, seen, resources, making)
+    if sigmas is not None:  # one sigma for the stationarized photo
+        recipe = replace(recipe, sigma=float(np.exp(np.log(sigmas).mean())))
+    if lattice is not None:
+        recipe = replace(recipe, in_step=InStep(lattice, lattice.on_torus(recipe), plan.lattice))
+    elif isinstance(structure, Courses):
+        recipe = replace(recipe, in_step=InCourses.of(structure, recipe, plan.lattice))
+    quality = _measures_of(plan.quality, lattice, recipe).during(resources, measuring)
+    run = SynthesisRun(
+        plan, flat, maps, seen, lattice, recipe, Constraints(weight=weight, sigmas=sigmas), quality, look, wraps,
+        resources, making, judging,
+    )  # fmt: skip
+    first, *others = run.variants() if op.variants > 1 else run.one()
+    first = _beside_drift(first, drift)
+    measuring.advance(1, 1)
+    return (first, *others) if others else first
+
+
+def _flattened(plan: SynthesisPlan, resources: Resources, progress: Progress) -> tuple[PatchSynthesis, dict[str, Part]]:
+    """The op on the flattened photo without its stains, and the correction."""
+    op, part, strength = plan.op, plan.op.exemplar.first, plan.flattening
+    if not strength:
+        return op, {} if strength is None else {"drift": correction_part(None, part)}
+    allowed = op._allowed()
+    flattening = Flattening(amount=strength)
+    flat, drift, stained = resources.remembered(
+        ("flattened", id(part), strength, None if allowed is None else hash_of(allowed)),
+        lambda: flattening.of(op.flag(), op.exemplar, op.working_space, resources, progress, allowed),
+        part,
+    )
+    mask = op.mask
+    if stained is not None and strength == 1:
+        mask = mask_of(~stained if allowed is None else allowed & ~stained, part)
+        keep = spelled(f"to keep it, use {texture_filter('flatten')} first, then flattening=0")
+        op.inform("a stain covers %.0f %% of the photo and is not copied; %s", 100 * stained.mean(), keep)
+    exemplar = Image((flat, *op.exemplar.parts[1:]), op.exemplar.source)
+    changed: dict[str, Any] = {"exemplar": exemplar, "mask": mask, "flattening": 0.0}
+    return replace(op, **changed), {"drift": drift}
+
+
+def _in_any_order(part: Part, in_memory: bool) -> Part:
+    """The decoded pixels, in memory if the photo is held there."""
+    if in_memory:
+        return from_pixels(part.name, part.pixels(), part.spec, part.stored)
+    return Part(part.name, part.spec, materialized(part, 0).fetch, part.stored, ready=True)
+
+
+def _perceived(
+    plan: SynthesisPlan, recipe: Recipe, seen: ExemplarPixels, resources: Resources, progress: Progress
+) -> Recipe:
+    """The recipe with the sigma that `evenness` stands for (MJH17 section 4.4)."""
+    tiles = SigmaTiles(resources.device, seen.values, seen.usable, recipe, resources.budget, seen.why)
+    scale = perceived_scale(tiles, DEFAULT_COUNT, progress.advance, scale_folder())
+    sigma = scale.sigma_at(present(plan.evenness))
+    plan.op.inform("evenness=%g corresponds to sigma=%.2f px", plan.evenness, sigma)
+    return replace(recipe, sigma=sigma)
+
+
+def _measures_of(quality: Quality, lattice: Lattice | None, recipe: Recipe) -> Quality:
+    """The quality measures for results of the recipe."""
+    if lattice is not None:
+        wanted = lattice.on_torus(recipe)
+        steps = tuple(map(tuple, np.linalg.pinv(wanted).T.tolist()))
+        across, down = np.abs(wanted).max(0).tolist()
+        quality = replace(quality, cycles=(across, down), lattice=steps)
+    return replace(quality, sigma=recipe.sigma, contrast=recipe.contrast, measure=recipe.measure, order=recipe.order)
+
+
+@dataclass(frozen=True)
 class SynthesisRun:
-    """The inputs of a run (photo, lattice and the resulting recipe), and its results."""
+    """What a run has read and decided, and the results that follow."""
 
-    def __init__(self, op: PatchSynthesis, resources: Resources, progress: Progress):
-        size, quality = op.planned(resources, progress)
-        photo = op.exemplar.first.window
-        made = size.width * size.height * (runs_for(op.variants) if op.variants > 1 else 1)
-        given, wanted = (1, 1, int(op.kept_structure > 0)), (1, 1, int(quality.is_asked_for))
-        stages = progress.stages(
-            *(photo.width * photo.height * cost * here for cost, here in zip(_PHOTO, given, strict=True)),
-            *(made * cost * here for cost, here in zip(_TILE, wanted, strict=True)),
-        )
-        self._op, self._resources = op, resources
-        flattening, reading, searching, self._progress, self._judging, self._measuring = stages
-        with resources.stats.time("flatten"):
-            self._flat, self._drift = op.flattened(resources, flattening)
-        flattening.advance(1, 1)
-        self._in_memory, self._budget = op.holds_photo(resources), op.budget_left(resources)
-        with resources.stats.time("read and color"):
-            self._maps = [self._in_any_order(image.first) for image in self._flat.all_maps()]
-            weight = None if op.weightmap is None else weights_of(op.weightmap, op.exemplar)
-        self._seen = self._flat.read(resources, None if weight is None else weight > 0)
-        reading.advance(1, 1)
-        if not self._in_memory:
-            resources.cache.forget()  # everything has been read
-        structure = None
-        if op.kept_structure > 0:
-            with resources.stats.time("lattice"):
-                structure = self._seen.remembered(resources, photo_structure, op.flag())
-        searching.advance(1, 1)
-        self._lattice = structure if isinstance(structure, Lattice) else None
-        self._courses = structure if isinstance(structure, Courses) else None
-        self._wraps = "x" in op.tiles, "y" in op.tiles
-        size = fitting_size(op.flag(), self._lattice, size, op.size is not None or op.sized, self._wraps)
-        self._look = coarse_looks(self._maps[0], self._progress.look) if op.variants == 1 else None
-        self._constraints = Constraints(weight=weight, sigmas=op.sigmas(*size))
-        self._recipe = self._recipe_of(size)
-        self._quality = self._quality_of(quality)
+    _plan: SynthesisPlan
+    _flat: PatchSynthesis  # the op on the flattened photo
+    _maps: list[Part]
+    _seen: ExemplarPixels
+    _lattice: Lattice | None
+    _recipe: Recipe
+    _constraints: Constraints
+    _quality: Quality
+    _look: Any
+    _wraps: tuple[bool, bool]
+    _resources: Resources
+    _progress: Progress
+    _judging: Progress
 
-    def _in_any_order(self, part: Part) -> Part:
-        """The decoded pixels, in memory if the photo is held there."""
-        if self._in_memory:
-            return from_pixels(part.name, part.pixels(), part.spec, part.stored)
-        return Part(part.name, part.spec, materialized(part, 0).fetch, part.stored, ready=True)
+    @property
+    def _op(self) -> PatchSynthesis:
+        return self._plan.op
 
-    def _recipe_of(self, size: Size) -> Recipe:
-        """The recipe of the op for this size and photo."""
-        op, sigmas = self._op, self._constraints.sigmas
-        recipe = op.controlled(op.recipe(*size), self._seen, self._resources, self._progress)
-        if sigmas is not None:  # one sigma for the stationarized photo
-            recipe = replace(recipe, sigma=float(np.exp(np.log(sigmas).mean())))
-        if self._lattice is not None:
-            return replace(recipe, in_step=InStep(self._lattice, self._lattice.on_torus(recipe), op.kept_structure))
-        if self._courses is not None:
-            return replace(recipe, in_step=InCourses.of(self._courses, recipe, op.kept_structure))
-        return recipe
-
-    def _quality_of(self, quality: Quality) -> Quality:
-        """The quality measures for results of the recipe."""
-        recipe = self._recipe
-        if self._lattice is not None:
-            wanted = self._lattice.on_torus(recipe)
-            steps = tuple(map(tuple, np.linalg.pinv(wanted).T.tolist()))
-            across, down = np.abs(wanted).max(0).tolist()
-            quality = replace(quality, cycles=(across, down), lattice=steps)
-        return replace(
-            quality, progress=self._measuring, sigma=recipe.sigma, contrast=recipe.contrast, measure=recipe.measure,
-            order=recipe.order,
-        )  # fmt: skip
-
-    def results(self) -> dict[str, Any] | tuple[dict[str, Any], ...]:
-        """The tile with all its outputs, as one mapping for each map and variant."""
-        first, *others = self._variants() if self._op.variants > 1 else self._one()
-        first = _beside_drift(first, self._drift)
-        self._measuring.advance(1, 1)
-        return (first, *others) if others else first
+    @property
+    def _in_memory(self) -> bool:
+        return self._plan.in_memory
 
     def _run(self, recipe: Recipe, constraints: Constraints, progress: Progress | None = None) -> Synthesis:
         """One synthesis from the photo, with progress reports."""
         op, resources, seen = self._op, self._resources, self._seen
         synthesis = synthesize(
-            resources.device, seen.values, seen.usable, recipe, self._budget, (progress or self._progress).advance,
+            resources.device, seen.values, seen.usable, recipe, self._plan.budget, (progress or self._progress).advance,
             seen.why, constraints, resources.keeper if op.resume else None,
             look=self._look,
         )  # fmt: skip
@@ -145,18 +202,22 @@ class SynthesisRun:
 
     # --- one tile ---
 
-    def _one(self) -> tuple[dict[str, Any], ...]:
+    def one(self) -> tuple[dict[str, Any], ...]:
+        """The tile, followed by the other maps of its material."""
         op, resources, recipe, quality = self._op, self._resources, self._recipe, self._quality
         if op.tiles == "xy" and op.size is None and self._in_memory:
             hint_that_it_tiles(op.flag(), op.exemplar.first)
-        other = op.second_choice(recipe)
+        other = None
+        if self._plan.second is not None:
+            share, patch = self._plan.second
+            other = replace(recipe, sigma=max(recipe.size) / share, patch=patch)
         synthesis, kept, recipe = better_of(
             op.flag(), self._run, self._constraints, recipe, other, self._seen, resources.stats, self._progress
         )
         self._judging.advance(1, 1)
         source, lost = synthesis.source, synthesis.lost
         quality = replace(quality, sigma=recipe.sigma)
-        say_fidelity(op.flag(), kept, recipe, warn=op.judges_itself)
+        say_fidelity(op.flag(), kept, recipe, warn=other is not None)
         resources.device.collect(resources.stats)
         op.say_what_stays()
         first, *others = self._with_heights(self._tiles(source), source)
@@ -197,7 +258,7 @@ class SynthesisRun:
 
     # --- interchangeable tiles ---
 
-    def _variants(self) -> tuple[dict[str, Any], ...]:
+    def variants(self) -> tuple[dict[str, Any], ...]:
         """Tiles with matching edges, each followed by the other maps of its material."""
         op, recipe, runs = self._op, self._recipe, runs_for(self._op.variants)
         self._resources.require(4 * recipe.width * recipe.height * (runs + 1), f"a set of {op.variants} tiles")
@@ -218,7 +279,7 @@ class SynthesisRun:
             make, op.variants, recipe.width, recipe.height, recipe.patch, lambda source: source.gather(values)
         )
         plane = packed(sources) if op.variants in COUNTS else sources[0]
-        if op.judges_itself and op.variants in COUNTS:
+        if self._plan.second is not None and op.variants in COUNTS:
             with self._resources.stats.time("fidelity"):
                 kept = fidelity_of(self._seen, plane, replace(recipe, wrap_x=True, wrap_y=True))
             say_fidelity(op.flag(), kept, recipe, warn=True, advice=SET_OF_TILES)

@@ -7,12 +7,28 @@ from typing import TYPE_CHECKING
 
 from ...engine.core.window import Window
 from ...engine.deferred import np
-from ...engine.errors import ImageError, ParameterError
+from ...engine.errors import ImageError, ParameterError, present
 from ...engine.io.cryptomatte import coverage_of
 from ..exemplar.exemplar_masks import label_map, labeled_pixels, laid_over, mask_pixels
 
 if TYPE_CHECKING:
     from ...engine.core.image import Image
+
+
+def require_region(
+    photo: Image, region: Image | None, labels: Image | None, label: int | None, level: int | None,
+    mattes: Image | None, matte: str | None,
+) -> None:  # fmt: skip
+    """Refuse what `marked_pixels` would refuse whatever the pixels are."""
+    if label is not None:
+        label_map(photo, labels, level)
+    elif matte is not None:
+        if mattes is not None:
+            laid_over(mattes.first, photo, "mattes")
+    elif region is None:
+        raise ImageError("requires a region: an image that marks the pixels to replace, label= or matte=")
+    else:
+        laid_over(region.first, photo, "region")
 
 
 def marked_pixels(
@@ -32,8 +48,6 @@ def marked_pixels(
         return labeled_pixels(label_map(photo, labels, level), replaced, "replace")
     if matte is not None:
         window, holder = photo.first.window, mattes or photo
-        if mattes is not None:
-            laid_over(mattes.first, photo, "mattes")  # checks the size
         covered = np.zeros((window.height, window.width), bool)
         own, coverage = coverage_of(holder, matte)
         own = own if Window(0, 0, *own.size) != own or own.size != window.size else window
@@ -42,9 +56,7 @@ def marked_pixels(
         if not covered.any():
             raise ParameterError("covers no pixel of the photo", parameter="matte", value=matte)
         return covered
-    if region is None:
-        raise ImageError("requires a region: an image that marks the pixels to replace, replace= or matte=")
-    return mask_pixels(laid_over(region.first, photo, "region"))
+    return mask_pixels(laid_over(present(region).first, photo, "region"))
 
 
 def surroundings(marked: np.ndarray, reach: int, wraps: tuple[bool, bool] = (False, False)) -> Window:

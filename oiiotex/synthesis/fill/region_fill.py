@@ -44,6 +44,7 @@ from .source_layout import in_layout_of
 
 if TYPE_CHECKING:
     from ...engine.color.lens import Lens
+    from ...engine.session.facts import Facts
     from ...engine.session.progress import Progress
     from ...engine.session.resources import Resources
 
@@ -72,10 +73,16 @@ class Filling:
     measures: dict[str, float] = field(default_factory=dict)
 
 
+def quality_of(op: Any, facts: Facts) -> Quality:
+    """The measures of --texfill: fidelity at a small size, and uses of the source's pixels."""
+    spec = op.source_maps()[0].first.spec
+    return Quality(op=op, facts=facts, own=NAMES, need=SOURCE_BYTES * spec.width * spec.height + (32 << 20))
+
+
 class RegionFill:
     """The inputs of one run of the op, and its results."""
 
-    def __init__(self, op: Any, resources: Resources, progress: Progress):
+    def __init__(self, op: Any, resources: Resources, progress: Progress, quality: Quality):
         self._op, self._resources, self._stages = op, resources, progress.stages(*_SHARES)
         self._photos = op.all_maps()
         self._sources = op.source_maps()
@@ -85,7 +92,7 @@ class RegionFill:
                 op.exemplar, op.region, op.labels, op.replace, op.labellevel, op.mattes, op.matte
             )
         self._wraps = "x" in op.tiled, "y" in op.tiled
-        self._quality = Quality(op=op, resources=resources, progress=progress, own=NAMES, need=self._report_bytes())
+        self._quality, self._measured = quality.during(resources, progress), progress.measure
         self._light: tuple[Light, Light] | None = None
 
     def results(self) -> tuple[dict[str, Any], ...]:
@@ -105,7 +112,7 @@ class RegionFill:
         filling = self._filled(zone, progress)
         op.say_what_stays()
         first, *others = self._parts(filling)
-        if not self._quality.progress.measure:  # otherwise they are among the measures
+        if not self._measured:  # otherwise they are among the measures
             for grade, _, sentence in (line.partition(": ") for line in verdicts(filling.measures)):
                 if grade == GRADES[-1]:
                     op.warn("%s", sentence)
@@ -202,11 +209,6 @@ class RegionFill:
         task, need, hint = max(steps, key=lambda step: step[1])
         if need + colors > left:
             raise MemoryBudgetError(task, need + colors, left, hint)
-
-    def _report_bytes(self) -> int:
-        """Memory of the measures for a report: fidelity at a small size, and uses of the source's pixels."""
-        spec = self._sources[0].first.spec
-        return SOURCE_BYTES * spec.width * spec.height + (32 << 20)
 
     def _recipe(self, window: Window) -> Recipe:
         op = self._op

@@ -25,6 +25,7 @@ from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.io.disk_cache import hash_of
 from ...engine.io.reading import read
+from ...engine.session.facts import Facts
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from .candidate_sets import Analysis, analyze
@@ -141,10 +142,10 @@ class Plane:
         return self._planes[number]
 
 
-def graph_images(path: str | Path, resources: Resources) -> tuple[Graph, tuple[Image, ...]]:
+def graph_images(path: str | Path, facts: Facts) -> tuple[Graph, tuple[Image, ...]]:
     """The graph in a document, and its exemplar files, opened."""
     graph = read_graph(path)
-    return graph, tuple(read(file, resources.cache) for file in graph.files)
+    return graph, tuple(read(file, facts.cache) for file in graph.files)
 
 
 def opened(

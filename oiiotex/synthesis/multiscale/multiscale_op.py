@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ...engine.color.lab import InLab
+from ...engine.color.lab import InLab, color_to_convert
 from ...engine.core.access import AnyWindow
 from ...engine.core.demand import MadeRows, rows_of
 from ...engine.core.image import Image
@@ -18,12 +18,14 @@ from ...engine.core.source_map import SourceMap, tile_spec
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
 from ...engine.errors import ParameterError
+from ...engine.session.facts import Facts
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from ..quality.report import Look, Quality
 from ..quality.reported_op import Reported
 from .graph import Graph
 from .infinite_plane import Plane, analysis_folder, graph_images, opened
+from .stacks import common_side, require_channels
 from .synthesizer import MOST_LEVEL, PlaneSettings, Synthesizer
 
 FARTHEST = 1 << 60  # px; maximum coordinate on the plane
@@ -102,14 +104,23 @@ class Multiscale(InLab, Reported, AnyWindow):
         """Name of the input, for messages and the result."""
         return str(self.graph) if self.graph else self.exemplar.source if self.exemplar else ""
 
-    def opened(self, resources: Resources, progress: Progress) -> Plane:
-        """The plane, with its exemplars read and analyzed."""
+    def exemplars(self, facts: Facts) -> tuple[Graph, tuple[Image, ...]]:
+        """The graph, and the images of its exemplars; raises for all errors that do not depend on pixels."""
         if self.graph is not None:
-            graph, images = graph_images(self.graph, resources)
+            graph, images = graph_images(self.graph, facts)
         elif self.exemplar is not None:
             graph, images = self.single(self.exemplar.source), (self.exemplar,)
         else:
             raise ParameterError("no exemplar", expected="an image, or graph=FILE")
+        side, root = common_side(images, graph, facts, self.exemplarside), images[graph.root]
+        color_to_convert(root, facts, self.working_space)
+        for other in images:
+            require_channels(other, root)
+        graph.require_levels(side.bit_length() - 1, self.source)
+        return graph, images
+
+    def opened(self, graph: Graph, images: tuple[Image, ...], resources: Resources, progress: Progress) -> Plane:
+        """The plane, with its exemplars read and analyzed."""
         if self.keeplayout:  # the root is reproduced only if its neighborhoods wrap, as its plane does
             graph = replace(graph, wraps=tuple("periodic" if n == graph.root else w for n, w in enumerate(graph.wraps)))
         for given in images:

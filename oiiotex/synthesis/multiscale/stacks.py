@@ -24,6 +24,7 @@ from ...engine.core.source_map import SourceMap
 from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.errors import ImageError
+from ...engine.session.facts import Facts
 from ...engine.session.resources import Resources
 from ..quality.seam_measures import seam_ratio, wrap_percentile
 from .graph import Graph
@@ -62,15 +63,7 @@ def load_exemplars(
     detail stays sharp.
     """
     factors, root = graph.factors, graph.root
-    shortest = min(
-        min(_scaled_size(image, factor)) for image, factor in zip(images, factors, strict=True)
-    )  # the side is common to all: HRRG08 section 3.1
-    if shortest < LEAST:
-        small = next(i for i, f in zip(images, factors, strict=True) if min(_scaled_size(i, f)) == shortest)
-        raise ImageError(f"is {shortest} px wide or high", subject=small.source, expected=f"at least {LEAST} px")
-    side = 1 << (min(shortest, most).bit_length() - 1)
-    need = _TEXEL_BYTES * side * side * side.bit_length()  # of the root's levels; those of others are extra
-    resources.require(need, "analyzing exemplars", "reduce side")
+    side = common_side(images, graph, resources, most)
     lens = lens_of(images[root], resources, space)
     exemplars = []
     for image, factor, wrap in zip(images, factors, graph.wraps, strict=True):
@@ -79,13 +72,28 @@ def load_exemplars(
     return tuple(exemplars), lens
 
 
+def common_side(images: Sequence[Image], graph: Graph, facts: Facts, most: int) -> int:
+    """The side of all exemplars, px, at most `most`; refuses what exceeds the memory budget."""
+    factors = graph.factors
+    shortest = min(
+        min(_scaled_size(image, factor)) for image, factor in zip(images, factors, strict=True)
+    )  # the side is common to all: HRRG08 section 3.1
+    if shortest < LEAST:
+        small = next(i for i, f in zip(images, factors, strict=True) if min(_scaled_size(i, f)) == shortest)
+        raise ImageError(f"is {shortest} px wide or high", subject=small.source, expected=f"at least {LEAST} px")
+    side = 1 << (min(shortest, most).bit_length() - 1)
+    need = _TEXEL_BYTES * side * side * side.bit_length()  # of the root's levels; those of others are extra
+    facts.require(need, "analyzing exemplars", "reduce side")
+    return side
+
+
 def _scaled_size(image: Image, factor: float) -> tuple[int, int]:
     spec = image.first.spec
     return round(spec.width * factor), round(spec.height * factor)
 
 
-def _fitting(image: Image, root: Image, lens: Lens, resources: Resources, space: Space) -> Lens:
-    """The `Lens` of an exemplar other than the root."""
+def require_channels(image: Image, root: Image) -> None:
+    """Refuse an exemplar with other channels than the root."""
     mine, wanted = image.first.spec.channelnames, root.first.spec.channelnames
     if mine != wanted:
         raise ImageError(
@@ -93,6 +101,11 @@ def _fitting(image: Image, root: Image, lens: Lens, resources: Resources, space:
             subject=image.source,
             expected=f"{','.join(wanted)}, the channels of the root {root.source}",
         )
+
+
+def _fitting(image: Image, root: Image, lens: Lens, resources: Resources, space: Space) -> Lens:
+    """The `Lens` of an exemplar other than the root."""
+    require_channels(image, root)
     own = lens_of(image, resources, space)
     if (own.space is None) != (lens.space is None):
         raise ImageError(f"{image.source} conflicts with the root {root.source}: one is color, the other is data")

@@ -15,7 +15,7 @@ from ...engine.core.window import Domain
 from ...engine.deferred import np
 from ...engine.errors import DeviceError, MemoryBudgetError
 from ...engine.opencl.buffers import require_room
-from ...engine.opencl.device import Device
+from ...engine.opencl.device import DeviceMemory
 from ..projections.histograms import ValueCounts
 from ..projections.projection import layout as projection_layout
 from . import use_prices
@@ -76,7 +76,7 @@ def level_sigmas(constraints: Constraints, geometry: Geometry, scale: float) -> 
 
 
 def plan_memory(
-    device: Device, shape: tuple[int, ...], recipe: Recipe, geometries: list[Geometry], scales: list[float],
+    device: DeviceMemory, shape: tuple[int, ...], recipe: Recipe, geometries: list[Geometry], scales: list[float],
     constraints: Constraints, budget: int, held: ExemplarHeld,
 ) -> MemoryPlan:  # fmt: skip
     """The fastest memory plan that fits. If none fits, one that `Buffers` refuses.

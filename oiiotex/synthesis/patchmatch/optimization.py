@@ -28,7 +28,7 @@ from ...engine.deferred import np
 from ...engine.errors import present
 from ...engine.io.checkpoint import Checkpoint
 from ...engine.opencl.buffers import Buffers, require_room
-from ...engine.opencl.device import Device
+from ...engine.opencl.device import Device, DeviceMemory
 from ...engine.opencl.rows import Rows
 from ..projections.histograms import OUTSIDE, ValueCounts, apply_table, matching_table
 from ..projections.projection import Projecting, projected, projection
@@ -221,7 +221,9 @@ def _starts_shifted(recipe: Recipe, weights: np.ndarray | None, allowed: np.ndar
     return recipe.complete and recipe.shifted and all(recipe.wraps) and weights is None and whole
 
 
-def require_memory(device: Device, recipe: Recipe, shape: tuple[int, ...], budget: int, held: ExemplarHeld) -> None:
+def require_memory(
+    device: DeviceMemory, recipe: Recipe, shape: tuple[int, ...], budget: int, held: ExemplarHeld
+) -> None:
     """Refuse, from sizes alone, what `synthesize` would refuse, before the exemplar is read or a device is opened.
 
     Parameters

@@ -10,7 +10,7 @@ import functools
 import logging
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 from ... import __version__
@@ -25,6 +25,7 @@ from ...engine.core.source_map import SourceMap
 from ...engine.core.window import Domain
 from ...engine.deferred import np
 from ...engine.errors import ImageError, ParameterError, present
+from ...engine.session.facts import Facts
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from .limit import Limit
@@ -110,8 +111,9 @@ class Quality:
     """
 
     op: Any  # with parameters that not every Op has
-    resources: Resources
-    progress: Progress
+    facts: Facts
+    resources: Resources | None = None  # None: before the work
+    progress: Progress | None = None
     wrap: tuple[bool, bool] = (False, False)
     sizes: tuple[tuple[int, int], tuple[int, int]] = ((1, 1), (1, 1))
     copies: bool = True
@@ -132,8 +134,7 @@ class Quality:
     def of_copies(
         cls,
         op: Any,
-        resources: Resources,
-        progress: Progress,
+        facts: Facts,
         size: tuple[int, int],
         tile: str | None = None,
         **more: Any,
@@ -151,12 +152,16 @@ class Quality:
         """
         spec, tile = op.exemplar.first.spec, tile or op.tiles
         sizes = (spec.width, spec.height), (size[0], size[1])
-        return cls(op=op, resources=resources, progress=progress, wrap=("x" in tile, "y" in tile), sizes=sizes, **more)
+        return cls(op=op, facts=facts, wrap=("x" in tile, "y" in tile), sizes=sizes, **more)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "limits", tuple(map(self._limit, self.op.fail or ())))
         if self.op.report or self.limits:
-            self.resources.require(self._memory(), "measuring the result", "omit report and fail")
+            self.facts.require(self._memory(), "measuring the result", "omit report and fail")
+
+    def during(self, resources: Resources, progress: Progress) -> Quality:
+        """The same for the work."""
+        return replace(self, resources=resources, progress=progress)
 
     def add_to(
         self, results: dict[str, Any], seen: Callable[[], tuple[SomeRows, Iterable[Look]]], **more: float
@@ -196,12 +201,12 @@ class Quality:
 
         @functools.cache
         def report() -> dict[str, Any]:
-            with self.resources.stats.time("measure"):
+            with present(self.resources).stats.time("measure"):
                 return self._document(list(entries()))
 
-        if self.progress.measure:
+        if present(self.progress).measure:
             need = self._memory()
-            if need > self.resources.budget:
+            if need > self.facts.budget:
                 log.info("%s: not measured: requires %d MB of memory", self.op.flag(), -(-need >> 20))
             else:
                 for result in report()["results"]:
@@ -215,7 +220,7 @@ class Quality:
 
         def seen() -> tuple[SomeRows, list[Look]]:
             in_memory = self._fits(12 * self.sizes[0][0] * self.sizes[0][1])
-            photo = working_values(exemplar, self.resources, self.op.working_space, in_memory)[0]
+            photo = working_values(exemplar, present(self.resources), self.op.working_space, in_memory)[0]
             spec, st = exemplar.first.spec, rows_of(results["st"])
 
             def places(first: int, last: int) -> SourceMap:
@@ -232,7 +237,7 @@ class Quality:
         """A result that consists of those pixels of the exemplar."""
         shape = *source.packed.shape, *exemplar.shape[2:]
         lab = MadeRows(shape, exemplar.dtype, lambda first, last: source[first:last].gather(exemplar))
-        at_once = PIXELS if isinstance(exemplar, np.ndarray) else max(PIXELS, self.resources.budget // _GATHERED)
+        at_once = PIXELS if isinstance(exemplar, np.ndarray) else max(PIXELS, self.facts.budget // _GATHERED)
         return Look(name, self.kept(lab, at_once), source, exemplar, labels)
 
     def kept(self, rows: MadeRows, at_once: int = PIXELS) -> SomeRows:
@@ -244,12 +249,12 @@ class Quality:
         return store
 
     def _fits(self, size: int) -> bool:
-        return size <= self.resources.budget * _HELD_SHARE
+        return size <= self.facts.budget * _HELD_SHARE
 
     @property
     def is_asked_for(self) -> bool:
         """Whether -v, report or fail request it."""
-        fits = self.progress.measure and self._memory() <= self.resources.budget  # for -v alone
+        fits = present(self.progress).measure and self._memory() <= self.facts.budget  # for -v alone
         return bool(fits or self.op.report or self.limits)
 
     def _memory(self) -> int:
@@ -308,7 +313,7 @@ class Quality:
             "cost": cost(look.lab, domain=Domain(width, height, *self.wrap), like=photo),
         }
         light, before = channel(look.lab, 0), channel(photo, 0)
-        self.progress.advance(1, 3)  # a chance to cancel
+        present(self.progress).advance(1, 3)  # a chance to cancel
         for axis, letter, wraps, cycles in zip((1, 0), "xy", self.wrap, self.cycles, strict=True):
             if wraps:
                 measures[f"seam_{letter}_photo"] = seam_ratio(before, axis, cycles)
@@ -324,7 +329,7 @@ class Quality:
             kept = fidelity(exemplar, None, look.lab, self.wrap[::-1])
             measures |= {} if kept is None else kept.measures()
         if look.source is not None:
-            self.progress.advance(2, 3)
+            present(self.progress).advance(2, 3)
             measures |= self._of_copies(exemplar, look)
         return measures | known
 
@@ -333,7 +338,9 @@ class Quality:
         from .patch_texture import texture_of
 
         source = present(look.source)
-        texture = texture_of(self.resources, self.progress, look.lab, source, photo, self.patch, self.wrap)
+        texture = texture_of(
+            present(self.resources), present(self.progress), look.lab, source, photo, self.patch, self.wrap
+        )
         measures = {} if texture is None else {"texture": texture}
         copies = copies_by_source(source, (photo.shape[0], photo.shape[1]))
         measures["copied"] = copies.exact

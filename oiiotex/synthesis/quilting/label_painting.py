@@ -17,7 +17,7 @@ from ...engine.deferred import np
 from ...engine.errors import ImageError, present, texture_filter
 from ...engine.io.documents import read_arrays
 from .guide_map import Meaning, Strays
-from .quilt_plan import Grid, Plan
+from .quilt_plan import Grid, QuiltPlan
 from .quilter import Demand, Quilt
 
 log = logging.getLogger("oiiotex")
@@ -64,12 +64,12 @@ def painting_arrays(layers: dict[str, Quilt], exemplar: tuple[int, int]) -> dict
 class Begun:
     """A painting's layer from an earlier run."""
 
-    plan: Plan
+    plan: QuiltPlan
     demand: Demand  # what was painted
     path: Path  # its file, for messages
     fine: bool  # the painting has a fine layer
 
-    def kept(self, grid: Grid, demand: Demand, flag: str) -> Plan:
+    def kept(self, grid: Grid, demand: Demand, flag: str) -> QuiltPlan:
         """The plan without the patches whose demand has changed. The grid must be the same."""
         g = self.plan.grid
         if g != grid:
@@ -84,7 +84,7 @@ class Begun:
             changed |= (present(self.demand.guide) != demand.guide).any((2, 3))
         log.info("%s: %d of %d patches change", flag, np.count_nonzero(changed), changed.size)
         offsets = np.where(changed, NONE, self.plan.offsets)
-        return Plan(grid, offsets, self.plan.vertical.copy(), self.plan.horizontal.copy())
+        return QuiltPlan(grid, offsets, self.plan.vertical.copy(), self.plan.horizontal.copy())
 
 
 def read_begun(path: Path, budget: int, prefix: str = "") -> Begun | None:
@@ -95,7 +95,7 @@ def read_begun(path: Path, budget: int, prefix: str = "") -> Begun | None:
         raise ImageError(parameter="fromplan", value=str(path), expected=expected)
     if f"{prefix}keys" not in arrays:
         return None
-    plan, _ = Plan.of(arrays, path, prefix)
+    plan, _ = QuiltPlan.of(arrays, path, prefix)
     if f"{prefix}guide" not in arrays:
         raise ImageError(f"{path} is not a complete plan")
     keys, guide = (arrays[f"{prefix}{name}"] for name in ("keys", "guide"))

@@ -18,7 +18,6 @@ from ...engine.core.parameters import Size
 from ...engine.core.source_map import SourceMap
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
-from ...engine.errors import ParameterError
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from ..exemplar.exemplar_op import ExemplarPixels
@@ -72,8 +71,6 @@ class LayeredPainting:
         base = coarse.quilt(seen, resources, next(stages))
         if self.fine is None:
             return {"": base}, base.sources
-        if self.level - 1 not in self.labels:
-            raise ParameterError(f"requires label.{self.level - 1}, which the exemplar does not have", parameter="fine")
         ids, size = self.labels[self.level - 1].ids, Size(base.grid.width, base.grid.height)
         painted = painted_labels(self.fine.first, self._meaning(self.fine.first, np.unique(ids), fine=True), size)
         guide = Image((_overpainted(base, ids, painted),), self.fine.source)

@@ -10,7 +10,7 @@ from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.io.documents import read_arrays
 from ..graphcut.seam_overlay import TILE
-from .quilt_plan import Grid, Plan
+from .quilt_plan import Grid, QuiltPlan
 
 
 def regridded(path: Path, budget: int, times: int = 1, size: tuple[int, int] | None = None) -> dict[str, np.ndarray]:
@@ -46,7 +46,7 @@ def _regridded(
     arrays: dict[str, np.ndarray], layer: str, times: int, size: tuple[int, int] | None, path: Path
 ) -> dict[str, np.ndarray]:
     """A layer's arrays."""
-    plan, exemplar = Plan.of(arrays, path, layer)
+    plan, exemplar = QuiltPlan.of(arrays, path, layer)
     small = plan.grid
     width, height = size or (times * small.width, times * small.height)
     grid = Grid(width, height, patch=small.patch, overlap=small.overlap)
@@ -64,7 +64,7 @@ def _regridded(
     if times == 1:  # else no neighbor is kept, and cuts are made with the neighbors
         for cut, old in zip(cuts, (plan.vertical, plan.horizontal), strict=True):
             cut[corners] = old[:rows, :columns]
-    return Plan(grid, cells["offsets"], *cuts).arrays(exemplar) | cells
+    return QuiltPlan(grid, cells["offsets"], *cuts).arrays(exemplar) | cells
 
 
 def changed_box(before: Path, after: Path, fine: tuple[np.ndarray, np.ndarray], budget: int) -> Window | None:

@@ -31,6 +31,7 @@ from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.errors import ImageError, ParameterError, present
 from ...engine.opencl.buffers import require_room
+from ...engine.session.facts import Facts
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 from ..exemplar.exemplar_masks import both, label_levels, label_map
@@ -91,25 +92,25 @@ class Quilted(LabeledExemplar, Gather):
         False, help="Append the label maps of the result as parts label.N, rearranged exactly as its pixels."
     )
 
-    def read(self, resources: Resources, *also: np.ndarray | None) -> ExemplarPixels:
-        """As `LabeledExemplar.read`, if the content table fits into memory as well."""
+    def require_readable(self, facts: Facts) -> None:
+        """As `LabeledExemplar.require_readable`, if the content table fits into memory as well."""
         spec = self.exemplar.first.spec
         require_addressable((spec.height, spec.width))
-        resources.require(
-            (TABLE_BYTES + _LAB_BYTES + self.photo_bytes(resources)) * spec.width * spec.height,
+        facts.require(
+            (TABLE_BYTES + _LAB_BYTES + self.photo_bytes(facts)) * spec.width * spec.height,
             f"the content table of {spec.width}x{spec.height} px",
             "use a smaller exemplar",
         )
-        return super().read(resources, *also)
+        super().require_readable(facts)
 
-    def holds_photo(self, resources: Resources) -> bool:
+    def holds_photo(self, facts: Facts) -> bool:
         """Whether its values are in memory."""
-        return self.holds(resources, _VALUE_BYTES)
+        return self.holds(facts, _VALUE_BYTES)
 
-    def photo_bytes(self, resources: Resources) -> int:
+    def photo_bytes(self, facts: Facts) -> int:
         """Memory per photo pixel for its values and the Lab copy: both only if they fit easily."""
         own = self.exemplar.first.pixel_bytes
-        return sum(size for size in (own, _VALUE_BYTES) if self.holds(resources, size))
+        return sum(size for size in (own, _VALUE_BYTES) if self.holds(facts, size))
 
     def copied_by_rows(self, resources: Resources) -> bool:
         """Whether its pixels are read by rows, in the order of the result, instead of held in memory."""
@@ -157,8 +158,8 @@ class Sewing:
             report=progress.advance,
         )  # fmt: skip
 
-    def require_memory(self, resources: Resources) -> None:
-        """Refuse, from sizes alone, what does not fit, before anything is read or a device is opened.
+    def require_memory(self, facts: Facts) -> None:
+        """Refuse, from sizes alone, what does not fit.
 
         Labels can only make patches smaller, and so their number larger.
         """
@@ -171,13 +172,14 @@ class Sewing:
         if self.structured is not None and self.structured.lattice > 0 and not given:
             size = Size(*(max(n, patch) for n in least_size(size, self._wraps)))
         grid = Grid.tiling(*size, self.op.tiles, patch=patch, overlap=min(self._overlap(patch), patch // 3))
-        resources.require(cell_memory(grid, self.guide is not None), _task(grid))
-        held = source.spec.width * source.spec.height * self.op.photo_bytes(resources)
+        facts.require(cell_memory(grid, self.guide is not None), _task(grid))
+        held = source.spec.width * source.spec.height * self.op.photo_bytes(facts)
         if self.structured is not None:
-            self.structured.require_lattice(source.spec.height, source.spec.width, resources, held)
+            self.structured.require_lattice(source.spec.height, source.spec.width, facts, held)
         windows = (source.spec.width - patch + 1) * (source.spec.height - patch + 1)
         photo = {"exemplar": 6 * source.spec.width * source.spec.height, "key_map": 4 * windows}  # known minimum
-        require_room(resources.device, photo | plan_bytes(grid, AT_ONCE), resources.budget, _task(grid), held)
+        if facts.device_memory is not None:
+            require_room(facts.device_memory, photo | plan_bytes(grid, AT_ONCE), facts.budget, _task(grid), held)
 
     def _label_map(self) -> LabelMap | None:
         """The label map of the level, if any parameter needs labels."""

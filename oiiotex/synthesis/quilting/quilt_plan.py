@@ -92,7 +92,7 @@ def _places(size: int, step: int, overlap: int, wraps: bool) -> np.ndarray:
 
 
 @dataclass
-class Plan:
+class QuiltPlan:
     """The plan of the output: together with the exemplar it gives every pixel.
 
     Pixel (x, y) of a patch is visible where x >= vertical[y] and y >= horizontal[x].
@@ -106,7 +106,7 @@ class Plan:
     horizontal: np.ndarray
 
     @classmethod
-    def empty(cls, grid: Grid) -> Plan:
+    def empty(cls, grid: Grid) -> QuiltPlan:
         """A plan without patches."""
         cuts = (np.zeros((*grid.shape, grid.patch), np.uint8) for _ in range(2))
         return cls(grid, np.full(grid.shape, NONE, np.uint32), *cuts)
@@ -118,12 +118,12 @@ class Plan:
         return {"facts": facts, "offsets": self.offsets, "vertical": self.vertical, "horizontal": self.horizontal}
 
     @classmethod
-    def load(cls, path: Path, budget: int) -> tuple[Plan, tuple[int, int]]:
+    def load(cls, path: Path, budget: int) -> tuple[QuiltPlan, tuple[int, int]]:
         """Read a plan, and its exemplar's size. Files that are inconsistent or would read out of bounds are refused."""
         return cls.of(read_arrays(path, budget), path)
 
     @classmethod
-    def of(cls, arrays: Mapping[str, np.ndarray], path: Path, prefix: str = "") -> tuple[Plan, tuple[int, int]]:
+    def of(cls, arrays: Mapping[str, np.ndarray], path: Path, prefix: str = "") -> tuple[QuiltPlan, tuple[int, int]]:
         """As `load`, from a file's arrays whose names begin with `prefix`."""
         try:
             facts, offsets, vertical, horizontal = (arrays[f"{prefix}{name}"] for name in cls.ARRAYS)
@@ -191,7 +191,7 @@ class Renderer:
         self.plan = (*map(device.upload, tables), buffers["offset"], buffers["vertical"], buffers["horizontal"])
 
     @classmethod
-    def of(cls, device: Device, plan: Plan, budget: int) -> Renderer:
+    def of(cls, device: Device, plan: QuiltPlan, budget: int) -> Renderer:
         """A renderer of a finished plan."""
         task = f"a plan of {plan.grid.width}x{plan.grid.height}"
         buffers = Buffers(device, plan_bytes(plan.grid, AT_ONCE), budget, task)
@@ -220,9 +220,9 @@ class Renderer:
             self._run("render", size, *self.plan, *places, source, window.left, window.top, *size)
             return self._device.read(source, (window.height, window.width), np.uint32)
 
-    def read(self) -> Plan:
+    def read(self) -> QuiltPlan:
         """Read the plan back from the device."""
         shape, b = self._grid.shape, self._buffers
         with self._lock:
             cuts = (self._device.read(b[n], (*shape, self._grid.patch), np.uint8) for n in ("vertical", "horizontal"))
-            return Plan(self._grid, self._device.read(b["offset"], shape, np.uint32), *cuts)
+            return QuiltPlan(self._grid, self._device.read(b["offset"], shape, np.uint32), *cuts)

@@ -27,7 +27,7 @@ from ...engine.deferred import np
 from ...engine.errors import present
 from ...engine.opencl.buffers import Buffers, offset_table
 from ...engine.opencl.device import Device
-from .quilt_plan import AT_ONCE, Grid, Plan, Renderer, plan_bytes
+from .quilt_plan import AT_ONCE, Grid, QuiltPlan, Renderer, plan_bytes
 from .repetition import GROWTH, PatchSquares, laid
 
 GUIDE = 4  # samples of the guide along a side of a cell, cl/quilting.cl
@@ -139,7 +139,7 @@ class Quilt:
         Bytes that the caller holds in addition.
     pixels : int
         Maximum number of pixels rendered at a time.
-    plan : Plan, optional
+    plan : QuiltPlan, optional
         Initial plan: cells that have a patch keep it.
     in_step : InStep, optional
         The exemplar's lattice, if the quilt keeps it.
@@ -160,7 +160,7 @@ class Quilt:
     budget: int
     held: int = 0
     pixels: int = AT_ONCE
-    plan: Plan | None = None
+    plan: QuiltPlan | None = None
     in_step: InStep | None = None
     report: Callable[[int, int], None] | None = None
     waves_decided: int = field(default=0, init=False)
@@ -175,7 +175,7 @@ class Quilt:
         self._lock = threading.Lock()
         self._flushed: Any = None  # an event
         order, self._waves = g.waves()
-        start = self.plan or Plan.empty(g)
+        start = self.plan or QuiltPlan.empty(g)
         if self.plan is not None:  # decided cells are kept
             keep = start.offsets.ravel()[order] == NONE
             self._waves = np.append(0, keep.cumsum())[self._waves]
@@ -290,7 +290,7 @@ class Quilt:
         self.advance(self.grid.wave_of(window))
         return self._renderer.sources(window)
 
-    def finished(self) -> Plan:
+    def finished(self) -> QuiltPlan:
         """The finished plan."""
         self.advance(self.waves)
         return self._renderer.read()

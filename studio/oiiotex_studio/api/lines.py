@@ -5,7 +5,7 @@ from oiiotex.engine.core.access import InBands, Whole
 from oiiotex.engine.core.parameters import nearest, param
 from oiiotex.engine.machine import forget_current_folder, memory, program, start, start_python, usable_threads
 from oiiotex.engine.opencl.device_choice import choose as require_device
-from oiiotex.engine.run import as_foreseen
+from oiiotex.engine.run import as_provisional
 from oiiotex.oiiotool.cli.language.parse import CommandLine, Option, Step, parse, split_modifiers
 from oiiotex.oiiotool.cli.language.sequences import Frame, frame_numbers
 from oiiotex.oiiotool.cli.main import exit_with

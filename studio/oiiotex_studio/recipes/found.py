@@ -22,7 +22,7 @@ from ..api.images import Image
 from ..api.lines import nearest
 from ..api.materials import convention_of
 from ..materials.naming import PACKED, PACKED_ROLES, Name, read_name
-from .recipe import Facts, LibraryRecipe, facts_beside
+from .recipe import LibraryRecipe, MaterialFacts, facts_beside
 
 LIBRARY = "library.sqlite"  # a folder with this file is a library
 _IMAGES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".tga", ".bmp", ".psd", ".dpx"}
@@ -80,7 +80,7 @@ class Material:
 
     name: str
     maps: dict[str, MapFile]
-    facts: Facts
+    facts: MaterialFacts
     questions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -125,13 +125,13 @@ def materials(photos: Path, recipe: LibraryRecipe) -> list[Material]:
     names = _names(groups)
     found = {}
     for key, candidates in groups.items():
-        said, wrong = Facts(), broken.get(key, "")
+        said, wrong = MaterialFacts(), broken.get(key, "")
         if key in beside:
             try:
                 said = facts_beside(beside[key])
             except Error as error:
                 wrong = str(error)
-        facts = recipe.find.under(said).under(recipe.assets.get(names[key], Facts()))
+        facts = recipe.find.under(said).under(recipe.assets.get(names[key], MaterialFacts()))
         if not facts.skip:
             material = _material(names[key], candidates, facts, recipe)
             found[names[key]] = replace(material, questions=(wrong,)) if wrong else material
@@ -288,7 +288,7 @@ def _safe(text: str) -> str:
     return plain.encode()[:_MOST_NAME].decode(errors="ignore").strip("._-") or "material"
 
 
-def _material(name: str, candidates: list[_Candidate], facts: Facts, recipe: LibraryRecipe) -> Material:
+def _material(name: str, candidates: list[_Candidate], facts: MaterialFacts, recipe: LibraryRecipe) -> Material:
     """The material of a group: one file per role, or a question."""
     questions = []
     maps: dict[str, MapFile] = {}

@@ -122,9 +122,9 @@ def require_confined(recipe: LibraryRecipe) -> None:
     """
     import tempfile
 
-    from ..api.lines import Frame, Rehearsals, as_foreseen, session_for
+    from ..api.lines import Frame, Rehearsals, as_provisional, session_for
 
-    some = as_foreseen(from_array(np.zeros((1, 1, 3), np.float16)))
+    some = as_provisional(from_array(np.zeros((1, 1, 3), np.float16)))
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         files = {os.path.realpath(source_name(role, file)): some for role, file in _EVERY_MAP.items()}
         for step in steps_of(recipe, _EVERY_MAP):

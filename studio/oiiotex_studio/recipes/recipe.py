@@ -27,7 +27,7 @@ def _require_among(what: str, value: str, allowed: tuple[str, ...]) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Facts:
+class MaterialFacts:
     """Facts about a material; '' and () if unknown."""
 
     license: str = ""
@@ -47,14 +47,14 @@ class Facts:
         if not 0 <= self.height_m < math.inf:
             raise ParameterError(f"height_m={self.height_m}: expected meters, >= 0")
 
-    def under(self, own: Facts) -> Facts:
+    def under(self, own: MaterialFacts) -> MaterialFacts:
         """These facts, overridden by those of `own`; tags are combined."""
-        values = {f.name: getattr(own, f.name) or getattr(self, f.name) for f in fields(Facts)}
-        return Facts(**{**values, "tags": tuple(dict.fromkeys((*self.tags, *own.tags)))})
+        values = {f.name: getattr(own, f.name) or getattr(self, f.name) for f in fields(MaterialFacts)}
+        return MaterialFacts(**{**values, "tags": tuple(dict.fromkeys((*self.tags, *own.tags)))})
 
 
 @dataclass(frozen=True, kw_only=True)
-class Find(Facts):
+class Find(MaterialFacts):
     """How materials are found, and facts about all of them."""
 
     photos: bool = True
@@ -127,7 +127,7 @@ class _RecipeDocument:
     product: tuple[Product, ...] = ()
     deliver: Deliver = Deliver()
     judge: _Judge = _Judge()
-    assets: dict[str, Facts] = field(default_factory=dict)
+    assets: dict[str, MaterialFacts] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,7 +139,7 @@ class LibraryRecipe:
     roles: Mapping[str, Role] = field(default_factory=dict)
     deliver: Deliver = Deliver()
     limits: tuple[Limit, ...] = ()
-    assets: Mapping[str, Facts] = field(default_factory=dict)
+    assets: Mapping[str, MaterialFacts] = field(default_factory=dict)
 
     def space(self, role: str, floats: bool) -> str:
         """The color space of a role's files; '': as tagged in the file."""
@@ -189,9 +189,9 @@ def recipe_of(document: Mapping[str, Any], name: str) -> LibraryRecipe:
     )  # fmt: skip
 
 
-def facts_beside(path: Path) -> Facts:
+def facts_beside(path: Path) -> MaterialFacts:
     """The facts in a NAME.toml next to a material."""
-    facts: Facts = read_as(Facts, read_toml(path), str(path), ParameterError)
+    facts: MaterialFacts = read_as(MaterialFacts, read_toml(path), str(path), ParameterError)
     return facts
 
 

@@ -24,6 +24,7 @@ from ....engine.errors import ImageError, ParameterError
 from ....engine.io.atomic import make_folders, require_place, temporary_beside
 from ....engine.io.formats import Format
 from ....engine.io.writing import write
+from ....engine.run import as_provisional
 from ..language.parse import Option, without
 from ..language.sequences import Tile, names_tiles, tile_name
 from ..stack import output_settings
@@ -258,7 +259,12 @@ def _trimmed(chain: Chain, image: Image, path: str) -> Image:
     from ...host.spatial.placing import Trim
 
     out = oiio.ImageOutput.create(path)
-    return Trim(source=image).compute(chain.session) if out is not None and out.supports("displaywindow") else image
+    if out is None or not out.supports("displaywindow"):
+        return image
+    if chain.dry:
+        return as_provisional(image)
+    trim = Trim(source=image)
+    return trim.make(trim.planned(chain.session.resources), chain.session)
 
 
 def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bool) -> tuple[Image, Format]:
@@ -278,7 +284,7 @@ def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bo
     convert = ColorConvert(
         source=image, from_space=current, to_space=space, unpremult=unpremult, strict=False, allsubimages=True
     )
-    return convert.compute(chain.session), how
+    return convert.planned(chain.session.resources).results, how
 
 
 def _adjust_time(path: str, image: Image) -> None:

@@ -105,7 +105,7 @@ def _of_channels(chain: Chain, image: Image, channels: str) -> Image:
     def chosen(part: Part) -> Part:
         if op.idle([part]):
             return part
-        own, result = part.spec, op.result([part], chain.session)
+        own, result = part.spec, op.result([part], chain.session.resources)
         order = [channel.source for channel in op.chosen(own)]
         types = [own.channelformat(c) if isinstance(c, int) else oiio.TypeDesc("float") for c in order]
         spec = oiio.ImageSpec(result.spec)

@@ -56,8 +56,8 @@ class Scope(Protocol):
     def image(self, index: int) -> Image:
         """The image at that depth of the stack, 0 the top."""
 
-    def known(self, image: Image) -> Image:
-        """The image with its attributes; raises if it is not computed yet."""
+    def known(self, image: Image, pixels: bool) -> Image:
+        """The image with its attributes, or its pixels; raises if they are not computed yet."""
 
     def opened(self, path: str) -> Image:
         """The image of a file."""
@@ -113,18 +113,20 @@ _PROPERTIES: dict[str, Callable[[Image], object]] = {
     "filename": lambda image: image.title,
     "file_extension": lambda image: os.path.splitext(image.title)[1],
     "file_noextension": lambda image: os.path.splitext(image.title)[0],
-    "MINCOLOR": lambda image: _listed(part_statistics(image.first).min),
-    "MAXCOLOR": lambda image: _listed(part_statistics(image.first).max),
-    "AVGCOLOR": lambda image: _listed(part_statistics(image.first).avg),
-    "NONFINITE_COUNT": _nonfinite_count,
     "META": _described(verbose=True, native=False),
     "METANATIVE": _described(verbose=True, native=True),
     "METABRIEF": _described(verbose=False, native=False),
     "METANATIVEBRIEF": _described(verbose=False, native=True),
+    "SUBIMAGES": lambda image: len(image.parts),
+}
+_PIXEL_PROPERTIES: dict[str, Callable[[Image], object]] = {
+    "MINCOLOR": lambda image: _listed(part_statistics(image.first).min),
+    "MAXCOLOR": lambda image: _listed(part_statistics(image.first).max),
+    "AVGCOLOR": lambda image: _listed(part_statistics(image.first).avg),
+    "NONFINITE_COUNT": _nonfinite_count,
     "STATS": lambda image: part_statistics_text(image.first).removesuffix("\n"),
     "IS_CONSTANT": lambda image: int(part_color(image.first) is not None),
     "IS_BLACK": lambda image: int(_is_black(image)),
-    "SUBIMAGES": lambda image: len(image.parts),
 }
 
 
@@ -142,12 +144,13 @@ def _attribute(image: Image, name: str) -> str | None:
     if name.lower() in _DIMENSIONS:
         value = spec.getattribute(name)
         return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
-    return str(_PROPERTIES[name](image)) if name in _PROPERTIES else None
+    find = _PROPERTIES.get(name) or _PIXEL_PROPERTIES.get(name)
+    return None if find is None else str(find(image))
 
 
 def _unknown_attribute(image: Image, name: str) -> ParameterError:
     metadata = [param.name for param in image.first.spec.extra_attribs]
-    known = [*_DIMENSIONS, "format", "nativeformat", *_PROPERTIES, *metadata]
+    known = [*_DIMENSIONS, "format", "nativeformat", *_PROPERTIES, *_PIXEL_PROPERTIES, *metadata]
     return ParameterError(f"{image.source} has no '{name}'{nearest(name, known)}")
 
 
@@ -312,7 +315,7 @@ class _Evaluation:
             raise ParameterError(f"names with ':' require quotes, as in TOP[\"{name}:{self._take(_NAME)}\"]")
         if bracket == "[":
             self._want("]", f"after '{name}'")
-        value = _attribute(self._chain.known(image), name)
+        value = _attribute(self._chain.known(image, name in _PIXEL_PROPERTIES), name)
         if value is None and bracket == ".":
             raise _unknown_attribute(image, name)
         return value or ""

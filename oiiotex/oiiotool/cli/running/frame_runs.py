@@ -33,7 +33,7 @@ def run_frames(command: CommandLine, words: list[str]) -> int:
     workers = min(len(todo), session.resources.thread_count) if "--parallel-frames" in command.settings else 1
     if workers > 1:
         session.change(budget=session.settings.budget // workers)
-    tasks, status = _checked(todo, session, command)
+    tasks, status = _checked(todo, session, command, words)
     if command.spread is not None:
         with _progress(session, command) as display:
             return max(status, command.spread(command, words, tasks, session, display))
@@ -45,7 +45,7 @@ def run_frames(command: CommandLine, words: list[str]) -> int:
         for number, task in enumerate(tasks, 1):
             display.frame(number, len(tasks), task.frame.file)
             try:
-                status = max(status, run_task(task, session))
+                status = max(status, run_task(task, session, command=_parsed(task.frame, command, words)))
             except Error as error:
                 skip(error, task.frame, command)
                 status = max(status, 1)
@@ -78,7 +78,12 @@ def _tell_runner(done: int, total: int) -> None:
     print(f"openjd_progress: {100 * done / max(total, 1):.1f}", flush=True)
 
 
-def _checked(todo: list[Frame], session: Session, command: CommandLine) -> tuple[list[Task], int]:
+def _parsed(frame: Frame, command: CommandLine, words: list[str]) -> CommandLine:
+    """The line of a frame: `command` itself, parsed from `words`, if it has no frames."""
+    return command if list(frame.words) == words else parse(list(frame.words), LANGUAGE)
+
+
+def _checked(todo: list[Frame], session: Session, command: CommandLine, words: list[str]) -> tuple[list[Task], int]:
     """The tasks and the exit code so far: checks all frames before the first one runs."""
     if "--device" in command.settings:
         from ....engine.opencl import device_choice
@@ -88,7 +93,7 @@ def _checked(todo: list[Frame], session: Session, command: CommandLine) -> tuple
     tasks, notes, status = [], dict[tuple[int, str], None](), 0
     for frame in todo:
         try:
-            steps = parse(list(frame.words), LANGUAGE).steps
+            steps = _parsed(frame, command, words).steps
             seen = rehearsals.foresight(steps, frame)
         except CollisionError:
             raise

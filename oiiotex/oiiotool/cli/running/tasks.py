@@ -47,10 +47,11 @@ class Job(NamedTuple):
     version: str = __version__  # of the sender
 
 
-def run_task(task: Task, session: Session, shares: Shares | None = None) -> int:
-    """Run a task; returns its exit code."""
+def run_task(task: Task, session: Session, shares: Shares | None = None, command: CommandLine | None = None) -> int:
+    """Run a task, whose line may be parsed already as `command`; returns its exit code."""
+    line = command or parse(list(task.frame.words), LANGUAGE)
     with _named(task.frame):
-        return session.resources.on_a_device(lambda: _run_chain(task, session, shares))
+        return session.resources.on_a_device(lambda: _run_chain(task, session, shares, line))
 
 
 @contextlib.contextmanager
@@ -74,8 +75,7 @@ def _name_of(frame: Frame) -> str:
     return frame.file or (f"frame {frame.number}" if frame.number is not None else "")
 
 
-def _run_chain(task: Task, session: Session, shares: Shares | None) -> int:
-    command = parse(list(task.frame.words), LANGUAGE)
+def _run_chain(task: Task, session: Session, shares: Shares | None, command: CommandLine) -> int:
     session.change(all_parts=False, autocc=False)  # options of the line set them for each frame
     chain = Chain(session, read_input, task.frame)
     chain.written_next = iter(task.files)

@@ -136,8 +136,8 @@ class Chain:
 
         return substituted(text, self)
 
-    def known(self, image: Image) -> Image:
-        """The image that an expression reads; unknown in a rehearsal if it is not computed yet."""
+    def known(self, image: Image, pixels: bool) -> Image:
+        """The image that an expression reads, possibly its `pixels`, which are unknown in a rehearsal."""
         return image
 
     def _nothing_waits(self) -> None:

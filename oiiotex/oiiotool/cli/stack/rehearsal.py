@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A rehearsal of a command line: reports errors before a pixel is computed.
 
-It runs the steps with the code of the run, on images without pixels and in a session that opens no device. It finds the
-errors that ops raise before they read pixels or use the device, whose memory is known, and errors in names, folders,
-formats and types of files. Once an op reads pixels, its result is known only as declared (`run.foreseen`), and errors
-of later steps on that image are left to the run. An expression or option that reads pixels ends the rehearsal.
+It runs the steps with the code of the run, but ops are only planned (`run.planned`): no pixel is read, and no device is
+opened. It finds the errors that plans raise, and errors in names, folders, formats and types of files. An image whose
+windows, channels or number depend on pixels is provisional: only its declaration is known, and errors of later steps
+that use it are left to the run. An expression that needs pixels or a provisional image ends the rehearsal.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from ....engine.core.image import Image, Part
 from ....engine.core.op import Op
-from ....engine.core.piece_cache import PieceCache
 from ....engine.deferred import oiio
-from ....engine.errors import DeviceError, Error, ParameterError, Unseen
+from ....engine.errors import Error, ParameterError
 from ....engine.io.formats import Format
 from ....engine.io.writing import require_writable
-from ....engine.run import as_foreseen, foreseen, is_foreseen
+from ....engine.run import as_provisional, is_provisional, planned
 from ....engine.session import Session
+from ....engine.session.facts import Facts
 from ....engine.session.progress import Progress
 from ....engine.session.resources import Resources
 from ....engine.session.settings import Settings
@@ -38,7 +38,7 @@ from .chain import Chain
 
 if TYPE_CHECKING:
     from ....engine.color.config import ColorConfig
-    from ....engine.opencl.device import Device
+    from ....engine.opencl.device import DeviceMemory
 
 log = logging.getLogger("oiiotex")
 
@@ -72,7 +72,7 @@ class Rehearsals:
         try:
             with _quiet(), chain.globals:
                 chain.run(steps)
-        except Unseen:
+        except _Unknown:
             return Foresight(len(steps), files=tuple(chain.files))
         except Error:
             if chain.settings.get("--no-error-exit"):
@@ -91,65 +91,49 @@ def _quiet() -> Iterator[None]:
         log.disabled = before
 
 
-class _Unopened(Resources):
-    """Resources of a session that opens no device and reads no pixel."""
+def _untouched(session: Session) -> Session:
+    """A session for rehearsals with the settings and the color config of `session`."""
+    settings = replace(session.settings, autocc=False, all_parts=False, profile=False)
+    resources = _Planning(settings, session.resources)
+    return Session.of(resources, Progress())
+
+
+class _Planning(Resources):
+    """Resources of a session in which ops are only planned."""
 
     def __init__(self, settings: Settings, behind: Resources):
         super().__init__(settings)
         self._behind = behind
 
-    @functools.cached_property
-    def device(self) -> Device:
-        """A device of which only the memory is known; all else raises `Unseen`."""
-        from ....engine.opencl.device_choice import choose
-        from ....engine.opencl.unopened import UnopenedDevice
-
-        try:
-            return UnopenedDevice(choose(self.settings.device_name, self.settings.threads))
-        except DeviceError:  # the run raises it if it needs a device
-            raise Unseen from None
-
     @property
-    def workers(self) -> NoReturn:
-        """Raises `Unseen`: work begins."""
-        raise Unseen
+    def device_memory(self) -> DeviceMemory | None:
+        """The memory of a device that is not opened."""
+        return Facts(self.settings).device_memory
 
     @functools.cached_property
     def color(self) -> ColorConfig:
         """The config of the run, loaded once, without its warnings, which the run prints."""
         return self._behind.color.unwarned()
 
-    @functools.cached_property
-    def cache(self) -> PieceCache:
-        """A cache without pixels."""
-        return _Closed(self._behind.cache.limit)
+
+class _Unknown(Exception):
+    """What follows on the line depends on pixels. Raised by the rehearsal's own methods, never by an op."""
 
 
-def _untouched(session: Session) -> Session:
-    """A session for rehearsals with the settings and the color config of `session`."""
-    settings = replace(session.settings, autocc=False, all_parts=False, profile=False)
-    return Session.of(_Unopened(settings, session.resources), Progress())
+class _Provisional(Image):
+    """A provisional image; `chain.looked` is set when something of it is used."""
 
-
-class _Closed(PieceCache):
-    """A cache that raises `Unseen` for every piece."""
-
-    def get(self, key: Any, make: Any) -> NoReturn:
-        """Raises `Unseen`."""
-        raise Unseen
-
-
-class _Unknown(Image):
-    """An image of which nothing is known."""
-
-    def __init__(self) -> None:
-        pass
+    def __init__(self, image: Image, chain: _Rehearsal):
+        super().__init__(image.parts, image.source)
+        object.__setattr__(self, "_chain", chain)
 
     def __getattribute__(self, name: str) -> Any:
-        """Raise `Unseen`, except for special attributes."""
-        if name.startswith("__"):
-            return super().__getattribute__(name)
-        raise Unseen
+        """Record the access, except to special attributes."""
+        if not name.startswith("_"):
+            chain = object.__getattribute__(self, "__dict__").get("_chain")
+            if chain is not None:
+                chain.looked = True
+        return super().__getattribute__(name)
 
 
 class _Rehearsal(Chain):
@@ -171,6 +155,7 @@ class _Rehearsal(Chain):
         self._count = 0
         self._needed = 0  # steps up to the last that prints or writes
         self._certain = False  # the error will also occur in the run
+        self.looked = False  # the step has used a provisional image
         self._outputs = 0
         self._uses = 0  # of ops
         self.files: list[str] = []  # the file written next after each of them
@@ -195,19 +180,21 @@ class _Rehearsal(Chain):
     def _do(self, step: Step) -> None:
         self._count += 1
         if self._count > _MOST_STEPS:
-            raise Unseen
+            raise _Unknown
         if step.option in output_settings.OPTIONS:
             self._idle.append(" ".join((step.word, *step.arguments)))
-        before = list(self.stack)
+        self.stack = list(map(self._watched, self.stack))
+        self.looked = False
         try:
             super()._do(step)
         except Error:
-            looked_at = before[-max(1, step.option.needs) :] if step.option else before
-            if not self._certain and any(map(is_foreseen, looked_at)):
-                self.stack = [_Unknown() if is_foreseen(image) else image for image in before]
-                super()._do(step)  # an error that does not depend on the image occurs again
-                raise Unseen from None
+            if self.looked and not self._certain:
+                raise _Unknown from None
             raise
+
+    def _watched(self, image: Image) -> Image:
+        """The image, watched if it is provisional."""
+        return _Provisional(image, self) if not isinstance(image, _Provisional) and is_provisional(image) else image
 
     def images_of(self, op: Op) -> Sequence[Image]:
         """The op's images as declared."""
@@ -219,7 +206,7 @@ class _Rehearsal(Chain):
         if op.files() or measured or any(map(op.judges, op.outputs)):
             self._needed = self.position
         with self._certainly():
-            return foreseen(op, self.session, self.written)
+            return planned(op, self.session.resources, self.written)
 
     @contextlib.contextmanager
     def _certainly(self) -> Iterator[None]:
@@ -230,10 +217,10 @@ class _Rehearsal(Chain):
             self._certain = True
             raise
 
-    def known(self, image: Image) -> Image:
-        """The image; raises `Unseen` if it is not computed yet."""
-        if is_foreseen(image):
-            raise Unseen
+    def known(self, image: Image, pixels: bool) -> Image:
+        """The image; ends the rehearsal if an expression needs what depends on pixels."""
+        if pixels or is_provisional(image):
+            raise _Unknown
         return image
 
     def acts(self, *parts: Part) -> bool:
@@ -271,7 +258,7 @@ class _Rehearsal(Chain):
                 raise CollisionError(f"{path} is the input", hint="use another folder or name")
             self._own(path)
             require_writable(image, self._place_of(path), how)
-        self._files[os.path.realpath(path)] = as_foreseen(image)
+        self._files[os.path.realpath(path)] = as_provisional(image)
 
     def _own(self, path: str) -> None:
         """Refuse an input or output that is also one of another file of --each."""
@@ -296,7 +283,7 @@ class _Rehearsal(Chain):
     def opened(self, path: str, native: bool = False, config: oiio.ImageSpec | None = None) -> Image:
         """The image of a file, without pixels."""
         if os.path.realpath(path) in self._files:
-            return Image(self._files[os.path.realpath(path)].parts, path)
+            return self._watched(Image(self._files[os.path.realpath(path)].parts, path))
         with self._certainly():
             return super().opened(path, native, config)
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,11 +11,13 @@ from typing import Any, ClassVar
 
 from ....engine.core.access import Whole
 from ....engine.core.image import Image, Part, in_memory
+from ....engine.core.op import Plan
 from ....engine.core.parameters import Numbers, argument, image, nearest, param
 from ....engine.core.window import Window
 from ....engine.deferred import oiio
 from ....engine.errors import ImageError, ParameterError
 from ....engine.session import Session
+from ....engine.session.facts import Facts
 from ..geometry_text import parse_size
 from ..kinds import AtOnce, Hosted, checked, op, window_of
 from ..remapping import Area, remapped, require_kernel, with_edges
@@ -77,17 +80,17 @@ class Convolve(Area):
         across, down = zip(*map(_reach, self.kernel.parts), strict=True)
         return max(across), max(down)
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The convolved part, not yet computed; the whole kernel is in memory."""
         kernel = parts[1]
-        require_kernel(kernel.spec.width, kernel.spec.height, session)
-        session.resources.require(kernel.spec.width * kernel.spec.height * kernel.pixel_bytes, "a kernel")
-        weights = kernel.buffer(kernel.window)
+        require_kernel(kernel.spec.width, kernel.spec.height, facts)
+        facts.require(kernel.spec.width * kernel.spec.height * kernel.pixel_bytes, "a kernel")
+        weights = functools.cache(lambda: kernel.buffer(kernel.window))
 
         def apply(target: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-            return oiio.ImageBufAlgo.convolve(buffer, weights, True, Window.data(target).roi(target.nchannels))
+            return oiio.ImageBufAlgo.convolve(buffer, weights(), True, Window.data(target).roi(target.nchannels))
 
-        return remapped(self, parts[:1], parts[0].spec, lambda wanted: self.needs(wanted, ()), apply, session)
+        return remapped(self, parts[:1], parts[0].spec, lambda wanted: self.needs(wanted, ()), apply, facts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,12 +174,17 @@ class FillHoles(Hosted, Whole):
 
     source: Image = image(help="Image with alpha.")
 
-    def compute(self, session: Session) -> Image:
-        """The first part, filled over the union of data and display window."""
+    def planned(self, facts: Facts) -> Plan:
+        """The union of data and display window."""
         part = self.source.first
         whole = part.window | Window.display(part.spec)
         pixels = (part.spec.width * part.spec.height) * 4 + whole.width * whole.height
-        session.resources.require(pixels * part.spec.nchannels * 4, self.flag())
+        facts.require(pixels * part.spec.nchannels * 4, self.flag())
+        return Plan(work=whole)
+
+    def make(self, plan: Plan, session: Session) -> Image:
+        """The first part, filled over that window."""
+        part, whole = self.source.first, plan.work
         spec = whole.apply_to(part.spec)
         spec.set_format(part.working_type)
         result = oiio.ImageBuf(spec)

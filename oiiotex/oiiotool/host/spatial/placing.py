@@ -13,11 +13,13 @@ from typing import Any, ClassVar
 from ....engine.core.access import Gather, ScanThenMap
 from ....engine.core.demand import bands, cached, on_a_torus
 from ....engine.core.image import Image, Part, derived_spec
+from ....engine.core.op import Plan
 from ....engine.core.parameters import Size, argument, image, param
 from ....engine.core.window import Window
 from ....engine.deferred import oiio
 from ....engine.errors import ParameterError
 from ....engine.session import Session
+from ....engine.session.facts import Facts
 from ..geometry_text import box_of, parse_box, parse_offset
 from ..kinds import Hosted, HostOp, op, window_of, worked
 from ..remapping import Remap, remapped
@@ -75,7 +77,7 @@ class Cut(Crop):
         """Never: the display window changes."""
         return False
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The cut, not yet computed."""
         x, y, *_ = origin = self.window(parts[0].spec)
         target = origin.shifted(-x, -y).apply_to(parts[0].spec)
@@ -88,7 +90,7 @@ class Cut(Crop):
             result.set_full(target.full_x, target.full_width, target.full_y, target.full_height, 0, 1)
             return result
 
-        return remapped(self, parts, target, lambda window: [window.shifted(x, y)], apply, session)
+        return remapped(self, parts, target, lambda window: [window.shifted(x, y)], apply, facts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,12 +102,17 @@ class Trim(Hosted, ScanThenMap):
 
     source: Image = image(help="Input image.")
 
-    def compute(self, session: Session) -> Image:
+    def planned(self, facts: Facts) -> Plan:
+        """The window depends on the pixels."""
+        return Plan()
+
+    def make(self, plan: Plan, session: Session) -> Image:
         """One data window for all parts, as many programs expect in a file."""
         nonzero = [window for part in self.source.parts for window in _nonzero(part)]
         first_pixel = Window.sized(*self.source.first.window[:2], 1, 1)  # of an image that is zero everywhere
         window = functools.reduce(operator.or_, nonzero or [first_pixel])
-        return Crop(source=self.source, size=str(window), allsubimages=True).compute(session)
+        crop = Crop(source=self.source, size=str(window), allsubimages=True)
+        return crop.of_parts(session.resources, crop.result)
 
 
 def _nonzero(part: Part) -> Iterator[Window]:
@@ -144,7 +151,7 @@ class Paste(Hosted, Gather):
         """Two, or all."""
         return max(2, depth) if values.get("all") else 2
 
-    def compute(self, session: Session) -> Image:
+    def planned(self, facts: Facts) -> Plan:
         """The others pasted over the background, back to front."""
         x, y = (0, 0) if self.position in ("-", "auto") else parse_offset(self.position)
         back, *others = [given.first for given in reversed(self.sources)]
@@ -155,7 +162,8 @@ class Paste(Hosted, Gather):
         spec.set_format(back.working_type)
         display.show_in(spec)
         placed = [(back, 0, 0), *((part, x, y) for part in others)]
-        return Image((Part(back.name, spec, lambda window: _pasted(spec, window, placed)),), self.sources[-1].source)
+        part = Part(back.name, spec, lambda window: _pasted(spec, window, placed))
+        return Plan(Image((part,), self.sources[-1].source))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,7 +185,7 @@ class Mosaic(Hosted, Gather):
         size = values.get("size")
         return max(1, depth if size is None else min(size[0] * size[1], depth))
 
-    def compute(self, session: Session) -> Image:
+    def planned(self, facts: Facts) -> Plan:
         """The mosaic."""
         columns, rows = self.size
         if len(self.sources) > columns * rows:
@@ -193,13 +201,13 @@ class Mosaic(Hosted, Gather):
         if self.fit:
             wide, high = self.fit
             fits = [Fit(source=given, size=str(self.fit), pad=True, allsubimages=False) for given in self.sources]
-            parts = [fit.compute(session).first for fit in fits]
+            parts = [fit.of_parts(facts, fit.result).first for fit in fits]
         across, down = wide + self.pad, high + self.pad
         whole = Window(0, 0, columns * across - self.pad, rows * down - self.pad)
         spec = whole.apply_to(oiio.ImageSpec(1, 1, channels, format))
         whole.show_in(spec)
         placed = [(part, n % columns * across, n // columns * down) for n, part in enumerate(parts)]
-        return Image((Part("mosaic", spec, lambda window: _pasted(spec, window, placed)),), "mosaic")
+        return Plan(Image((Part("mosaic", spec, lambda window: _pasted(spec, window, placed)),), "mosaic"))
 
 
 CROPPING = (
@@ -298,20 +306,20 @@ class Reorient(Hosted, Gather):
 
     source: Image = image(help="Input image.")
 
-    def compute(self, session: Session) -> Image:
+    def planned(self, facts: Facts) -> Plan:
         """The upright image; the image itself if it is already upright."""
         parts = self.source.parts
         if all(_orientation(part) == 1 for part in parts):
-            return self.source
-        if not session.settings.all_parts:
+            return Plan(self.source)
+        if not facts.settings.all_parts:
             parts = parts[:1]
-        return Image(tuple(self._upright(part, session) for part in parts), self.source.source)
+        return Plan(Image(tuple(self._upright(part, facts) for part in parts), self.source.source))
 
-    def _upright(self, part: Part, session: Session) -> Part:
+    def _upright(self, part: Part, facts: Facts) -> Part:
         turned = worked(part)
         for step in _UPRIGHT.get(_orientation(part), ()):
             turn: Any = next(turn for turn in _TURNS if turn.name == step)
-            turned = turn(source=self.source).result([turned], session)
+            turned = turn(source=self.source).result([turned], facts)
         upright = turned.respecced(lambda spec: spec.attribute("Orientation", 1))
         return dataclasses.replace(upright, stored=part.stored, exact=True) if part.exact else upright
 
@@ -330,10 +338,10 @@ class CircularShift(HostOp, Gather):
     source: Image = image(help="Input image.")
     shift: str = argument(help="Offset +X+Y, to the right and down.", example="+20-10")
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The shifted part; its windows are read from the source with wraparound."""
         x, y = parse_offset(self.shift)
-        source = worked(cached(parts[0], session.resources.cache))
+        source = worked(cached(parts[0], facts.cache))
         corner = Window.sized(source.window.left, source.window.top, 1, 1)
         spec = oiio.ImageBufAlgo.circular_shift(oiio.ImageBuf(corner.apply_to(source.spec)), 0, 0).spec()
         target = source.window.apply_to(spec)

@@ -11,11 +11,13 @@ from typing import ClassVar
 
 from ....engine.core.access import Gather
 from ....engine.core.image import Image, Part, cropped, in_memory
+from ....engine.core.op import Plan, no_pixels
 from ....engine.core.parameters import argument, image, param
 from ....engine.core.window import Window
 from ....engine.deferred import np, oiio
 from ....engine.errors import ParameterError
 from ....engine.session import Session
+from ....engine.session.facts import Facts
 from ..geometry_text import Box, box_of, parse_box
 from ..kinds import Hosted, HostOp, checked, worked
 from ..remapping import Remap, remapped
@@ -34,7 +36,7 @@ _FILTER = param(
 _UNSEPARABLE = ("radial-lanczos3", "nuke-lanczos6", "disk")
 
 
-def scaled(op: HostOp, part: Part, target: oiio.ImageSpec, filter: str, highlights: bool, session: Session) -> Part:
+def scaled(op: HostOp, part: Part, target: oiio.ImageSpec, filter: str, highlights: bool, facts: Facts) -> Part:
     """The part with its display window mapped onto that of `target`, over the data window of `target`.
 
     With filter '', OpenImageIO chooses. Raises ParameterError for an unknown filter, and for a display window that is
@@ -66,7 +68,7 @@ def scaled(op: HostOp, part: Part, target: oiio.ImageSpec, filter: str, highligh
 
         return compressed(resize, buffer, highlights)
 
-    return remapped(op, [part], target, needs, apply, session)
+    return remapped(op, [part], target, needs, apply, facts)
 
 
 def _scaled_back(window: Window, box: Window, source: Window) -> Window:
@@ -141,7 +143,7 @@ class Resize(HostOp, Gather):
         """Whether no size changes."""
         return all(_same_size(part.spec, self.size) and self.boxes(part.spec) is None for part in parts)
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The resized part, not yet computed."""
         spec = parts[0].spec
         boxes = self.boxes(spec) if not Window.display(_sized(spec, self.size)).empty else None
@@ -149,10 +151,10 @@ class Resize(HostOp, Gather):
         if boxes is None:
             if _same_size(spec, self.size):  # next to parts that change: oiiotool then fills the display window
                 target = Window.display(target).apply_to(target)
-            return scaled(self, parts[0], target, self.filter, self.highlightcomp, session)
+            return scaled(self, parts[0], target, self.filter, self.highlightcomp, facts)
         target = Window.display(target).apply_to(target)
         return warped(
-            self, parts[0], target, _mapping(*boxes), self.filter, self.highlightcomp, session, edgeclamp=self.edgeclamp
+            self, parts[0], target, _mapping(*boxes), self.filter, self.highlightcomp, facts, edgeclamp=self.edgeclamp
         )
 
 
@@ -217,18 +219,37 @@ class Fit(HostOp, Gather):
     )
     highlightcomp: bool = HIGHLIGHTS
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
-        """The fitted part."""
+    def planned(self, facts: Facts) -> Plan:
+        """The fitted image, not yet computed; with `exact`, its windows follow from the work."""
+        known_filter(self.filter)
+        plan = super().planned(facts)
+        return Plan() if self.exact else plan
+
+    def make(self, plan: Plan, session: Session) -> Image:
+        """The fitted image."""
+        return self.of_parts(session.resources, self._exactly) if self.exact else plan.results
+
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
+        """The fitted part; with `exact`, its memory is checked."""
+        part, box = parts[0], self._box()
+        if self.exact:
+            pixels = part.spec.width * part.spec.height + box.width * box.height
+            facts.require(pixels * part.spec.nchannels * 4 * 2, self.flag())
+            return dataclasses.replace(part, fetch=no_pixels)
+        return self._padded(self._fitted(part, box, facts), box)
+
+    def _box(self) -> Window:
         box = parse_box(self.size, box_of(Window.display(self.source.first.spec))).window()
         if box.empty:
             raise ParameterError(parameter="size", value=self.size, expected="a width and height > 0")
-        known_filter(self.filter)
-        fitted = self._exactly(parts[0], box, session) if self.exact else self._fitted(parts[0], box, session)
+        return box
+
+    def _padded(self, fitted: Part, box: Window) -> Part:
         if self.pad and fitted.window != box:
-            fitted = dataclasses.replace(cropped(fitted, box), stored=None)
+            return dataclasses.replace(cropped(fitted, box), stored=None)
         return fitted
 
-    def _fitted(self, part: Part, box: Window, session: Session) -> Part:
+    def _fitted(self, part: Part, box: Window, facts: Facts) -> Part:
         spec, wide, high = part.spec, box.width, box.height
         shape = np.float32(spec.full_width) / np.float32(spec.full_height)
         if self._fills_height(spec, box):
@@ -245,7 +266,7 @@ class Fit(HostOp, Gather):
             return worked(part).respecced(place)
         target = Window.sized(box.left, box.top, max(1, wide), max(1, high)).apply_to(spec)
         Window.sized(box.left, box.top, wide, high).show_in(target)
-        return scaled(self, part, target, self.filter, self.highlightcomp, session).respecced(place)
+        return scaled(self, part, target, self.filter, self.highlightcomp, facts).respecced(place)
 
     def _fills_height(self, spec: oiio.ImageSpec, box: Window) -> bool:
         if self.fillmode != "letterbox":
@@ -254,10 +275,9 @@ class Fit(HostOp, Gather):
             np.float32(box.width) / np.float32(box.height) >= np.float32(spec.full_width) / np.float32(spec.full_height)
         )
 
-    def _exactly(self, part: Part, box: Window, session: Session) -> Part:
+    def _exactly(self, parts: Sequence[Part], _: Facts) -> Part:
         """In memory: only ImageBufAlgo::fit can give its filter a width and a height."""
-        pixels = part.spec.width * part.spec.height + box.width * box.height
-        session.resources.require(pixels * part.spec.nchannels * 4 * 2, self.flag())
+        part, box = parts[0], self._box()
 
         def fit(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
             result = blank(box.apply_to(part.spec), buffer)
@@ -265,7 +285,7 @@ class Fit(HostOp, Gather):
             return result
 
         whole = part.buffer(part.window)
-        return in_memory(part.name, checked(compressed(fit, whole, self.highlightcomp)))
+        return self._padded(in_memory(part.name, checked(compressed(fit, whole, self.highlightcomp))), box)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -280,7 +300,7 @@ class PixelAspect(Hosted, Gather):
     filter: str = _FILTER
     highlightcomp: bool = HIGHLIGHTS
 
-    def compute(self, session: Session) -> Image:
+    def planned(self, facts: Facts) -> Plan:
         """Resized, with the new ratio in the metadata; the image itself if the size does not change."""
         spec = self.source.first.spec
         old = spec.get_float_attribute("PixelAspectRatio", 1.0)
@@ -293,7 +313,7 @@ class PixelAspect(Hosted, Gather):
         wide = int(np.float32(spec.full_width) * across + np.float32(0.5))
         high = int(np.float32(spec.full_height) * down + np.float32(0.5))
         if (wide, high) == (spec.full_width, spec.full_height):
-            return self.source
+            return Plan(self.source)
         resize = Resize(source=self.source, size=f"{wide}x{high}", filter=self.filter, highlightcomp=self.highlightcomp)
 
         def change(new: oiio.ImageSpec) -> None:
@@ -303,8 +323,8 @@ class PixelAspect(Hosted, Gather):
                 if density:
                     new.attribute(name, float(np.float32(density) * scale))
 
-        first, *others = resize.compute(session).parts
-        return Image((first.respecced(change), *others), self.source.source)
+        first, *others = resize.of_parts(facts, resize.result).parts
+        return Plan(Image((first.respecced(change), *others), self.source.source))
 
 
 SCALING = (Resize, Resample, Fit, PixelAspect)

@@ -14,7 +14,7 @@ from ....engine.core.parameters import Numbers, argument, image, nearest, param
 from ....engine.core.window import Window, warp_needs
 from ....engine.deferred import np, oiio
 from ....engine.errors import ImageError, ParameterError
-from ....engine.session import Session
+from ....engine.session.facts import Facts
 from ..kinds import HostOp, checked, like, once, worked
 from ..remapping import remapped, require_kernel
 
@@ -95,7 +95,7 @@ def _forward_window(matrix: np.ndarray, window: Window) -> Window:
 
 def warped(
     op: HostOp, part: Part, target: oiio.ImageSpec, matrix: np.ndarray, filter: str, highlights: bool,
-    session: Session, *, wrap: str = "default", edgeclamp: bool = False, scattered: bool = False,
+    facts: Facts, *, wrap: str = "default", edgeclamp: bool = False, scattered: bool = False,
 ) -> Part:  # fmt: skip
     """The part warped by a matrix, over the windows of `target`, not yet computed.
 
@@ -110,7 +110,7 @@ def warped(
         raise ParameterError("singular matrix", expected="an invertible matrix") from None
     if np.array_equal(inverse[:, 2], (0, 0, 1)):  # in a perspective the scale varies from pixel to pixel
         across, down = wide * np.maximum(1, np.abs(inverse[:2, :2]).max(axis=0))
-        require_kernel(math.ceil(across), math.ceil(down), session)
+        require_kernel(math.ceil(across), math.ceil(down), facts)
     values = tuple(float(v) for v in matrix.ravel())
 
     def needs(window: Window) -> Sequence[Window]:
@@ -127,7 +127,7 @@ def warped(
 
         return compressed(warp, buffer, highlights)
 
-    return remapped(op, [part], target, needs, apply, session, scattered=scattered)
+    return remapped(op, [part], target, needs, apply, facts, scattered=scattered)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,10 +140,10 @@ class Warped(HostOp, Gather):
     recompute_roi: bool = param(False, help="Grow or shrink the data window to the warped image.")
     highlightcomp: bool = HIGHLIGHTS
 
-    def warped(self, part: Part, matrix: np.ndarray, wrap: str, session: Session) -> Part:
+    def warped(self, part: Part, matrix: np.ndarray, wrap: str, facts: Facts) -> Part:
         """The part warped by a matrix, not yet computed."""
         target = (_forward_window(matrix, part.window) if self.recompute_roi else part.window).apply_to(part.spec)
-        return warped(self, part, target, matrix, self.filter, self.highlightcomp, session, wrap=wrap, scattered=True)
+        return warped(self, part, target, matrix, self.filter, self.highlightcomp, facts, wrap=wrap, scattered=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,11 +158,11 @@ class Warp(Warped):
     )
     wrap: str = param("default", choices=_WRAPS, help="Pixels outside the image. `default` is black.")
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The warped part, not yet computed."""
         if len(self.matrix) != 9:
             raise ParameterError(parameter="matrix", value=self.matrix, expected="9 values")
-        return self.warped(parts[0], np.array(self.matrix).reshape(3, 3), self.wrap, session)
+        return self.warped(parts[0], np.array(self.matrix).reshape(3, 3), self.wrap, facts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,7 +176,7 @@ class Rotate(Warped):
         None, unset="center of the display window", help="Center of rotation X,Y, in pixels.", example="320,240"
     )
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The rotated part, not yet computed."""
         display = Window.display(parts[0].spec)
         x, y = 0.5 * (display.left + display.right), 0.5 * (display.top + display.bottom)
@@ -185,7 +185,7 @@ class Rotate(Warped):
                 raise ParameterError(parameter="center", value=self.center, expected="X,Y")
             x, y = self.center
         radians = float(np.float32(self.angle) * np.float32(math.pi / 180))
-        return self.warped(parts[0], _rotation(radians, x, y), "black", session)
+        return self.warped(parts[0], _rotation(radians, x, y), "black", facts)
 
 
 def _rotation(radians: float, x: float, y: float) -> np.ndarray:
@@ -216,7 +216,7 @@ class STWarp(HostOp, Gather):
     flip_s: bool = param(False, help="Flip s: 0 is at the right.")
     flip_t: bool = param(False, help="Flip t: 0 is at the bottom.")
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The warped part, not yet computed: any of its windows may read any pixel of the source."""
         source, st = worked(parts[0]), parts[1]
         known_filter(self.filter)
@@ -227,7 +227,7 @@ class STWarp(HostOp, Gather):
                 )
         if (source.window & st.window).empty:
             raise ImageError("the data windows of the image and the ST map do not overlap")
-        session.resources.require(source.spec.width * source.spec.height * source.pixel_bytes, self.flag())
+        facts.require(source.spec.width * source.spec.height * source.pixel_bytes, self.flag())
         cached = once(source, lambda part: in_memory(part.name, part.buffer(part.window)))
         spec = derived_spec(source.spec)
 

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A use of an op is planned from its values and specs alone: no pixel is read and no device is opened."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import filters
+from oiiotex.engine.core.image import Image, from_buffer
+from oiiotex.engine.core.op import Op, Plan, no_pixels
+from oiiotex.engine.core.window import Window
+from oiiotex.engine.opencl import device
+from oiiotex.engine.run import planned, run
+from oiiotex.engine.session import Session
+from oiiotex.engine.session.facts import Facts
+from oiiotex.engine.session.settings import Settings
+from tests.any_filter import PHOTO, buffer, of, operands, settings
+
+
+def used(op: type[Op], *, pixels: bool) -> Op:
+    """A use of the op, on images that may be read or not."""
+
+    def blind(image: Image) -> Image:
+        parts = (part if pixels else dataclasses.replace(part, fetch=no_pixels) for part in image.parts)
+        return Image(tuple(parts), image.source)
+
+    images = dict(zip((i.name for i in op.images()), map(from_buffer, operands(op, buffer(PHOTO))), strict=True))
+    given = {name: blind(image) for name, image in images.items()}
+    given = {i.name: (given[i.name],) if i.many else given[i.name] for i in op.images()}
+    values = settings(op)
+    if isinstance(values.get("labels"), oiio.ImageBuf):
+        values["labels"] = blind(from_buffer(values["labels"]))
+    return op(**given, **values)
+
+
+@of(list(filters.FILTERS))
+def test_a_plan_reads_no_pixel_and_opens_no_device(op, monkeypatch):
+    monkeypatch.setattr(device, "open_device", lambda *_: pytest.fail("a device is opened"))
+    use = used(op, pixels=False)
+    plan = use.planned(Facts(Settings()))
+    assert isinstance(plan, Plan)
+    for image in planned(use, Facts(Settings()), set()):
+        assert image.parts
+
+
+@of([op for op in filters.FILTERS if op.name in ("lab", "rectify", "estimateao", "checkmaterial")])
+def test_planned_images_are_those_that_are_made(op):
+    (image,) = planned(used(op, pixels=False), Facts(Settings()), set())
+    (result,) = run(used(op, pixels=True), Session())
+    for part, made in zip(image.parts, result.image.parts, strict=True):
+        assert part.window == made.window and part.name == made.name
+        assert (part.spec.format, part.spec.channelnames) == (made.spec.format, made.spec.channelnames)
+        with pytest.raises(AssertionError, match="before the work"):
+            part.read(Window.sized(*part.window[:2], 1, 1))
