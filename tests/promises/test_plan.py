@@ -12,7 +12,7 @@ from oiiotex import filters
 from oiiotex.engine.core.image import Image, from_buffer
 from oiiotex.engine.core.op import Op, Plan, no_pixels
 from oiiotex.engine.core.window import Window
-from oiiotex.engine.opencl import device
+from oiiotex.engine.opencl import device_choice
 from oiiotex.engine.run import planned, run
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.facts import Facts
@@ -38,7 +38,7 @@ def used(op: type[Op], *, pixels: bool) -> Op:
 
 @of(list(filters.FILTERS))
 def test_a_plan_reads_no_pixel_and_opens_no_device(op, monkeypatch):
-    monkeypatch.setattr(device, "open_device", lambda *_: pytest.fail("a device is opened"))
+    monkeypatch.setattr(device_choice, "open_device", lambda *_: pytest.fail("a device is opened"))
     use = used(op, pixels=False)
     plan = use.planned(Facts(Settings()))
     assert isinstance(plan, Plan)
