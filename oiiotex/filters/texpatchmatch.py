@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
+from ..engine.core.op import Plan
 from ..engine.core.parameters import param
+from ..engine.session import Session
 from ..synthesis.exemplar.patch_synthesis import PatchSynthesis
 from ..synthesis.patchmatch.recipe import Recipe
 
@@ -31,6 +33,12 @@ class PatchMatch(PatchSynthesis):
         help="Strength of histogram matching to the photo at the start. It falls to 0 during the iterations of the"
         " coarsest level.",
     )
+
+    def make(self, plan: Plan, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
+        """The tile and its source coordinates, as one mapping for each map and variant."""
+        from ..synthesis.exemplar.synthesis_run import synthesized  # not needed for help
+
+        return synthesized(plan.work, session.resources, session.progress)
 
     def recipe(self, width: int, height: int) -> Recipe:
         """MJH17 without the stationarity projection."""

@@ -158,12 +158,13 @@ True
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The tile; the mask of preset=clean is made first."""
+        from ..synthesis.exemplar.synthesis_run import synthesized  # not needed for help
+
         how: SynthesisPlan = plan.work
-        if not how.preset:
-            return super().make(plan, session)
-        masking, stage = session.stages(_DOMINANT_SHARE if how.dominant else 0, 1)
-        op = masked(how, self, masking.resources, masking.progress)
-        return super().make(Plan(work=replace(how, op=op)), stage)
+        if how.preset:
+            masking, session = session.stages(_DOMINANT_SHARE if how.dominant else 0, 1)
+            how = replace(how, op=masked(how, self, masking.resources, masking.progress))
+        return synthesized(how, session.resources, session.progress)
 
     def _strength(self, facts: Facts) -> float:
         """Share of the low-frequency variation to remove."""

@@ -24,7 +24,6 @@ STUDIO = sorted((ROOT / "studio" / "oiiotex_studio").rglob("*.py"))
 KINDS = [kind for kind in vars(access).values() if isinstance(kind, type) and "reach" in vars(kind)]
 HOLDERS = {"engine/session", "engine/run.py", "python/python_api.py"}  # of sessions, below the ops
 LATER = {("core", "session"), ("session", "color"), ("scan", "color")}  # types, or when a line asks for it
-CIRCLE = {f"oiiotex.synthesis.exemplar.{name}" for name in ("patch_synthesis", "synthesis_run")}  # to be opened
 PUBLIC = {"oiiotex", "oiiotex.engine.errors", "oiiotex.engine.deferred"}  # for all of the studio
 
 tree_of = functools.cache(lambda path: ast.parse(path.read_text()))
@@ -114,8 +113,7 @@ def test_modules_form_no_circle():
         names = imported(path, ast.walk(tree_of(path)))
         arrows[name] = {one if one in modules else one.rpartition(".")[0] for one in names} & modules.keys() - {name}
     assert ("oiiotex.engine.run" in arrows["oiiotex.oiiotool.cli.stack.chain"]) and len(arrows) > 400
-    backwards = {name: {other for other in modules if name in arrows[other]} for name in modules}
-    assert circles(arrows) & circles(backwards) == CIRCLE  # else what leads to a circle counts, too
+    assert not circles(arrows)
 
 
 def test_no_module_imports_the_file_of_an_op():

@@ -14,7 +14,6 @@ from ...engine.core.op import Kind, Output, Plan
 from ...engine.core.parameters import Size, SizeRule, image, param
 from ...engine.core.source_map import COPIED, ST
 from ...engine.errors import ParameterError, modifier, whole_budget
-from ...engine.session import Session
 from ...engine.session.facts import Facts
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import require_memory
@@ -184,13 +183,6 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         self._check()
         with whole_budget(facts.budget):  # errors are told what is left of it
             return Plan(work=self._synthesis(facts))
-
-    def make(self, plan: Plan, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
-        """The tile and its source coordinates, as one mapping for each map and variant."""
-        from .synthesis_run import synthesized  # not needed for help
-
-        with whole_budget(session.resources.budget):
-            return synthesized(plan.work, session.resources, session.progress)
 
     def _synthesis(self, facts: Facts, **choices: Any) -> SynthesisPlan:
         """The plan of this op; raises for all errors that do not depend on pixels."""

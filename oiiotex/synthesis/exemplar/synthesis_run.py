@@ -20,7 +20,7 @@ from ...engine.core.image import Image, Part, from_pixels
 from ...engine.core.source_map import SourceMap
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
-from ...engine.errors import present, spelled, texture_filter
+from ...engine.errors import present, spelled, texture_filter, whole_budget
 from ...engine.io.disk_cache import hash_of
 from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
@@ -53,6 +53,13 @@ def synthesized(
     plan: SynthesisPlan, resources: Resources, progress: Progress
 ) -> dict[str, Any] | tuple[dict[str, Any], ...]:
     """The tile with all its outputs, as one mapping for each map and variant."""
+    with whole_budget(resources.budget):  # errors are told what is left of it
+        return _synthesized(plan, resources, progress)
+
+
+def _synthesized(
+    plan: SynthesisPlan, resources: Resources, progress: Progress
+) -> dict[str, Any] | tuple[dict[str, Any], ...]:
     op, photo = plan.op, plan.op.exemplar.first.window
     made = plan.size.width * plan.size.height * (runs_for(op.variants) if op.variants > 1 else 1)
     measured = plan.quality.during(resources, progress).is_asked_for
