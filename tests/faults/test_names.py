@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
+pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex-studio)")
 
 from oiiotex_studio.library.catalog import FILE, Catalog
 from oiiotex_studio.library.commands import run

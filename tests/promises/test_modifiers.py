@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import ast
 from collections import defaultdict
 from pathlib import Path
 
 import pytest
 
-from oiiotex.engine.core.parameters import Parameter, Size, SizeRule, Words
+from oiiotex.engine.core.parameters import Parameter, Size, SizeRule, Words, declared
 from oiiotex.filters import OURS
+from oiiotex.oiiotool import host
+from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 from tools.modifiers import inputs_and_modifiers
 
 # inputs that are photos, masks or ids: an image that is the field of a quantity is named QUANTITYmap
@@ -68,3 +71,15 @@ def test_images_of_a_quantity_end_in_map_and_nothing_else_does():
 def test_lengths_are_in_pixels(name):
     units = {p.unit for op in OURS for p in op.modifiers() if p.name == name}
     assert units == {"px"}
+
+
+def test_errors_name_declared_modifiers():
+    """A user who reads `--op: NAME=value: expected ...` finds the modifier of that name."""
+    declaring = [*OURS, *host.OPS, *(option.modifiers for option in LANGUAGE.options if option.modifiers)]
+    names = {p.name for one in declaring for kind in declared(one) for p in kind}
+    named: dict[str, set[str]] = {}
+    for path in (Path(__file__).parents[2] / "oiiotex").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.keyword) and node.arg == "parameter" and isinstance(node.value, ast.Constant):
+                named.setdefault(node.value.value, set()).add(path.name)
+    assert {name: places for name, places in named.items() if name not in names} == {}

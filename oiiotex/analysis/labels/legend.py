@@ -74,11 +74,13 @@ class LabelNames:
             self._names = {at: {entry["id"]: entry["name"] for entry in entries} for at, entries in rows.items()}
         except (KeyError, TypeError, AttributeError) as error:
             expected = f"a table from {texture_filter('palette')}"
-            raise ImageError(parameter="names", value=str(path), expected=expected) from error
+            raise ImageError(parameter="palette", value=str(path), expected=expected) from error
         numbers = [number for at, one in self._names.items() for number in (at, *one)]
         called = [name for one in self._names.values() for name in one.values()]
         if not all(type(n) is int and n >= 1 for n in numbers) or not all(type(c) is str and c.strip() for c in called):
-            raise ImageError(parameter="names", value=str(path), expected="integer ids >= 1 and names that are strings")
+            raise ImageError(
+                parameter="palette", value=str(path), expected="integer ids >= 1 and names that are strings"
+            )
 
     def of(self, maps: Sequence[LabelMap]) -> list[LabelMap]:
         """Label maps with these names; raises ImageError if a label does not exist."""
@@ -86,7 +88,7 @@ class LabelNames:
         for level, names in self._names.items():
             if max(names, default=0) > counts.get(level, 0):
                 problem = f"has label.{level}/{max(names)}, which does not exist"
-                raise ImageError(problem, parameter="names", value=str(self._path))
+                raise ImageError(problem, parameter="palette", value=str(self._path))
         return [one.named(self._names[one.level]) if one.level in self._names else one for one in maps]
 
 
