@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The CSV files of stationarization.py: what is measured, and how it is read and written."""
+"""The CSV files of stationarization.py: the measures, reading and writing."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ Declared = TypeVar("Declared")
 
 
 def installed(what: str, checked: Callable[[EntryPoint], Declared], name: str = "") -> tuple[Declared, ...]:
-    """What all distributions declare in the group of filters or options, by name; only the entry of `name` if given.
+    """The filters or options that all distributions declare, by name; only the entry of `name` if given.
 
     `checked` loads an entry and returns its declaration. Where it raises, the entry is skipped with a warning.
     """

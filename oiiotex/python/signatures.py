@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """An op's declaration for Python: signature, forms of a call, docstring. The stub is generated from it.
 
-Types are texts, so no large library is imported.
+Types are strings, so no large library is imported.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ def test_every_modifier_has_an_example_that_it_takes(op):
 
 def test_spelling_is_american_and_right():
     """By codespell's lists of misspellings and of British words."""
-    words = "ths,fliter,gool,hda,inout,colour,ue,cancelled,parm"  # names: of users' files, Houdini, Blender, errors
+    words = "ths,fliter,gool,hda,inout,colour,ue,cancelled,parm,lod"  # names: of users' files, Houdini, Blender, errors
     places = plain_words.PLACES
     command = [sys.executable, "-m", "codespell_lib", "--builtin", "clear,rare,en-GB_to_en-US", "-L", words, *places]
     command += ["--skip", "*.jpg,*.png,*.js,*.pyc,*.ipynb,*.woff2"]

@@ -40,7 +40,7 @@ PATCH_HELP = (
 
 @dataclass(frozen=True, kw_only=True)
 class SynthesisPlan:
-    """What to synthesize, decided without pixels.
+    """A synthesis, decided without pixels.
 
     Attributes
     ----------

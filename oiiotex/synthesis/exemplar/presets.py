@@ -39,7 +39,7 @@ def filled(op: Any, preset: str) -> Any:
     """The op with its preset replaced by values for modifiers that were not given."""
     chosen: dict[str, Any] = dict(PRESETS[preset])
     share = chosen.pop("share")
-    if op.amount is None and op.sigmamap is None:
+    if op.evenness is None and op.sigmamap is None:
         chosen["sigma"] = max(max(op.asked_size) / share, (op.patch or chosen["patch"]) / 4)
     missing: dict[str, Any] = {name: value for name, value in chosen.items() if getattr(op, name) is None}
     return replace(op, **missing | {"preset": None})

@@ -160,7 +160,7 @@ def _measures_of(quality: Quality, lattice: Lattice | None, recipe: Recipe) -> Q
 
 @dataclass(frozen=True)
 class SynthesisRun:
-    """What a run has read and decided, and the results that follow."""
+    """The inputs and decisions of a run, and the results that follow."""
 
     _plan: SynthesisPlan
     _flat: PatchSynthesis  # the op on the flattened photo

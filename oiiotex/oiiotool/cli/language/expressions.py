@@ -46,7 +46,7 @@ from .sequences import Frame
 
 
 class Scope(Protocol):
-    """What expressions read of a chain: its images, by index, label and file, and its variables."""
+    """The parts of a chain that expressions read: images, by index, label and file, and its variables."""
 
     frame: Frame | None
     labeled: dict[str, Image]
