@@ -127,7 +127,7 @@ True
         return self.patch or (PAPER_PATCH if self.paper else PATCH)
 
     def planned(self, facts: Facts) -> Plan:
-        """What to synthesize, with values for a preset."""
+        """The synthesis, with values for a preset."""
         self._check()
         op, preset = (self, "") if self.preset is None else (filled(self, self.preset), self.preset)
         given = self.sigma, self.amount, self.sigmamap, self.patch
