@@ -120,7 +120,7 @@ class Plan:
         Its outputs, as `Op.make` returns them, if they lack nothing but pixels. None: windows, channels or number of
         its images depend on pixels, so that only their declared kinds are known.
     work
-        Decisions for `Op.make`, taken without pixels.
+        Values that `Op.make` works with, decided without pixels.
     """
 
     results: Any = None

@@ -40,7 +40,7 @@ PATCH_HELP = (
 
 @dataclass(frozen=True, kw_only=True)
 class SynthesisPlan:
-    """A synthesis, decided without pixels.
+    """A synthesis as decided without pixels.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         return (1 if self.pack else self.variants) * super().result_count()
 
     def planned(self, facts: Facts) -> Plan:
-        """What to synthesize."""
+        """The synthesis."""
         self._check()
         with whole_budget(facts.budget):  # errors are told what is left of it
             return Plan(work=self._synthesis(facts))

@@ -228,6 +228,7 @@ def flip_difference(chain: Chain, given: FlipModifiers) -> None:
     test, reference = chain.image(0), chain.image(1)
     a, b = reference.first, test.first
     _require(chain, a, b, _FLIP_BYTES, "--flipdiff")
+    chain.needs_pixels()
     options = {name: getattr(given, name) for name in ("maxluminance", "medianluminance", "ppd", "tonemapper")}
     with chain.session.resources.stats.time("--flipdiff"):
         error = oiio.ImageBufAlgo.FLIP_diff(a.buffer(a.window), b.buffer(b.window), hdr=int(given.hdr), **options)

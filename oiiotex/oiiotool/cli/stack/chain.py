@@ -208,6 +208,9 @@ class Chain:
             self.status = _BEYOND_A_LIMIT
         return [use.image for use in uses]
 
+    def needs_pixels(self) -> None:
+        """Called before an option reads pixels to go on; ends a rehearsal."""
+
     def acts(self, *parts: Part) -> bool:
         """Whether to print or write now: False in a rehearsal, which notes the step.
 

@@ -16,7 +16,7 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from ....engine.core.image import Image, Part
 from ....engine.core.op import Op
@@ -222,6 +222,10 @@ class _Rehearsal(Chain):
         if pixels or is_provisional(image):
             raise _Unknown
         return image
+
+    def needs_pixels(self) -> NoReturn:
+        """End the rehearsal."""
+        raise _Unknown
 
     def acts(self, *parts: Part) -> bool:
         """False."""
