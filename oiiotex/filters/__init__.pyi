@@ -1680,7 +1680,7 @@ def estimateroughness(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1729,7 +1729,7 @@ def fill(
     ----------
     exemplar : ImageLike
         Photo; of the maps of a material, the first.
-    region : ImageLike
+    region : ImageLike | None
         Image that marks the pixels to replace (first channel above half its range, or a nonzero label
         id). Not used with replace or matte. On the stack, it comes after the maps.
     mask : ImageLike | None, default None
@@ -1852,7 +1852,7 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1889,7 +1889,7 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1926,7 +1926,7 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,
@@ -1964,7 +1964,7 @@ def fill(
 @overload
 def fill(
     exemplar: ImageLike,
-    region: ImageLike,
+    region: ImageLike | None = None,
     /,
     *,
     mask: ImageLike | None = None,

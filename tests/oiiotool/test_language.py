@@ -320,5 +320,8 @@ def test_the_cache_folder_is_shown_and_emptied(tmp_path):
 
 def test_pages_of_help_fit_the_terminal(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    pages = [report.page(flag) for flag, *_ in report.declarations()] + [help.topic(":seed"), help.topic("label:persistence")]
+    pages = [report.page(flag) for flag, *_ in report.declarations()] + [
+        help.topic(":seed"),
+        help.topic("label:persistence"),
+    ]
     assert [line for page in pages for line in page.splitlines() if len(line) > 80] == []
