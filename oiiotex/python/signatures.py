@@ -134,7 +134,7 @@ def signature(op: type[Op], form: Form | None = None, arrays: bool | None = None
 
 def replaceable(op: type[Op]) -> tuple[Parameter, ...]:
     """The images that a graph or a label can replace, which are then optional."""
-    taken = op.taken({"graph": "g", "label": 1})
+    taken = op.taken({"graph": "g", "replace": 1})
     return tuple(i for i in op.images() if i not in taken and not i.many)
 
 
