@@ -24,6 +24,4 @@ _before = dict(os.environ)
 for name in (*LIBRARIES, *MODULES):
     importlib.import_module(name)
 ENVIRONMENT = dict(os.environ.items() - _before.items())  # set by them: pyopencl finds its own files by it
-assert (
-    LANGUAGE.ops and LANGUAGE.groups
-)  # imports all of their files, and options of the studio if there are any
+assert LANGUAGE.ops and LANGUAGE.groups  # imports all of their files, and options of the studio if there are any
