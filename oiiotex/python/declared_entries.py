@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What other distributions add: entry points of the groups `oiiotex.filters` and `oiiotex.options`."""
+"""Additions of other distributions: entry points of the groups `oiiotex.filters` and `oiiotex.options`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Declared = TypeVar("Declared")
 
 
 def installed(what: str, checked: Callable[[EntryPoint], Declared]) -> tuple[Declared, ...]:
-    """What all distributions declare in the group of filters or options, by name.
+    """The declarations of all distributions in the group of filters or options, by name.
 
     `checked` loads an entry and returns its declaration. Where it raises, the entry is skipped with a warning.
     """
