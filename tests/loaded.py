@@ -7,8 +7,6 @@ import importlib
 import os
 import pkgutil
 
-import oiiotex_studio
-
 import oiiotex
 from oiiotex.oiiotool.cli.vocabulary import LANGUAGE
 
@@ -16,15 +14,14 @@ LIBRARIES = (
     "OpenImageIO", "PyOpenColorIO", "email.parser", "importlib.resources.readers", "numpy.fft", "numpy.ma",
     "numpy.random", "pyopencl.characterize", "pyopencl.invoker",
 )  # fmt: skip
-SERVERS = ("oiiotex_studio.farm.", "oiiotex_studio.live.", "oiiotex.oiiotool.service.")
+SERVERS = "oiiotex.oiiotool.service."
 MODULES = [
     module.name
-    for package in (oiiotex, oiiotex_studio)
-    for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+    for module in pkgutil.walk_packages(oiiotex.__path__, "oiiotex.")
     if not module.name.startswith(SERVERS) and not module.name.endswith("__main__")
 ]
 _before = dict(os.environ)
 for name in (*LIBRARIES, *MODULES):
     importlib.import_module(name)
 ENVIRONMENT = dict(os.environ.items() - _before.items())  # set by them: pyopencl finds its own files by it
-assert LANGUAGE.ops and LANGUAGE.groups  # all of their files are imported
+assert LANGUAGE.ops and LANGUAGE.groups  # imports all of their files, and options of the studio if there are any

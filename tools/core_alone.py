@@ -17,7 +17,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 FLOORS = ("engine", "analysis", "synthesis", "surfaces", "oiiotool")
 NEEDED = ("pytest", "pytest-xdist", "hypothesis", "scikit-image", "scikit-learn", "colour-science")  # by those tests
-MOST = 2.0  # CPU seconds of a test file, by tests/budget.toml: slower ones run in `make test` alone
+MOST = 1.0  # CPU seconds of a test file, by tests/budget.toml: slower ones run in `make test` alone
 SOURCES = ("test_words", "test_cross_compile")  # read the source of both packages
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What other distributions add: entry points of the groups `oiiotex.filters` and `oiiotex.options`."""
+"""Additions of other distributions: entry points of the groups `oiiotex.filters` and `oiiotex.options`."""
 
 from __future__ import annotations
 
