@@ -57,7 +57,7 @@ def test_superpixels_beside_labels_have_a_panel_and_no_place_in_the_tree(folder)
 
 def test_titles_say_what_is_shown():
     photo = from_buffer(buffer(quarters(96)[0]))
-    cells = run(filters.op_named("superpixel")(source=photo, count=40, keep=True), Session())[0].image.parts[1]
+    cells = run(filters.op_named("superpixel")(source=photo, count=40, photo=True), Session())[0].image.parts[1]
     assert _title(LabelMap(cells, 0), NOTHING) == "superpixels: 40 superpixels at 15 px"
     level = label_maps(run(filters.op_named("label")(source=photo), Session())[0].image)[1]
     assert level.count and level.scale

@@ -39,7 +39,7 @@ FOREIGN = {"studio/oiiotex_studio/library/runs.py": "SQLite has no code for a ta
 
 @pytest.fixture(scope="module")
 def trees() -> list[tuple[str, ast.Module]]:
-    paths = sorted([*(ROOT / "oiiotex").rglob("*.py"), *(ROOT / "studio").rglob("*.py")])
+    paths = sorted([*(ROOT / "oiiotex").rglob("*.py"), *(ROOT / "studio" / "oiiotex_studio").rglob("*.py")])
     return [(path.relative_to(ROOT).as_posix(), ast.parse(path.read_text())) for path in paths]
 
 

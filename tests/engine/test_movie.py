@@ -23,7 +23,7 @@ from tests.any_filter import buffer, pixels
 from tests.refusals import refused
 
 PHOTO = buffer(pictures.bricks(64, 64, seed=1))
-ZOOM = {"size": (49, 32), "side": 64, "speed": 0.25, "frames": 3}
+ZOOM = {"size": (49, 32), "exemplarside": 64, "speed": 0.25, "count": 3}
 FRAMES = [np.full((9, 13, 3), 60 * n, np.uint8) for n in range(4)]
 
 

@@ -139,7 +139,7 @@ def test_a_quilt_that_looks_for_a_lattice_beyond_the_budget_says_so_before_the_w
     noise = np.random.default_rng(0).random((2000, 2000, 3))
     save(noise, tmp_path / "photo.exr", "half", "lin_rec709_scene")
     words = ["photo.exr", "--texquilt:size=400x400", "--cache", "256", "-o", "out.exr"]
-    with refused(Error, task="finding the lattice of 2000x2000", budget=256 << 20, advice="set structure=0"):
+    with refused(Error, task="finding the lattice of 2000x2000", budget=256 << 20, advice="set lattice=0"):
         run(words, tmp_path)  # it held 440 MB
 
 

@@ -160,7 +160,13 @@ WRITES = re.compile(
 # Rooms that no line of a recipe reaches, or that keep what is the user's cache; of modules: standard streams, scratch,
 # a temporary folder.
 ROOMS = ("library/", "recipes/", "farm/", "live/", "oiiotool/service/", "engine/opencl/")
-ELSEWHERE = (*ROOMS, "oiiotool/cli/running/streams.py", "engine/core/scratch.py", "materials/shaded.py")
+ELSEWHERE = (
+    *ROOMS,
+    "engine/io/cache_folders.py",
+    "oiiotool/cli/running/streams.py",
+    "engine/core/scratch.py",
+    "materials/shaded.py",
+)
 
 
 def test_whoever_opens_a_file_does_it_where_the_folder_is_looked_at():

@@ -90,7 +90,7 @@ def test_data_are_not_flattened_by_default():
 
 @pytest.mark.parametrize("value", [-0.1, 1.5, float("nan")])
 def test_flatten_out_of_range_is_refused(value):
-    with pytest.raises(errors.ParameterError, match="flatten="):
+    with pytest.raises(errors.ParameterError, match="flattening="):
         filters.stationarize(photo(), flattening=value)
 
 

@@ -19,7 +19,7 @@ def test_a_thin_region_continues_what_is_on_each_side_of_it():
     bars = np.repeat(random.choice([0.1, 0.35, 0.8], 8), 20)
     photo = np.clip(bars[None, :, None] + random.normal(0, 0.03, (80, 160, 3)), 0, 1)
     region = (np.abs(np.arange(80) - 34) < 12)[:, None, None] & np.ones((80, 160, 1), bool)
-    filled = pixels(made(region, buffer(photo), blend=0.0, structure=0.0))[22:47, :, 0]
+    filled = pixels(made(region, buffer(photo), fade=0.0, lattice=0.0))[22:47, :, 0]
     assert np.abs(filled - bars).mean() < 0.04
 
 

@@ -68,7 +68,7 @@ def test_part_stack_file_and_keyword_are_the_same(folder):
         ((f"{OP}:mask=nope",), "neither a part (the image has part0) nor a file"),
         ((f"{OP}:mask=1",), "expected 2 image(s) on the stack, found 1"),
         ((f"{OP}:label=1",), "no label parts"),
-        ((f"{OP}:level=1",), "level and labels require label"),
+        ((f"{OP}:labellevel=1",), "labellevel and labels require label"),
         (("left.png", "--resize", "30x30", f"{OP}:mask=1"), "mask is 30x30, but the exemplar is 72x64"),
         (("left.png", "--mulc", "0", f"{OP}:mask=1"), "mask selects no pixel"),
         ((f"{OP}:masc=1",), "did you mean 'mask'"),

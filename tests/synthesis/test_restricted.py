@@ -62,7 +62,7 @@ def test_only_pixels_of_a_thin_mask_are_copied(op, width):
     mask = stripes(width)
     made = getattr(filters, op)(
         buffer(np.concatenate([PHOTO, mask[..., None]], -1), names=("R", "G", "B", "id")),
-        mask=buffer(mask[..., None] * 1.0), patch=7, iterations=2, stmap=True, size=(150, 140),
+        mask=buffer(mask[..., None] * 1.0), patch=7, iterations=2, st=True, size=(150, 140),
     )  # fmt: skip
     tile = pixels(next(iter(made.values())))
     assert tile.shape[:2] == (140, 150) and (tile[..., 3] == 1).all()
