@@ -209,7 +209,7 @@ class Chain:
         return [use.image for use in uses]
 
     def needs_pixels(self) -> None:
-        """Called before an option reads pixels to go on; ends a rehearsal."""
+        """Called before an option reads pixels that later steps depend on; ends a rehearsal."""
 
     def acts(self, *parts: Part) -> bool:
         """Whether to print or write now: False in a rehearsal, which notes the step.
