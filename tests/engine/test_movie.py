@@ -41,7 +41,7 @@ def test_a_gif_has_the_frames_of_the_zoom(tmp_path):
         assert (gif.n_frames, gif.size, gif.info["duration"], gif.info["loop"]) == (3, (49, 32), 100, 0)
         for n in range(3):
             gif.seek(n)
-            alone = pixels(filters.zoom(PHOTO, frame=1 + n, **{**ZOOM, "frames": 2}))
+            alone = pixels(filters.zoom(PHOTO, frame=1 + n, **{**ZOOM, "count": 2}))
             away = np.abs(np.asarray(gif.convert("RGB")) - 255 * np.clip(alone, 0, 1))
             assert away.mean() < 8  # of 256 colors, dithered
 
@@ -105,7 +105,7 @@ def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch
 
 def test_limits_of_a_movie_are_said(tmp_path):
     with pytest.raises(errors.ParameterError, match=r"frame 1000 is at"):
-        filters.zoom(PHOTO, movie=tmp_path / "z.gif", **{**ZOOM, "frames": 1000})
+        filters.zoom(PHOTO, movie=tmp_path / "z.gif", **{**ZOOM, "count": 1000})
     with refused(errors.ImageError, task="a GIF of 200 frames", budget=64 << 20):
         small = Session(budget=64 << 20)
         filters.zoom(
