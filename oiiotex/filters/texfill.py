@@ -147,7 +147,7 @@ class Fill(Reported, MaterialOp, InBands):
         from ..synthesis.fill.region_fill import quality_of
 
         self._check()
-        require_region(self.exemplar, self.region, self.labels, self.label, self.labellevel, self.mattes, self.matte)
+        require_region(self.exemplar, self.region, self.labels, self.replace, self.labellevel, self.mattes, self.matte)
         return Plan(work=quality_of(self, facts))
 
     def make(self, plan: Plan, session: Session) -> tuple[dict[str, Any], ...]:

@@ -26,7 +26,7 @@ def require_region(
         if mattes is not None:
             laid_over(mattes.first, photo, "mattes")
     elif region is None:
-        raise ImageError("requires a region: an image that marks the pixels to replace, label= or matte=")
+        raise ImageError("requires a region: an image that marks the pixels to replace, replace= or matte=")
     else:
         laid_over(region.first, photo, "region")
 

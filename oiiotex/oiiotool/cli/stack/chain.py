@@ -164,7 +164,7 @@ class Chain:
                     assert step.option is not None
                     self._run_option(step.option, texts, values)
 
-    def apply(self, op: type[Op], **values: Any) -> None:
+    def apply(self, op: type[Op], /, **values: Any) -> None:
         """Replace the op's operands on the stack by its result."""
         values = self._of_frame(op) | values
         count = op.arity(values, len(self.stack))
