@@ -108,7 +108,7 @@ def test_numbers_out_of_range_are_refused_and_automatic_values_are_those_in_effe
     wait(page, "document.querySelector('.line').value.includes('size=48x64')")
     patch = page.locator("select[title^='Patch size'] option").first
     for preset, shown in (("large", "21 px"), ("even", "11 px"), (None, "13 px")):
-        page.select_option("select[title^='Keep:']", f'"{preset}"' if preset else "null")
+        page.select_option("select[title^='Large:']", f'"{preset}"' if preset else "null")
         assert patch.inner_text() == f"Automatic ({shown})"
 
 
@@ -132,8 +132,8 @@ def test_parameters_and_masks_have_one_history_that_survives_the_page(page, fold
     seed.blur()
     title = "Undo: seed (Ctrl Z)"
     wait(page, f"document.getElementById('undo').title === {title!r}")  # all earlier changes have arrived
-    before = {name: state(page, f"tile.{name}") for name in ("flatten", "structure", "mask")}
-    slider = page.get_by_label("Structure", exact=True)
+    before = {name: state(page, f"tile.{name}") for name in ("flattening", "lattice", "mask")}
+    slider = page.get_by_label("Lattice", exact=True)
     slider.scroll_into_view_if_needed()
     slider = slider.bounding_box()
     middle = slider["y"] + slider["height"] / 2
@@ -143,8 +143,8 @@ def test_parameters_and_masks_have_one_history_that_survives_the_page(page, fold
         page.mouse.move(slider["x"] + 10 + 3 * n, middle)
         page.wait_for_timeout(90)
     page.mouse.up()
-    moved = state(page, "tile.structure")
-    wait(page, "document.getElementById('undo').title.startsWith('Undo: structure')")
+    moved = state(page, "tile.lattice")
+    wait(page, "document.getElementById('undo').title.startsWith('Undo: lattice')")
     page.keyboard.press("p")
     dab(page)
     wait(page, "document.getElementById('undo').title.startsWith('Undo: Source mask')")
@@ -158,7 +158,7 @@ def test_parameters_and_masks_have_one_history_that_survives_the_page(page, fold
     assert before == {name: state(page, f"tile.{name}") for name in before} and marked(page) == 0
     wait(page, "!document.querySelector('.line').value.includes('mask')")
     page.click("#redo")
-    wait(page, f"import('./main.js').then(({{ shell }}) => shell.state.tile.structure === {moved})")
+    wait(page, f"import('./main.js').then(({{ shell }}) => shell.state.tile.lattice === {moved})")
     page.keyboard.press("Control+Shift+Z")
     wait(page, "import('./main.js').then(({ shell }) => shell.state.tile.mask === 'brush')")
     wait(page, "import('./main.js').then(({ rooms }) => rooms.tile.regions.planes.mask.includes(255))")
@@ -199,7 +199,7 @@ def finished(page, **values) -> None:
 def test_a_preset_is_shown_coarse_and_chosen_by_a_click(page):
     """The photo is smaller than a coarse tile, so that it equals the full one."""
     thumbs = page.locator(".strip .group:first-child .thumb")
-    assert thumbs.all_inner_texts() == ["Automatic", "Even", "Clean", "Keep"]
+    assert thumbs.all_inner_texts() == ["Automatic", "Even", "Clean", "Large"]
     finished(page, **USUAL)
     page.get_by_role("button", name="Show presets").click()
     shown = {preset: page.evaluate(CANVAS, ["strip", "presets", preset]) for preset in ("", "even", "large")}
