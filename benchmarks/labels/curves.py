@@ -21,14 +21,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse
+from sklearn.cluster import KMeans, SpectralClustering
 
 from benchmarks.labels.levels import Case, cases, score
+from oiiotex.analysis.labels.affinity_graph import NEIGHBORS, similarity_graph
 from oiiotex.analysis.labels.features import Features, features_of, small_lab
 from oiiotex.analysis.labels.scales import LabelSettings, labeled
 from oiiotex.analysis.superpixels.hierarchy import Hierarchy, hierarchy
 from oiiotex.analysis.superpixels.superpixels import superpixels
 from oiiotex.engine.color.lab import lens_of
 from oiiotex.engine.session import Session
+from oiiotex.engine.session.resources import Resources
 
 PERSISTENCES = (0.99, 0.97, 0.95, 0.9, 0.85, 0.75, 0.6, 0.45, 0.3, 0.15, 0.05)
 COUNTS = (2, 3, 4, 5, 6, 8, 10, 12, 16)
@@ -66,11 +70,27 @@ def curve(
     warnings.filterwarnings("ignore", "Graph is not fully connected")
     found: dict[int, list[tuple[float, float, float]]] = {}
     for persistence in PERSISTENCES:
-        made = labeled(points, LabelSettings(cluster=cluster, persistence=persistence), 0, session.resources)
-        s = score(case.truth, made.G.argmax(0)[groups][ids], groups[ids])
-        found.setdefault(made.G.shape[0], []).append((s.rand, s.covering, s.back))
+        labels = labeled(points, LabelSettings(persistence=persistence), 0, session.resources).G.argmax(0)
+        if cluster != "nmf":
+            labels = clustered(points, cluster, int(labels.max()) + 1, session.resources)
+        s = score(case.truth, labels[groups][ids], groups[ids])
+        found.setdefault(int(labels.max()) + 1, []).append((s.rand, s.covering, s.back))
     counts = np.array(sorted(found))
     return Curve(counts, np.array([np.mean(found[n], 0) for n in counts]))
+
+
+def clustered(points: np.ndarray, cluster: str, count: int, resources: Resources) -> np.ndarray:
+    """Labels of m points, from 0, by another method with as many clusters (LSA16 figure 3d)."""
+    if cluster == "kmeans":
+        return KMeans(count, n_init=10, random_state=0).fit(points).labels_
+    graph = similarity_graph(points, min(NEIGHBORS, max(8, len(points) // 13)), resources)  # as of `labeled`
+    if len(graph.counts) <= count:  # no more distinct points than clusters
+        return graph.node
+    scaled, root = graph.scaled, np.sqrt(graph.mass)
+    weights = scaled.weights * np.repeat(root, np.diff(scaled.starts)) * root[scaled.columns]
+    similarities = scipy.sparse.csr_array((weights, scaled.columns, scaled.starts))
+    model = SpectralClustering(count, affinity="precomputed", random_state=0, assign_labels="kmeans")
+    return np.unique(model.fit(similarities).labels_, return_inverse=True)[1][graph.node]
 
 
 def partition_near(levels: Hierarchy, count: int) -> np.ndarray:

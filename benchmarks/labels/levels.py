@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Label maps against ground truth: which level is best, and how good, by features and clusters.
+"""Label maps against ground truth: which level is best, and how good, by features.
 
-python -m benchmarks.labels.levels [--features textons,moments,gabor,quadtree] [--cluster nmf,kmeans,spectral]
+python -m benchmarks.labels.levels [--features textons,moments,gabor,quadtree]
                                    [--pictures DIR] [--persistence 0.9] [--share 0.5] [--name PART]
 
 LSA16 figures 3c and 3d, with curves over the number of labels, are redrawn by benchmarks.labels.curves.
@@ -115,7 +115,6 @@ def main() -> None:
     """Measure and print tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--features", default="textons,moments,gabor,quadtree")
-    parser.add_argument("--cluster", default="nmf")
     parser.add_argument("--persistence", type=float, default=LabelSettings.persistence)
     parser.add_argument("--share", type=float, default=LabelSettings.share)
     parser.add_argument("--name", default="")
@@ -123,7 +122,7 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path)
     arguments = parser.parse_args()
     session = Session()
-    rows: dict[tuple[str, str], list[tuple[str, Score, bool, float]]] = {}
+    rows: dict[str, list[tuple[str, Score, bool, float]]] = {}
     for case in cases(arguments.name):
         lens = lens_of(case.image, session.resources)
         start = time.perf_counter()
@@ -136,47 +135,45 @@ def main() -> None:
             start = time.perf_counter()
             described = features_of(kind, found, small, session.resources)
             describing = time.perf_counter() - start
-            for cluster in arguments.cluster.split(","):
-                start = time.perf_counter()
-                settings = LabelSettings(cluster=cluster, persistence=arguments.persistence, share=arguments.share)
-                labeled = label_levels(
-                    levels,
-                    described,
-                    settings,
-                    found.edges,
-                    session.resources,
-                    lambda: [superpixel_subtextures(found, small, session.resources)],  # noqa: B023 - called at once
-                )
-                took = time.perf_counter() - start
-                scores = [score(case.truth, level.labels[ids], level.groups[ids]) for level in labeled]
-                best = max(range(len(scores)), key=lambda n: scores[n].covering)
-                true = len(np.unique(case.truth[case.truth > 0]))
-                near = abs(scores[best].count / true - 1) <= 0.5
-                rows.setdefault((kind, cluster), []).append((case.name, scores[best], near, describing + took))
-                shown = "all" if arguments.levels else str(best + 1)
-                print(f"{case.name:26s} {kind:8s} {cluster:8s} n {found.count:5d} {before:5.2f} s {describing:5.2f} s"
-                      f" {took:5.2f} s  level {shown} of {len(scores)}  truth {true}", end="")  # fmt: skip
-                for s in scores if arguments.levels else [scores[best]]:
-                    print(f"  {s.count:3d} labels: Rand {s.rand:.3f} ARI {s.adjusted:.3f} truth by labels"
-                          f" {s.covering:.3f} back {s.back:.3f} UE {100 * s.error:.1f} %", end="")  # fmt: skip
-                print(flush=True)
-                if arguments.pictures and cluster == "nmf":
-                    maps = LabelMaps(found, labeled)
-                    parts = [label_map(case.image.first, maps, n + 1).part for n in range(len(labeled))]
-                    view = run(
-                        filters.op_named("labelview")(source=Image((case.image.first, *parts), case.name)), session
-                    )[0].image
-                    arguments.pictures.mkdir(parents=True, exist_ok=True)
-                    to_buffer(view.first).write(str(arguments.pictures / f"{case.name}_{kind}.png"))
+            start = time.perf_counter()
+            settings = LabelSettings(persistence=arguments.persistence, share=arguments.share)
+            labeled = label_levels(
+                levels,
+                described,
+                settings,
+                found.edges,
+                session.resources,
+                lambda: [superpixel_subtextures(found, small, session.resources)],  # noqa: B023 - called at once
+            )
+            took = time.perf_counter() - start
+            scores = [score(case.truth, level.labels[ids], level.groups[ids]) for level in labeled]
+            best = max(range(len(scores)), key=lambda n: scores[n].covering)
+            true = len(np.unique(case.truth[case.truth > 0]))
+            near = abs(scores[best].count / true - 1) <= 0.5
+            rows.setdefault(kind, []).append((case.name, scores[best], near, describing + took))
+            shown = "all" if arguments.levels else str(best + 1)
+            print(f"{case.name:26s} {kind:8s} n {found.count:5d} {before:5.2f} s {describing:5.2f} s"
+                  f" {took:5.2f} s  level {shown} of {len(scores)}  truth {true}", end="")  # fmt: skip
+            for s in scores if arguments.levels else [scores[best]]:
+                print(f"  {s.count:3d} labels: Rand {s.rand:.3f} ARI {s.adjusted:.3f} truth by labels"
+                      f" {s.covering:.3f} back {s.back:.3f} UE {100 * s.error:.1f} %", end="")  # fmt: skip
+            print(flush=True)
+            if arguments.pictures:
+                maps = LabelMaps(found, labeled)
+                parts = [label_map(case.image.first, maps, n + 1).part for n in range(len(labeled))]
+                view = run(filters.op_named("labelview")(source=Image((case.image.first, *parts), case.name)), session)[
+                    0
+                ].image
+                arguments.pictures.mkdir(parents=True, exist_ok=True)
+                to_buffer(view.first).write(str(arguments.pictures / f"{case.name}_{kind}.png"))
     print(f"\n{'':18s} {'':9s} {'Rand':>6s} {'ARI':>6s} {'cover':>6s} {'back':>6s}   UE %  count within 50 %   s")
-    for (kind, cluster), found_rows in rows.items():
+    for kind, found_rows in rows.items():
         for group in ("mosaic", "synthetic", ""):
             chosen = [r for r in found_rows if (group in r[0] if group else "synthetic" not in r[0])]
             if chosen:
                 s = np.mean([[r[1].rand, r[1].adjusted, r[1].covering, r[1].back, 100 * r[1].error] for r in chosen], 0)
-                name = f"{kind} {cluster}"
                 near = sum(r[2] for r in chosen)
-                print(f"{name:18s} {group or 'all 14':9s} {s[0]:6.3f} {s[1]:6.3f} {s[2]:6.3f} {s[3]:6.3f} {s[4]:6.1f}"
+                print(f"{kind:18s} {group or 'all 14':9s} {s[0]:6.3f} {s[1]:6.3f} {s[2]:6.3f} {s[3]:6.3f} {s[4]:6.1f}"
                       f"   {near:2d} of {len(chosen):2d}  {np.mean([r[3] for r in chosen]):12.2f}")  # fmt: skip
 
 

@@ -113,7 +113,7 @@ class ExemplarGraph(Whole):
             return Plan(work=(graph, images, {}))
         photos = self.photos or ()
         if not photos:
-            raise ParameterError("requires at least one image, or graph=FILE")
+            raise ParameterError("requires at least one image, or draw=FILE")
         _require_alike(photos)
         cut = self._cut() if self.scales > 1 else {}
         photos = tuple(cut.values()) or photos

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import OpenImageIO as oiio
 import pytest
@@ -149,20 +147,6 @@ def test_the_number_of_labels_is_found(counts, tries):
     pairs = np.unique(np.stack([truth, found.G.argmax(0)]), axis=1)
     assert pairs.shape[1] == len(counts)
     assert found.error < 0.05
-
-
-@pytest.mark.parametrize("cluster", ["kmeans", "spectral"])
-def test_scikit_learn_clusters_as_many(cluster):
-    pytest.importorskip("sklearn")
-    points, truth = blobs((300, 200, 150), apart=5.0)
-    found = scales.labeled(points, LabelSettings(cluster=cluster), 0, Session().resources)
-    assert np.unique(np.stack([truth, found.G.argmax(0)]), axis=1).shape[1] <= 6
-
-
-def test_without_scikit_learn_there_is_a_clear_error(monkeypatch):
-    monkeypatch.setitem(sys.modules, "sklearn.cluster", None)
-    with pytest.raises(errors.ImageError, match=r"oiiotex\[cluster\]"):
-        scales.labeled(blobs((50, 60))[0], LabelSettings(cluster="kmeans"), 0, Session().resources)
 
 
 def test_above_a_number_of_superpixels_a_sample_is_factored(monkeypatch):

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,15 +59,6 @@ class AffinityGraph:
     node: np.ndarray  # (m,) int64: the node of each point
     counts: np.ndarray  # (n,) int64: number of points of each node
     r: float  # Global normalization of LSA16 eq. 5
-
-    def weights(self) -> Any:
-        """W, a scipy.sparse.csr_array."""
-        import scipy.sparse  # not needed to find labels
-
-        starts, columns, n = self.scaled.starts, self.scaled.columns, len(self.mass)
-        root = np.sqrt(self.mass)
-        values = self.scaled.weights * np.repeat(root, np.diff(starts)) * root[columns]
-        return scipy.sparse.csr_array((values, columns, starts), shape=(n, n))
 
 
 def similarity_graph(points: np.ndarray, neighbors: int, resources: Resources) -> AffinityGraph:

@@ -43,7 +43,7 @@ from ...engine.session.resources import Resources
 from ..superpixels.hierarchy import COARSEST, Hierarchy, hierarchy, scales
 from ..superpixels.slic import SeedGrid
 from ..superpixels.superpixels import COMPACTNESS, Superpixels, finest_scale, require_superpixels, superpixels
-from .affinity_graph import NEIGHBORS, AffinityGraph, similarity_graph
+from .affinity_graph import NEIGHBORS, similarity_graph
 from .features import WORKING_PIXELS, Features, SmallLab, features_of, small_lab
 from .potts import UNLIKELY, settled
 from .random_walk import PERSISTENCE, SLOWEST, Walk
@@ -62,7 +62,6 @@ _PART = 0.25  # least proportion of a label in a coarser one for it to be a chil
 class LabelSettings:
     """Settings of label maps; see `filters.label`."""
 
-    cluster: str = "nmf"
     neighbors: int = NEIGHBORS
     persistence: float = PERSISTENCE
     share: float = 0.5
@@ -241,10 +240,6 @@ def labeled(points: np.ndarray, settings: LabelSettings, level: int, resources: 
     walk = Walk(graph, resources, persistence=persistence, slowest=slowest)
     factors = factored(walk, resources, settings.seed, settings.tries, settings.literal)
     F, G = factors.F[graph.node] / graph.counts[graph.node, None], factors.G[:, graph.node]
-    if settings.cluster != "nmf" and F.shape[1] > 1:
-        labels = _by_scikit_learn(settings, points, graph, F.shape[1])
-        G = (labels == np.arange(labels.max() + 1)[:, None]).astype(np.float64)
-        F = (G / G.sum(1, keepdims=True)).T
     return _without_empty(F, G, factors.error)
 
 
@@ -254,22 +249,6 @@ def _without_empty(F: np.ndarray, G: np.ndarray, error: float) -> Factors:
     kept = G[used]
     kept = kept / np.maximum(kept.sum(0), 1e-300)
     return Factors(F[:, used], kept, error)
-
-
-def _by_scikit_learn(settings: LabelSettings, points: np.ndarray, graph: AffinityGraph, count: int) -> np.ndarray:
-    """The paper's comparison (figure 3d): the same number of clusters as `nmf` finds."""
-    try:
-        from sklearn.cluster import KMeans, SpectralClustering
-    except ImportError:
-        raise ImageError(
-            f"cluster={settings.cluster} requires scikit-learn: pip install 'oiiotex[cluster]', or use cluster=nmf"
-        ) from None
-    if settings.cluster == "kmeans":
-        return KMeans(count, n_init=10, random_state=settings.seed).fit(points).labels_
-    if len(graph.counts) <= count:  # no more distinct points than clusters
-        return graph.node
-    model = SpectralClustering(count, affinity="precomputed", random_state=settings.seed, assign_labels="kmeans")
-    return np.unique(model.fit(graph.weights()).labels_, return_inverse=True)[1][graph.node]
 
 
 def _labeled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, resources: Resources) -> Factors:
