@@ -96,7 +96,7 @@ def picture(tmp_path: Path) -> Path:
 def made_by(op: Op, session: Session | None = None) -> Any:
     """The outputs of an op, planned and made."""
     session = session or Session()
-    return op.make(op.planned(session.resources), session)
+    return op.make(op.plan(session.resources), session)
 
 
 def save(pixels: np.ndarray, path: Path, kind: str = "uint8", space: str = "", **windows: int) -> Path:

@@ -111,7 +111,7 @@ def row_of(op: type, name: str, picture: oiio.ImageBuf, seeds: int, session: Ses
     peaks, shown = {0.0: [], 0.5: []}, {0.0: [], 0.5: []}
     for structure, seed in itertools.product(peaks, range(1, seeds + 1)):
         use = op(exemplar=image, seed=seed, lattice=structure, **more)
-        made = use.make(use.planned(session.resources), session)
+        made = use.make(use.plan(session.resources), session)
         source = SourceMap.of_coordinates(made["st"].pixels(), image.first.spec, "st")
         tile, torus = source.gather(lab), Domain(*source.packed.shape[::-1], True, True)
         kept = lattice if op is Synth else replace(lattice, frequencies=lattice.on_torus(torus))

@@ -76,7 +76,7 @@ class Photo:
         resources = self.session.resources
         if variant == DEFAULT:
             op = Stationarize(exemplar=self.image, st=True, seed=seed)
-            parts = op.make(op.planned(self.session.resources), self.session)
+            parts = op.make(op.plan(self.session.resources), self.session)
             tile, _ = working_values(Image((parts["tile"],), self.image.source), resources)
             return SourceMap.of_coordinates(parts["st"].pixels(), self.buffer.spec(), "st"), tile
         recipe = replace(self.recipe(variant), seed=seed)

@@ -82,7 +82,7 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
         session.resources.require_streamable(*op.scanned())
         facts = _facts(op)
         # first, so that its errors precede reading the photo for its hash
-        results = op.make(op.planned(session.resources), session)
+        results = op.make(op.plan(session.resources), session)
         sources = [(name, facts | _photo(op, name, part) if facts else {}) for name, part in _sources(op)]
         made = _Runner(op, session, files, provenance).results(results, sources)
     written.update(os.path.realpath(path) for path in files.values())
@@ -108,7 +108,7 @@ def planned(op: Op, facts: Facts, written: set[str]) -> tuple[Image, ...]:
         written.update(os.path.realpath(path) for path in files.values())
         if not reads_written:  # otherwise its input is not written yet
             try:
-                plan = op.planned(facts)
+                plan = op.plan(facts)
             except Error:
                 if not provisional:
                     raise
@@ -170,7 +170,7 @@ class _Runner:
     provenance: bool
 
     def results(self, results: Any, sources: Iterable[tuple[str, dict[str, Any]]]) -> tuple[Result, ...]:
-        """The results of `compute` as images, with facts about their sources as metadata."""
+        """The results of `Op.make` as images, with facts about their sources as metadata."""
         images = results if isinstance(results, tuple) else (results,)
         pairs = zip(images, itertools.cycle(sources), strict=False)
         return tuple(self.result(image, *source) for image, source in pairs)

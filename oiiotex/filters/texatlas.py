@@ -81,7 +81,7 @@ class Atlas(MaterialOp, Whole):
         help="Green channel of normal maps. opengl: up; directx: down.",
     )  # fmt: skip
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The mesh, the size of the atlas, and that of a pixel of the photo on the surface."""
         from ..surfaces.atlas.mesh import read_mesh  # trimesh and its like are slow to import
 

@@ -79,7 +79,7 @@ class CheckMaterial(ScanThenMap):
         """The number of maps."""
         return 1 + len(self.maps)
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The maps."""
         images = (self.source, *self.maps)
         kinds = kinds_of(self.kinds, len(images), data=False)

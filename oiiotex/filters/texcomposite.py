@@ -71,7 +71,7 @@ class Composite(Reported, Quilted):
     )
     grown: bool = param(False, help="Append the grown label map as part 'grown'.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The size, the label map, and the measures."""
         spec = self.exemplar.first.spec
         size = self.size or Size(2 * spec.width, 2 * spec.height)

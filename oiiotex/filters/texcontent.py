@@ -85,7 +85,7 @@ class Content(ScanThenMap):
         None, example="content.json", help="File for the key, histograms and the number of patches of each key."
     )
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The labels, the side of a patch, and its place."""
         from ..surfaces.charts.content_chart import drawing_bytes  # not needed to parse the command line
 

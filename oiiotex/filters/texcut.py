@@ -62,7 +62,7 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         " seams. Increase it if seams are visible.",
     )
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The size, and the measures."""
         spec = self.exemplar.first.spec
         size = self.size or Size(spec.width, spec.height)

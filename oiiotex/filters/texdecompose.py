@@ -135,7 +135,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
         "assign": "neighbors",
     }
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The names of labels, the reduction of the image, and the settings."""
         from ..analysis.segmentation.subtextures import memory_needed  # scipy is not loaded before it is needed
         from ..engine.color.lab_reduced import reduction

@@ -105,7 +105,7 @@ class Dominant(InLab, ScanThenMap):
 
     PAPER: ClassVar[dict[str, Any]] = {"rule": "paper", "mode": "diffusion", "step": 1}
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """Nothing but the declared outputs."""
         from ..analysis.dominant.photo_mask import require_memory  # scipy is not loaded before it is needed
 

@@ -49,7 +49,7 @@ class EstimateAO(Gather):
     )  # fmt: skip
     tiled: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the heights tile.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The map, and the scale of its heights."""
         part = self.source.first
         said = part.spec.get_float_attribute(HEIGHT_PX, 0.0)  # PNG stores it as a string

@@ -81,7 +81,7 @@ class EstimateHeight(Whole):
     tiled: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the photo tiles.")
     data: bool = param(False, advanced=True, help="Treat the first channel as luminance, not color.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The scale of the heights."""
         from ..surfaces.capture.shading import BYTES, padded_size  # not needed to parse the command line
 

@@ -52,7 +52,7 @@ class EstimateRoughness(ScanThenMap):
     spread: float = param(0.3, ge=0, le=1, help="Maximum deviation from middle.")
     data: bool = param(False, advanced=True, help="Treat the first channel as lightness, not color.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """Nothing but the declared output."""
         color_to_convert(self.source, facts, self.working_space)
         return Plan()

@@ -141,7 +141,7 @@ class Fill(Reported, MaterialOp, InBands):
         named = values.get("replace") is not None or values.get("matte") is not None
         return tuple(one for one in cls.images() if not (named and one.name == "region"))
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The measures."""
         from ..synthesis.fill.region import require_region  # not needed for help
         from ..synthesis.fill.region_fill import quality_of

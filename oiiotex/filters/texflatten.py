@@ -70,7 +70,7 @@ class Flatten(ScanThenMap):
     drift: bool | Path = param(False, help=DRIFT_HELP)
     data: bool = param(False, advanced=True, help="Treat the channels as data, not color.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """Nothing but the declared outputs."""
         color_to_convert(self.source, facts, self.working_space)
         if self.mask is not None:

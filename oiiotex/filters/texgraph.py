@@ -105,7 +105,7 @@ class ExemplarGraph(Whole):
         cut = self._factors() if self.scales > 1 else ()
         return {"graphfile": self.graphfile} | {f"exemplar.{factor}": self._file(factor) for factor in cut}
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The graph, its images, and those that are cut out of a photo."""
         if self.draw is not None:
             graph, images = graph_images(self.draw, facts)

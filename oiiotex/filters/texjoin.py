@@ -50,7 +50,7 @@ class Join(ScanThenMap):
         """All images on the stack."""
         return max(1, depth)
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The whole image."""
         first = self.shares[0]
         for share in self.shares[1:]:

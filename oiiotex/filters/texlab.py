@@ -58,7 +58,7 @@ class Lab(Pointwise):
         help="Color space of the result. Requires inverse.",
     )  # fmt: skip
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The converted part, and what converts its rows."""
         if self.to is not None and not self.inverse:
             raise ParameterError(f"requires {modifier(inverse=True)}", parameter="to", value=self.to)

@@ -118,7 +118,7 @@ class Label(OnePart, InLab, ScanThenMap):
         "coarsest": False,
     }
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The names of labels, and the settings."""
         from ..analysis.labels.scales import LabelSettings, require_memory  # scipy is not loaded before it is needed
 

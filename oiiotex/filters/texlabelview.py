@@ -40,7 +40,7 @@ class LabelView(ScanThenMap):
     columns: int = param(3, ge=1, le=16, help="Number of panels in a row.")
     opacity: float = param(0.65, ge=0, le=1, help="Opacity of the label colors over the photo.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The label maps to show."""
         named = {id(one.part): one for one in label_maps(self.source).values()}
         # superpixels, and parts from formats without part names, belong to no level

@@ -74,7 +74,7 @@ class Paint(Reported, Quilted):
         None, example="plan.npz", help="Plan of an earlier run. Patches whose labels did not change are kept."
     )
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The measures, and the layers with the quilting of the first."""
         if self.fromplan is not None and self.fine is None and present(read_begun(self.fromplan, facts.budget)).fine:
             self.inform("%s has a fine painting, which this run does not overlay", self.fromplan)

@@ -76,7 +76,7 @@ class Palette(LabeledExemplar, InBands):
         None, example="palette.json", help="File for ids, names, colors, areas, parents, children and boxes of labels."
     )
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The label map, the next finer one, and the width of the palette."""
         spec = self.exemplar.first.spec
         labels = label_map(self.exemplar, self.labels, self.labellevel)

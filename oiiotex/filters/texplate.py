@@ -87,7 +87,7 @@ class Plate(Whole):
         None, example="shot.npz", help="File to write the motion of all frames to, for `project`."
     )
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The frames with their regions."""
         shown = self._frames()
         display = Window.display(self.source.first.spec)

@@ -54,7 +54,7 @@ class Preview(Gather):
     )
     panel: int = param(512, ge=16, le=16384, unit="px", help="Height of each panel.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The names of the panels."""
         names, tile = self._names(), self.tile.first
         photo = None if self.exemplar is None else self.exemplar.first

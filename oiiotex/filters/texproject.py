@@ -55,7 +55,7 @@ class Project(Whole):
     )
     grain: float = param(1.0, ge=0, le=4, help="Amount of grain, as a multiple of the frame's. 0: none.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The motion of the frame."""
         part, plate = self.source.first, self.plate.first
         motion = self._motion(facts)

@@ -84,7 +84,7 @@ class Quilting(Reported, Quilted, Structured):
         " size.",
     )
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The measures, and how to quilt: the plan to render, or the patches to choose."""
         size = self.size or (self.guide or self.exemplar).first.window.size
         quality = Quality.of_copies(self, facts, size)

@@ -101,7 +101,7 @@ class Rectify(Gather):
         None, example="rectangle.json", advanced=True, help="JSON file for corners, size, cells, meters and the matrix."
     )
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The rectified part, if its corners are given; otherwise its size depends on the photo's lattice."""
         if self.source.first.exact:
             raise ImageError(f"{self.source.source} contains ids or source coordinates, which cannot be resampled")

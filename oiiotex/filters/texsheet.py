@@ -52,9 +52,9 @@ class ContactSheet(InLab, Whole):
     )
     panel: int = param(256, ge=32, le=2048, unit="px", help="Maximum longer side of a result in the sheet.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """All uses of the filter, with their captions and plans."""
-        return Plan(work=[(caption, use, use.planned(facts)) for caption, use in self._uses()])
+        return Plan(work=[(caption, use, use.plan(facts)) for caption, use in self._uses()])
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         """The contact sheet."""

@@ -75,7 +75,7 @@ class Sigmas(InLab, Whole):
     columns: int = param(3, ge=1, le=32, help="Number of tiles in a row.")
     facts: Path | None = param(None, example="sigmas.json", help="JSON file for the table.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The stationarization whose sigmas are compared, and the size of its result."""
         spec = self.exemplar.first.spec
         width, height = self.tilesize or Size(spec.width, spec.height)

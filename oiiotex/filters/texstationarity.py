@@ -50,7 +50,7 @@ class Stationarity(InLab, ScanThenMap):
     measure: str = param("histogram", choices=MEASURES, help=MEASURE)
     order: int | None = param(None, example="3", ge=2, le=4, unset="2", help=ORDER, advanced=True)
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The order of the measure."""
         color_to_convert(self.source, facts, self.working_space)
         return Plan(work=order_of(self.measure, self.order))

@@ -126,7 +126,7 @@ True
         """Side of a patch, px."""
         return self.patch or (PAPER_PATCH if self.paper else PATCH)
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The synthesis, with values for a preset."""
         self._check()
         op, preset = (self, "") if self.preset is None else (filled(self, self.preset), self.preset)

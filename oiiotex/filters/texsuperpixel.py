@@ -80,7 +80,7 @@ class Superpixel(InLab, ScanThenMap):
     )
     photo: bool = param(False, help="Keep the image as the first part, followed by the label map.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """Nothing but the declared output."""
         if self.sigma is not None and self.count is not None:
             raise ParameterError("sigma conflicts with count; set only one of them")

@@ -103,7 +103,7 @@ class Synth(Multiscale, Structured):
         """Output files; without graph there is no transfer."""
         return {name: path for name, path in super().files().items() if self.graph or name != "transfer"}
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The measures, the window that is asked for, and the exemplars."""
         asked, wrap = self._asked_window(), (self.tiles == "xy",) * 2
         quality = Quality(op=self, facts=facts, wrap=wrap, copies=self.graph is None)

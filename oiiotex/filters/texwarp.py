@@ -42,7 +42,7 @@ class Warp(Gather):
     source: Image = image(help="Image that provides the pixels.")
     stmap: Image = image(help="Source coordinates: part 'st', or the first part if there is none of that name.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The map of source coordinates."""
         st = self.stmap.part("st") or self.stmap.first
         if st.spec.nchannels != 2 or dtype_of(st.spec) not in (np.float32, np.float64):

@@ -86,7 +86,7 @@ class Zoom(Multiscale):
         """A graph of one exemplar with an edge to itself."""
         return Graph.loop(name, LOOP_R)
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The measures, and the exemplars."""
         if self.center is not None and len(self.center) != 2:
             raise ParameterError(parameter="center", value=self.center, expected="two numbers, X,Y")

@@ -86,7 +86,7 @@ def test_names_of_all_alphabets_and_none_that_breaks_a_line(tmp_path):
 
 @pytest.mark.parametrize(("name", "said"), [("p.txt", r"expected \.gpl"), ("none/p.gpl", "no such folder")])
 def test_a_palette_that_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch, name, said):
-    monkeypatch.setattr(Palette, "planned", pytest.fail)
+    monkeypatch.setattr(Palette, "plan", pytest.fail)
     with pytest.raises(errors.ImageError, match=said):
         filters.palette(photo(), paints=tmp_path / name)
 

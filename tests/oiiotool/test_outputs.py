@@ -93,7 +93,7 @@ def test_a_side_file_is_refused_before_the_work(op, output, tmp_path, monkeypatc
     def never(self: Op, facts: Facts) -> None:
         pytest.fail("the op is planned")
 
-    monkeypatch.setattr(op, "planned", never)
+    monkeypatch.setattr(op, "plan", never)
 
     def refused(kind: type[Exception], path: Path, said: str, written: set[str] | None = None, **more: Path) -> None:
         with pytest.raises(kind, match=said):
@@ -130,14 +130,14 @@ class Sample(Pointwise):
         Output(
             "facts", Kind.TABLE, "facts", asked_by="json", lines=lambda facts: (f"{k} is {v}" for k, v in facts.items())
         ),
-        Output("plan", Kind.ARRAYS, "arrays", asked_by="plan"),
+        Output("arrays", Kind.ARRAYS, "arrays", asked_by="arrays"),
     )
 
     source: Image = image(help="the image")
     keep: bool = param(False, help="keep it")
     st: bool | Path = param(False, help="coordinates")
     json: Path | None = param(None, help="facts")
-    plan: Path | None = param(None, help="arrays")
+    arrays: Path | None = param(None, help="arrays")
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         part = self.source.first
@@ -147,7 +147,7 @@ class Sample(Pointwise):
             CALLED.append("facts")
             return {"x": 1, "y": 2}
 
-        return {"image": part, **more, "facts": facts, "plan": lambda: {"a": np.arange(3)}}
+        return {"image": part, **more, "facts": facts, "arrays": lambda: {"a": np.arange(3)}}
 
 
 CALLED: list[str] = []
@@ -175,14 +175,14 @@ def test_what_is_kept_is_first_and_what_is_asked_for_follows():
 
 def test_files_hold_all_that_one_modifier_asks_for_and_say_how_they_were_made(tmp_path):
     written: set[str] = set()
-    asked = {"st": tmp_path / "st.exr", "json": tmp_path / "f.json", "plan": tmp_path / "p.npz"}
+    asked = {"st": tmp_path / "st.exr", "json": tmp_path / "f.json", "arrays": tmp_path / "p.npz"}
     ((made, _, _),) = run(Sample(source=source(), **asked), Session(), written)
     assert len(made.parts) == 2 and written == {os.path.realpath(path) for path in asked.values()}
     maps = read(asked["st"])
     assert [p.name for p in maps.parts] == ["st.1", "st.2"]
     assert maps.first.spec.get_string_attribute("oiiotex:filter") == "sample"
     assert json.loads(asked["json"].read_text()) == {"x": 1, "y": 2}
-    with np.load(asked["plan"]) as held:
+    with np.load(asked["arrays"]) as held:
         np.testing.assert_array_equal(held["a"], np.arange(3))
     run(Sample(source=source(), **asked), Session(), provenance=False)
     assert read(asked["st"]).first.spec.get_string_attribute("oiiotex:filter") == ""

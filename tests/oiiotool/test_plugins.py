@@ -172,6 +172,7 @@ def test_an_option_of_another_distribution_joins_the_line_and_the_help(tmp_path)
         (("class Posterize(Pointwise)", "class Posterize"), "expected a subclass"),
         (('"posterize"', '"warp"'), "filter 'warp' already exists"),
         (("import numpy", "import nothing_of_that_name"), "nothing_of_that_name"),
+        (("    steps: int", "    plan: int"), "Posterize.plan would hide a method"),
     ],
 )
 def test_a_broken_one_is_passed_over_with_a_warning(site, tmp_path, change, says):

@@ -40,7 +40,7 @@ def used(op: type[Op], *, pixels: bool) -> Op:
 def test_a_plan_reads_no_pixel_and_opens_no_device(op, monkeypatch):
     monkeypatch.setattr(device_choice, "open_device", lambda *_: pytest.fail("a device is opened"))
     use = used(op, pixels=False)
-    plan = use.planned(Facts(Settings()))
+    plan = use.plan(Facts(Settings()))
     assert isinstance(plan, Plan)
     for image in planned(use, Facts(Settings()), set()):
         assert image.parts

@@ -14,6 +14,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 from ..errors import Error, ParameterError, modifier
@@ -168,6 +169,10 @@ class Op:
             raise TypeError(f"{cls.__name__} does not declare {', '.join(missing)}")
         if not hasattr(cls, "reach") or "reach" in cls.__dict__:
             raise TypeError(f"{cls.__name__} must have one access kind: Pointwise, ScanThenMap, Gather, Whole, ...")
+        fields = {name for base in cls.__mro__ if base is not Op for name in vars(base).get("__annotations__", ())}
+        methods = {name for name, one in vars(Op).items() if isinstance(one, (FunctionType, classmethod, property))}
+        for name in sorted(fields & methods):
+            raise TypeError(f"{cls.__name__}.{name} would hide a method of its base class: use another name")
 
     def __post_init__(self) -> None:
         with errors_of(type(self)):
@@ -338,7 +343,7 @@ class Op:
         """Number of images that this use makes."""
         return 1
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """What is known of this use from its values and the specs of its images; never reads a pixel.
 
         Called before any work, for a command line that may never run: raise errors here. It may be called again.
@@ -346,7 +351,7 @@ class Op:
         return Plan()
 
     def make(self, plan: Plan, session: Session) -> Any:
-        """The outputs by name; a tuple of such mappings if it makes several images. `plan`: from `planned`.
+        """The outputs by name; a tuple of such mappings if it makes several images. `plan`: from `plan`.
 
         Outputs are: for an image, an `image.Part`, which may be computed when it is read; for a picture, (height,
         width, 3) sRGB values, 8-bit or floats in 0 .. 1, or an 8-bit part; for a table, values that JSON can hold; for

@@ -21,7 +21,7 @@ MOST_SIDE = 1 << 22  # px of a side of an image that is written or scanned
 
 
 class Facts:
-    """What ops plan with (`Op.planned`): neither pixels nor an open device.
+    """What ops plan with (`Op.plan`): neither pixels nor an open device.
 
     Parameters
     ----------

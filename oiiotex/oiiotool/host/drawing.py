@@ -294,7 +294,7 @@ class NewImage(Hosted, AnyWindow):
         """A function that paints a window of the image, which is black before; here it does nothing."""
         return lambda buffer: None
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The image, not yet computed; data and display window are the same."""
         window = parse_box(self.size, Box(0, 0, 64, 64)).window()
         if window.empty:
@@ -391,7 +391,7 @@ class Kernel(Hosted, AnyWindow):
     kernel: str = argument(help="Kernel, such as gaussian, box, binomial or laplacian.", example="gaussian")
     size: str = argument(help="Width and height WxH, in integer or fractional pixels.", example="5x5")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The kernel; its values sum to 1."""
         require_kernel(*kernel_size(self.kernel, *parse_size(self.size)), facts)
         return Plan(Image((in_memory("kernel", kernel_of(self.kernel, *parse_size(self.size))),), "kernel"))

@@ -71,7 +71,7 @@ class HostOp(Op):
         """Whether none of these parts of the first image would change: the image is then passed through."""
         return False
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The result, not yet computed."""
         return Plan(self.of_parts(facts, self.result))
 
@@ -286,7 +286,7 @@ class AtOnce(HostOp, Whole):
         facts.require(sum(map(_bytes, parts)) + self.result_bytes(parts), self.flag())
         return dataclasses.replace(parts[0], fetch=no_pixels)
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The spec of the result is known when its function has returned it."""
         self.of_parts(facts, self.result)
         return Plan()

@@ -88,7 +88,7 @@ class _EndlessTexture:
     def _part(self, place: Window, session: Session, lod: int | None) -> Part:
         window = f"{place.width}x{place.height}{place.left:+d}{place.top:+d}"
         op = replace(self._op, window=window, lod=lod)
-        part: Part = op.make(op.planned(session.resources), session)["texture"]
+        part: Part = op.make(op.plan(session.resources), session)["texture"]
         return part
 
 
@@ -101,7 +101,7 @@ class _QuiltTexture:
         quiet = session.telling(Progress())  # the part outlives the job that opens it
         exemplar = _opened(file.photo or "", file, session)
         op = _use("quilt", exemplar=exemplar, fromplan=Path(file.plan or ""))
-        self._part: Part = op.make(op.planned(quiet.resources), quiet)["quilt"]
+        self._part: Part = op.make(op.plan(quiet.resources), quiet)["quilt"]
         self.spec = oiio.ImageSpec(self._part.spec)
         if not tile_side(self.spec.width, self.spec.height):
             raise ImageError(f"{file.plan}: too large: expected at most 2^48 px in total")

@@ -178,7 +178,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """One image for each map of the material, times variants unless they are packed."""
         return (1 if self.pack else self.variants) * super().result_count()
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The synthesis."""
         self._check()
         with whole_budget(facts.budget):  # errors are told what is left of it

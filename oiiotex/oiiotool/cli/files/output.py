@@ -264,7 +264,7 @@ def _trimmed(chain: Chain, image: Image, path: str) -> Image:
     if chain.dry:
         return as_provisional(image)
     trim = Trim(source=image)
-    return trim.make(trim.planned(chain.session.resources), chain.session)
+    return trim.make(trim.plan(chain.session.resources), chain.session)
 
 
 def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bool) -> tuple[Image, Format]:
@@ -284,7 +284,7 @@ def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bo
     convert = ColorConvert(
         source=image, from_space=current, to_space=space, unpremult=unpremult, strict=False, allsubimages=True
     )
-    return convert.planned(chain.session.resources).results, how
+    return convert.plan(chain.session.resources).results, how
 
 
 def _adjust_time(path: str, image: Image) -> None:

@@ -52,7 +52,7 @@ def _linear(chain: Chain, image: Image) -> Image:
     tag = image.first.spec.get_string_attribute("oiio:ColorSpace")
     if not tag or chain.session.resources.color.is_data(tag):
         return image
-    return ToColorSpace(source=image, to_space=_SPACE, strict=False).planned(chain.session.resources).results
+    return ToColorSpace(source=image, to_space=_SPACE, strict=False).plan(chain.session.resources).results
 
 
 def _send(chain: Chain, viewer: Ipc, title: str, part: Part) -> None:

@@ -174,7 +174,7 @@ class FillHoles(Hosted, Whole):
 
     source: Image = image(help="Image with alpha.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The union of data and display window."""
         part = self.source.first
         whole = part.window | Window.display(part.spec)

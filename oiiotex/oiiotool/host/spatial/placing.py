@@ -102,7 +102,7 @@ class Trim(Hosted, ScanThenMap):
 
     source: Image = image(help="Input image.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The window depends on the pixels."""
         return Plan()
 
@@ -151,7 +151,7 @@ class Paste(Hosted, Gather):
         """Two, or all."""
         return max(2, depth) if values.get("all") else 2
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The others pasted over the background, back to front."""
         x, y = (0, 0) if self.position in ("-", "auto") else parse_offset(self.position)
         back, *others = [given.first for given in reversed(self.sources)]
@@ -185,7 +185,7 @@ class Mosaic(Hosted, Gather):
         size = values.get("size")
         return max(1, depth if size is None else min(size[0] * size[1], depth))
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The mosaic."""
         columns, rows = self.size
         if len(self.sources) > columns * rows:
@@ -306,7 +306,7 @@ class Reorient(Hosted, Gather):
 
     source: Image = image(help="Input image.")
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The upright image; the image itself if it is already upright."""
         parts = self.source.parts
         if all(_orientation(part) == 1 for part in parts):

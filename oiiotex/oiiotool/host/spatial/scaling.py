@@ -219,10 +219,10 @@ class Fit(HostOp, Gather):
     )
     highlightcomp: bool = HIGHLIGHTS
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """The fitted image, not yet computed; with `exact`, its windows follow from the work."""
         known_filter(self.filter)
-        plan = super().planned(facts)
+        plan = super().plan(facts)
         return Plan() if self.exact else plan
 
     def make(self, plan: Plan, session: Session) -> Image:
@@ -300,7 +300,7 @@ class PixelAspect(Hosted, Gather):
     filter: str = _FILTER
     highlightcomp: bool = HIGHLIGHTS
 
-    def planned(self, facts: Facts) -> Plan:
+    def plan(self, facts: Facts) -> Plan:
         """Resized, with the new ratio in the metadata; the image itself if the size does not change."""
         spec = self.source.first.spec
         old = spec.get_float_attribute("PixelAspectRatio", 1.0)
