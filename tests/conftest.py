@@ -50,9 +50,10 @@ def known_kernel_options() -> Iterator[None]:
 def untouched_log() -> Iterator[None]:
     """A program that is run within a test says how much is logged, of that test alone."""
     log = logging.getLogger("oiiotex")
-    level = log.level
+    log.setLevel(logging.NOTSET)  # fixtures of a module may have run one before
     yield
-    log.setLevel(level)
+    log.setLevel(logging.NOTSET)
+    assert not log.disabled
 
 
 @pytest.fixture(scope="session")
