@@ -32,7 +32,7 @@ class Everything(Pointwise):
     sigma: float | None = param(None, help="how far", ge=0.5, unit="px")
     anything: float = param(0.0, help="any number")
     size: Size | None = param(None, help="how large", ge=5, le=65536, unit="px")
-    flag: bool = param(False, help="whether")
+    either: bool = param(False, help="whether")
     stmap: bool | Path = param(False, help="whether, or where")
     mode: str = param("xy", help="how", choices=("xy", "x", "none"))
     patch: int = param(0, help="of what side", choices=(0, 1, 5, 7))
@@ -63,7 +63,7 @@ def is_allowed(parameter: Parameter, value: Any) -> bool:
         "sigma": lambda: type(value) is float and 0.5 <= value <= FLOAT,
         "anything": lambda: type(value) is float and abs(value) <= FLOAT,
         "size": lambda: type(value) is Size and all(type(n) is int and 5 <= n <= 65536 for n in value),
-        "flag": lambda: type(value) is bool,
+        "either": lambda: type(value) is bool,
         "stmap": lambda: type(value) is bool or isinstance(value, Path),
         "mode": lambda: type(value) is str and value in ("xy", "x", "none"),
         "color": lambda: (

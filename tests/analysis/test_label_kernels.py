@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 from oiiotex.analysis.labels import affinity_graph, features, potts, products, random_walk, stochastic_nmf
 from oiiotex.engine.core.elementary import exponential, logarithm, root
@@ -88,7 +89,9 @@ def test_the_graph_is_eq_4_made_symmetric(any_lanes, copies):
     for i, near in enumerate(index):
         K[i, near] = np.exp(-squared[i] / (scale[i] * scale[near]) * np.exp(-graph.r))
     W = ((K + K.T) / 2 + np.eye(len(nodes))) * counts * counts[:, None]
-    np.testing.assert_allclose(graph.weights().toarray(), W, atol=1e-5 * W.max())
+    scaled, unscale = graph.scaled, np.sqrt(graph.mass)
+    made = csr_array((scaled.weights, scaled.columns, scaled.starts)).toarray() * unscale * unscale[:, None]
+    np.testing.assert_allclose(made, W, atol=1e-5 * W.max())
     np.testing.assert_allclose(graph.mass, W.sum(0), rtol=1e-5)
 
 

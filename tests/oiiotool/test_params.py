@@ -60,7 +60,7 @@ def test_a_declaration_gives_images_and_parameters_in_their_order():
         ("source", None, True, "what to look at"),
         ("mask", None, False, "where to look"),
     ]
-    order = ["count", "strength", "sigma", "anything", "size", "flag", "stmap", "mode", "patch", "color", "words"]
+    order = ["count", "strength", "sigma", "anything", "size", "either", "stmap", "mode", "patch", "color", "words"]
     assert [p.name for p in parameters] == order
     assert not any(given.many for given in images)
 
@@ -81,7 +81,7 @@ def test_a_declaration_keeps_its_facts():
         ("sigma", "a number >= 0.5 px"),
         ("anything", "a number"),
         ("size", "WIDTHxHEIGHT from 5 to 65536 px"),
-        ("flag", "0 or 1"),
+        ("either", "0 or 1"),
         ("stmap", "0, 1, or a file name"),
         ("mode", "one of xy, x, none"),
         ("patch", "one of 0, 1, 5, 7"),
@@ -107,7 +107,7 @@ TAKEN = {
     "sigma": [("0.5", 0.5)],
     "anything": [("-1e30", -1e30)],
     "size": [("5x65536", Size(5, 65536)), ("640X480", Size(640, 480))],
-    "flag": [
+    "either": [
         ("1", True), ("ON", True), ("True", True), ("yes", True), ("0", False), ("off", False), ("FALSE", False),
         ("no", False),
     ],
@@ -139,7 +139,7 @@ REFUSED = {
     "sigma": ["0.49", "none"],
     "anything": ["nan", "inf", "-Infinity", "1e400"],
     "size": ["64", "64x", "x64", "64x64x64", "64x4", "4x64", "64x65537", "64.0x64", ""],
-    "flag": ["2", "maybe", ""],
+    "either": ["2", "maybe", ""],
     "mode": ["XY", "y", ""],
     "patch": ["6", "05", "5.0"],
     "words": ["", "a,,b"],
@@ -237,7 +237,7 @@ def test_nearest_asks_or_is_silent():
 def test_an_op_holds_checked_values_and_its_refusals_bear_its_name():
     made = Everything(source=None, count=np.int64(3), size=[6, 7], strength=1)
     assert made.values() == {
-        "count": 3, "strength": 1.0, "sigma": None, "anything": 0.0, "size": Size(6, 7), "flag": False, "stmap": False,
+        "count": 3, "strength": 1.0, "sigma": None, "anything": 0.0, "size": Size(6, 7), "either": False, "stmap": False,
         "mode": "xy", "patch": 0, "color": None, "words": None,
     }  # fmt: skip
     assert (type(made.count), type(made.size), type(made.strength)) == (int, Size, float)

@@ -34,7 +34,7 @@ TAKEN = {
         (None, None), ((5, 6), Size(5, 6)), ([5, 6], Size(5, 6)), (Size(5, 6), Size(5, 6)),
         (np.array([5, 6]), Size(5, 6)), ((5.0, np.int32(6)), Size(5, 6)),
     ],
-    "flag": [(True, True), (False, False)],
+    "either": [(True, True), (False, False)],
     "stmap": [
         (True, True), ("st.exr", Path("st.exr")), (Path("st.exr"), Path("st.exr")),
         ("1", Path("1")),  # no command line: a text is a name
@@ -67,7 +67,7 @@ REFUSED = {
         64, "64x64", "56", (64,), (64, 64, 64), (64.5, 64), (True, 64), (64, None), (4, 64), (64, 65537),
         (math.inf, 64),
     ],
-    "flag": [1, 0, "1", None],
+    "either": [1, 0, "1", None],
     "stmap": [1, None, b"st.exr"],
     "mode": [None, 1, ["x"], np.array(["x", "xy"])],
     "patch": [6, "5", math.nan, True, np.array([5, 7])],
@@ -88,7 +88,7 @@ def test_a_python_value_out_of_type_or_range_is_refused_with_what_is_allowed(nam
         ("count", None, "count=None: expected an integer from 0 to 10 px, not NoneType"),
         ("size", "64x64", "size='64x64': expected (width, height) from 5 to 65536 px, not str"),
         ("size", 64, "size=64: expected (width, height) from 5 to 65536 px, not int"),
-        ("flag", 1, "flag=1: expected True or False, not int"),
+        ("either", 1, "either=1: expected True or False, not int"),
         ("stmap", 1, "stmap=1: expected True, False, or a file name, not int"),
         ("mode", 1, "mode=1: expected one of 'xy', 'x', 'none', not int"),
         ("color", [1, "2"], "color=[1, '2']: expected a number or a sequence of numbers"),
