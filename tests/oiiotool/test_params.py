@@ -237,8 +237,8 @@ def test_nearest_asks_or_is_silent():
 def test_an_op_holds_checked_values_and_its_refusals_bear_its_name():
     made = Everything(source=None, count=np.int64(3), size=[6, 7], strength=1)
     assert made.values() == {
-        "count": 3, "strength": 1.0, "sigma": None, "anything": 0.0, "size": Size(6, 7), "either": False, "stmap": False,
-        "mode": "xy", "patch": 0, "color": None, "words": None,
+        "count": 3, "strength": 1.0, "sigma": None, "anything": 0.0, "size": Size(6, 7), "either": False,
+        "stmap": False, "mode": "xy", "patch": 0, "color": None, "words": None,
     }  # fmt: skip
     assert (type(made.count), type(made.size), type(made.strength)) == (int, Size, float)
     text = refusal(lambda: Everything(source=None, count=11))
