@@ -46,7 +46,7 @@ class CheckMaterial(ScanThenMap):
     Heights: a constant map, and 8-bit files. Other data: values outside of 0 to 1.
 
     Each finding is printed as a line; facts= writes them to a file with all measures. Errors render incorrectly,
-    warnings possibly. The run always completes; with fail=errors its exit code is 3 if there is an error.
+    warnings possibly. The run always completes; with failon=errors its exit code is 3 if there is an error.
     """
 
     example: ClassVar[str] = """\

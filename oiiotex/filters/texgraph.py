@@ -63,7 +63,7 @@ class ExemplarGraph(Whole):
         ),
     )  # fmt: skip
 
-    photos: tuple[Image, ...] = image(help="Photos, coarsest first. None are taken if graph is given.")
+    photos: tuple[Image, ...] = image(help="Photos, coarsest first. None are taken if draw is given.")
     draw: Path | None = param(
         None, example="graph.json", help="Existing graph to draw (JSON or YAML), instead of creating one."
     )

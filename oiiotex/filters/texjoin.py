@@ -29,7 +29,7 @@ class Join(ScanThenMap):
     """Join crops of an image that were rendered separately, as on a farm.
 
     Takes all images on the stack, in any order. They must be crops of one display window, as `synth` renders them with
-    `window`, and must cover it. They must have the same channels, pixel type and parts, and must be equal
+    `size` and `window`, and must cover it. They must have the same channels, pixel type and parts, and must be equal
     where they overlap. The result has the same pixels as a single run.
     """
 

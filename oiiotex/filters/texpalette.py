@@ -40,8 +40,8 @@ class Palette(LabeledExemplar, InBands):
 
     A row starts with texture synthesized from the pixels of one label only. To its right are its children on the next
     finer level (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
-    Texture Synthesis, SIGGRAPH 2016, section 6.2, figures 13 and 14). The largest label is on top. json=FILE writes the
-    table for `paint`: id, name, paint color, area, parent, children and position in the chart of each label.
+    Texture Synthesis, SIGGRAPH 2016, section 6.2, figures 13 and 14). The largest label is on top. facts=FILE writes
+    the table for `paint`: id, name, paint color, area, parent, children and position in the chart of each label.
     paints=FILE writes the colors as a palette for painting programs, and `chips` draws them.
     """
 

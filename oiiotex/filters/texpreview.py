@@ -66,7 +66,7 @@ class Preview(Gather):
         shown = {name: ((photo if name in _OF_EXEMPLAR else tile) or tile).spec for name in names}
         sheet = sum(self.panel * max(1.5, spec.width / spec.height) + _GAP for spec in shown.values())
         values = channels * max(widest, round(sheet))  # in a row of an image and of the sheet
-        facts.require(bytes_needed(values), task, "reduce height")
+        facts.require(bytes_needed(values), task, "reduce panel")
         return Plan(work=names)
 
     def make(self, plan: Plan, session: Session) -> dict[str, Part]:

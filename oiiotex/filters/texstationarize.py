@@ -163,7 +163,8 @@ True
         how: SynthesisPlan = plan.work
         if how.preset:
             masking, session = session.stages(_DOMINANT_SHARE if how.dominant else 0, 1)
-            how = replace(how, op=masked(how, self, masking.resources, masking.progress))
+            op = masked(how, self, masking.resources, masking.progress)
+            how = replace(how, op=op, quality=replace(how.quality, op=op))  # the report names the mask
         return synthesized(how, session.resources, session.progress)
 
     def _strength(self, facts: Facts) -> float:

@@ -80,7 +80,7 @@ class Synth(Multiscale, Structured):
     tiles: str = param(
         "none",
         choices=("none", "xy"),
-        help="Axes along which the result tiles. xy requires size, with sides that are multiples of 2^level pixels.",
+        help="Axes along which the result tiles. xy requires size, with sides that are multiples of 2^lod pixels.",
     )
     resume: bool = param(
         False,
@@ -123,13 +123,14 @@ class Synth(Multiscale, Structured):
         how: dict[str, Any] = {"seed": self.seed, "lock": self.keeplayout, "jitter": self.jitter}
         settings = plane.settings(**how, around=around, around_level=level, in_step=in_step)
         maker = self.maker(plane, settings, resources)
-        key = plane.key(settings, level) if self.resume or self.window else ""
+        is_crop = bool(self.window and self.size)  # of a display window; tiles of an endless plane are not joined
+        key = plane.key(settings, level) if self.resume or is_crop else ""
         states = States(resources, maker, level, window, display or window, key if self.resume else "")
         spec = texture_spec(first.spec, states.display, states.place, self.tiles)
         spec.attribute("oiiotex:level", level)
         spec.attribute(WINDOW, str(window))
         note(spec, "oiiotex:seed", settings.seed)
-        if self.window:
+        if is_crop:
             spec.attribute(PLANE, key)
         texture = Part(first.name, spec, lambda w: plane.pixels(states.read(w)), first.stored)
         results = {"texture": texture, **self._maps(plane, states, spec)}
@@ -175,7 +176,7 @@ class Synth(Multiscale, Structured):
         return display.width, display.height
 
     def _in_step(self, plane: Plane, level: int, around: tuple[int, int] | None, session: Session) -> InStep | None:
-        """The lattice of the single exemplar, in px of its square; None with lock or paper."""
+        """The lattice of the single exemplar, in px of its square; None with keeplayout or paper."""
         if self.graph is not None or self.keeplayout or self.paper:
             return None
         root = plane.exemplars[0]

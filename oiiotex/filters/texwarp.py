@@ -23,7 +23,7 @@ from ..engine.session.facts import Facts
 class Warp(Gather):
     """Rearrange the pixels of an image by a map of source coordinates, without interpolation.
 
-    Use it to apply a synthesis to further maps of a photo: for example, the photo's normal map and the `stmap` of its
+    Use it to apply a synthesis to further maps of a photo: for example, the photo's normal map and the `st` of its
     tile give the normal map of the tile. The result has the size of the map. Pixels are copied unchanged, so normals
     remain valid. The image must have the display window of the photo from which the map was made.
     """

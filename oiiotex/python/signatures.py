@@ -70,7 +70,8 @@ def forms(op: type[Op]) -> tuple[Form, ...]:
     plain = SINGLE if not (op.main().name.endswith(".N") or _passes_on(op)) else f"{SINGLE} | {PARTS}"
     several = _several(op)
     alone = {name: "Literal[1]" if name in {p.name for p in op.parameters()} else "tuple[()]" for name in several}
-    alone |= {"single": "Literal[False]"} if "single" in {p.name for p in op.parameters()} else {}  # one part for many
+    if "onepart" in {p.name for p in op.parameters()}:  # one part for many
+        alone["onepart"] = "Literal[False]"
     quiet = {n: _without_true(p, asked[n]) for n, p in flags.items()}
     one_part = {i.name: "Picture" for i in op.images()[:1] if op.carries}
     every = f"{SINGLE} | {PARTS}" if flags or op.carries or plain != SINGLE else SINGLE

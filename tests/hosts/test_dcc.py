@@ -23,6 +23,7 @@ import pytest
 
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.session import Session
+from oiiotex.synthesis.exemplar.presets import PRESETS
 from tests import pictures
 from tests.conftest import save
 from tests.studio.test_wang_renderers import TILE, endless, folder  # noqa: F401
@@ -171,6 +172,8 @@ def test_nuke_flips_the_coordinates_and_shows_the_tile(host, monkeypatch):
     line = " ".join(lines[0])
     assert "/shots/photo.exr --iscolorspace ACEScg --texstationarize:st=/shots/photo_tile_st.exr:" in line
     assert "seed=7:preset=even" in line
+    _, choices = nuke.Panel.return_value.addEnumerationPulldown.call_args.args
+    assert set(choices.split()) == {"automatic", *PRESETS}
     kinds = [kind for kind, _ in nuke.made]
     assert kinds == ["Read", "Tile", "Read", "Expression", "STMap"]
     assert nuke.made[0][1]["file"] in lines[0] and nuke.made[2][1]["raw"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`structure=` of ops that lay patches: regular results of regular photos, and nothing else changed."""
+"""`lattice=` of ops that lay patches: regular results of regular photos, and nothing else changed."""
 
 from __future__ import annotations
 

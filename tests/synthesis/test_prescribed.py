@@ -49,7 +49,7 @@ def test_what_weighs_more_is_used_more_and_what_weighs_nothing_never():
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        (0.0, "weight is 0 everywhere"),
+        (0.0, "weightmap is 0 everywhere"),
         (-1.0, "10752 negative, NaN or Inf values"),
         (np.nan, "10752 negative, NaN or Inf values"),
     ],
@@ -60,7 +60,7 @@ def test_weights_that_are_none_are_refused(value, said):
 
 
 def test_weights_of_another_size_are_refused():
-    with pytest.raises(errors.ImageError, match=r"weight .*4x3.* 112x96"):
+    with pytest.raises(errors.ImageError, match=r"weightmap .*4x3.* 112x96"):
         used(np.ones((3, 4)))
 
 

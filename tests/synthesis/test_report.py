@@ -241,3 +241,10 @@ def test_a_photo_smaller_than_a_region_has_no_repetition_to_measure(tmp_path, ca
     assert {"shown", "repeat"} & set(measures(path)) == set() and "copied" in measures(path)
     with pytest.raises(errors.QualityError, match="repeat is not measured"):
         filters.stationarize(buffer(small), iterations=1, patch=5, fail=["repeat>4"])
+
+
+def test_the_mask_of_a_preset_is_among_the_parameters(tmp_path):
+    photo = np.array(pictures.bricks(64, 72, seed=2))
+    photo[12:40, 20:50] = 0.9, 0.1, 0.1
+    filters.stationarize(buffer(photo), preset="clean", size=(48, 48), report=tmp_path / "r.json", **QUICK)
+    assert json.loads((tmp_path / "r.json").read_text())["parameters"].endswith("mask=dominant")

@@ -201,7 +201,7 @@ def _require(facts: Facts, window: Window, count: int, settings: LabelSettings) 
     """Raise an error if `count` superpixels of a window exceed the memory budget."""
     pixels = min(window.width * window.height, WORKING_PIXELS)
     need = pixels * _PIXEL_BYTES + min(count, MOST) * settings.neighbors * _EDGE_BYTES
-    facts.require(need, "labeling", "reduce neighbors")
+    facts.require(need, "labeling")
 
 
 def label_levels(

@@ -300,7 +300,7 @@ def label_map_of(like: Part, pixels: LabPixels, split: Decomposition) -> LabelMa
 
 
 def facts_of(labels: Part, split: Decomposition, settings: DecompositionSettings, factor: int) -> dict[str, Any]:
-    """Facts for `json`."""
+    """Facts for `facts`."""
     areas = np.zeros(split.count + 1, np.int64)
     for band in bands(labels):
         areas += np.bincount(labels.read(band).ravel(), minlength=split.count + 1)

@@ -23,7 +23,7 @@ ATLAS = "oiiotex:atlas"  # of an atlas of Wang tiles: columns x rows
 ESTIMATE = "oiiotex:estimate"  # of estimated maps: the method
 HEIGHT_PX = "oiiotex:heightpx"  # of a height map: px between heights 0 and 1
 WINDOW = "oiiotex:window"  # of an image that is part of an unbounded plane
-PLANE = "oiiotex:plane"  # of a chunk of one: key of the settings that determine its pixels
+PLANE = "oiiotex:plane"  # of a crop of one: key of the settings that determine its pixels
 
 _OF_COLORS = ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile")  # not for data
 _MOST_VALUES = 65536  # of an attribute

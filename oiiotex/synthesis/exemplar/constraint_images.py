@@ -22,12 +22,12 @@ _LEAST_SIGMA = 0.5
 
 def weights_of(weight: Image, exemplar: Image) -> np.ndarray:
     """Relative weights of the exemplar's pixels, (height, width) float32 >= 0, not 0 everywhere."""
-    values = _channel(laid_over(weight.first, exemplar, "weight"))
+    values = _channel(laid_over(weight.first, exemplar, "weightmap"))
     wrong = np.count_nonzero(~(np.isfinite(values) & (values >= 0)))
     if wrong:
-        raise ImageError(f"weight has {wrong} negative, NaN or Inf values: expected numbers >= 0")
+        raise ImageError(f"weightmap has {wrong} negative, NaN or Inf values: expected numbers >= 0")
     if not values.any():
-        raise ImageError("weight is 0 everywhere: expected at least one positive value")
+        raise ImageError("weightmap is 0 everywhere: expected at least one positive value")
     return values
 
 

@@ -83,7 +83,7 @@ def common_side(images: Sequence[Image], graph: Graph, facts: Facts, most: int) 
         raise ImageError(f"is {shortest} px wide or high", subject=small.source, expected=f"at least {LEAST} px")
     side = 1 << (min(shortest, most).bit_length() - 1)
     need = _TEXEL_BYTES * side * side * side.bit_length()  # of the root's levels; those of others are extra
-    facts.require(need, "analyzing exemplars", "reduce side")
+    facts.require(need, "analyzing exemplars", "reduce exemplarside")
     return side
 
 

@@ -224,7 +224,7 @@ def _starts_shifted(recipe: Recipe, weights: np.ndarray | None, allowed: np.ndar
 def require_memory(
     device: DeviceMemory, recipe: Recipe, shape: tuple[int, ...], budget: int, held: ExemplarHeld
 ) -> None:
-    """Refuse, from sizes alone, what `synthesize` would refuse, before the exemplar is read or a device is opened.
+    """Raise the memory errors of `synthesize` that follow from sizes, before pixels are read or a device is opened.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ class Begun:
                 f"{g.width}x{g.height} px with patches of {g.patch} px",
                 parameter="fromplan",
                 value=str(self.path),
-                expected=f"{grid.width}x{grid.height} px with patches of {grid.patch} px, and the same tile",
+                expected=f"{grid.width}x{grid.height} px with patches of {grid.patch} px, and the same tiles",
             )
         changed = self.demand.keys != demand.keys
         if demand.guide is not None:

@@ -159,7 +159,7 @@ class Sewing:
         )  # fmt: skip
 
     def require_memory(self, facts: Facts) -> None:
-        """Refuse, from sizes alone, what does not fit.
+        """Raise an error if the sizes alone exceed the memory budget.
 
         Labels can only make patches smaller, and so their number larger.
         """

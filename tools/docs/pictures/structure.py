@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sheet of structures in the page of --texstationarize: `python -m tools.docs.pictures.structure`.
 
-Photos next to their tiles by default and by the presets keep, even and clean.
+Photos next to their tiles by default and by the presets large, even and clean.
 """
 
 from __future__ import annotations

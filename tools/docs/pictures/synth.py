@@ -59,7 +59,7 @@ def scales() -> np.ndarray:
     panes = []
     for n, level in enumerate(range(8, 13)):
         x, y = ((at << n) - PANE // 2 for at in (150, 130))
-        panes.append(made(graph=MAP, level=level, window=f"{PANE}x{PANE}{x:+d}{y:+d}"))
+        panes.append(made(graph=MAP, lod=level, window=f"{PANE}x{PANE}{x:+d}{y:+d}"))
     return beside(*panes, gap=4)
 
 
@@ -82,7 +82,7 @@ def zooms() -> np.ndarray:
         exemplar = photo(name, 256)
         with tempfile.TemporaryDirectory() as folder:
             loop = graph_of(Path(folder), [("a", "a", r)], a=exemplar.get_pixels(oiio.FLOAT)[..., :3])
-            windows = [made(graph=loop, level=n, window=f"{PANE}x{PANE}+0+0") for n in (8, 12, 16, 20, 40)]
+            windows = [made(graph=loop, lod=n, window=f"{PANE}x{PANE}+0+0") for n in (8, 12, 16, 20, 40)]
         rows.append(beside(pixels(shrunk(exemplar, PANE)), *windows, gap=4))
     return stacked(rows, gap=4)
 
@@ -109,7 +109,7 @@ def locked() -> np.ndarray:
     seen = enlarged(pixels(oiio.ImageBufAlgo.cut(root, oiio.ROI(x, x + side, y, y + side))), 8)
     at = (128 - side // 2) * 8
     window = f"{8 * side}x{8 * side}+{at}+{at}"
-    return beside(seen, *(made(graph=MAP, lock=lock, level=11, window=window) for lock in (1, 0)), gap=4)
+    return beside(seen, *(made(graph=MAP, keeplayout=lock, lod=11, window=window) for lock in (1, 0)), gap=4)
 
 
 def crops() -> np.ndarray:
@@ -121,7 +121,7 @@ def crops() -> np.ndarray:
         document = json.loads(graph.read_text())
         panes = [pixels(oiio.ImageBuf(str(Path(folder) / e["file"]))) for e in document["exemplars"]]
         rows = [beside(*panes, gap=4)]
-        windows = [made(graph=graph, side=128, level=n, window=f"{PANE}x{PANE}+300+300") for n in (7, 8, 9, 10)]
+        windows = [made(graph=graph, exemplarside=128, lod=n, window=f"{PANE}x{PANE}+300+300") for n in (7, 8, 9, 10)]
     rows.append(beside(*windows, gap=4))
     return stacked(rows, gap=4)
 
@@ -143,7 +143,7 @@ def chain() -> np.ndarray:
         graph = graph_of(Path(folder), [("root", "dabs", 2), ("dabs", "grain", 2)], root=root, dabs=dabs, grain=grain)
         panes = [np.rint(255 * np.clip(p, 0, 1)).astype(np.uint8) for p in (root, dabs, grain)]
         windows = [
-            made(graph=graph, level=n, window=f"{PANE}x{PANE}+{150 << n - 7}+{150 << n - 7}") for n in (7, 9, 11)
+            made(graph=graph, lod=n, window=f"{PANE}x{PANE}+{150 << n - 7}+{150 << n - 7}") for n in (7, 9, 11)
         ]
     return stacked([beside(*panes, gap=4), beside(*windows, gap=4)], gap=4)
 
@@ -162,8 +162,8 @@ def failures() -> np.ndarray:
     with tempfile.TemporaryDirectory() as folder:
         graph = graph_of(Path(folder), [("root", "gray", 3)], root=root, gray=gray)
         panes = [np.rint(255 * root).astype(np.uint8)]
-        panes.append(made(graph=graph, lock=1, size=(1024, 1024), shown=384))
-        panes.append(made(graph=graph, level=7, size=(192, 192)))
+        panes.append(made(graph=graph, keeplayout=1, size=(1024, 1024), shown=384))
+        panes.append(made(graph=graph, lod=7, size=(192, 192)))
     return beside(*panes, gap=4)
 
 
