@@ -27,7 +27,7 @@ from unittest import mock
 import numpy as np
 
 from benchmarks.shared.measures import data_folder, load
-from benchmarks.tiles.stationarization_results import (
+from benchmarks.shared.stationarization_results import (
     BASELINE,
     DEFAULT,
     FIELDS,

@@ -11,7 +11,7 @@ import matplotlib
 import numpy as np
 from scipy import stats
 
-from benchmarks.tiles.stationarization_results import (
+from benchmarks.shared.stationarization_results import (
     BASELINE,
     DEFAULT,
     FLAT_TEXTURE,

@@ -127,7 +127,7 @@ def _temporary_folder() -> str:
     import atexit
     import tempfile
 
-    from ..io.owned import remove_folder
+    from .owned import remove_folder
 
     folder, process = tempfile.mkdtemp(prefix="oiiotex-cache-"), os.getpid()
     made = Path(folder)

@@ -142,9 +142,7 @@ def chain() -> np.ndarray:
     with tempfile.TemporaryDirectory() as folder:
         graph = graph_of(Path(folder), [("root", "dabs", 2), ("dabs", "grain", 2)], root=root, dabs=dabs, grain=grain)
         panes = [np.rint(255 * np.clip(p, 0, 1)).astype(np.uint8) for p in (root, dabs, grain)]
-        windows = [
-            made(graph=graph, lod=n, window=f"{PANE}x{PANE}+{150 << n - 7}+{150 << n - 7}") for n in (7, 9, 11)
-        ]
+        windows = [made(graph=graph, lod=n, window=f"{PANE}x{PANE}+{150 << n - 7}+{150 << n - 7}") for n in (7, 9, 11)]
     return stacked([beside(*panes, gap=4), beside(*windows, gap=4)], gap=4)
 
 
