@@ -41,6 +41,10 @@ export const shell = {
     document.body.dataset.busy = String(busy);
     return $("doing").textContent = busy && text ? `${text}: ${Math.floor((100 * done) / total)} %${timeLeft(done / total)}` : "";
   },
+  /** Show the next stage of a room's work at once: a short one may end before it reports progress. */
+  stage(room, text) {
+    if (room === current && !$("progress").hidden) this.progress($("progress").value, 1, text);
+  },
 };
 
 let paces = []; // [time in ms, part done] of the work that is in progress

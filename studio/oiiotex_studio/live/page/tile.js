@@ -204,7 +204,10 @@ export class TileRoom {
       this.tile = Object.assign(canvasOf(facts, bytes), { histogram: facts.histogram });
       const scale = facts.whole ? 1 : 0;
       this.whole = facts.whole;
-      if (facts.whole) this.doing = "Measuring the tile";
+      if (facts.whole) {
+        this.doing = "Measuring the tile";
+        this.shell.stage("tile", this.doing);
+      }
       if (scale || !this.size[0]) this.size = facts.size;
       else this.size = this.sizeWhileCoarse(facts.size);
       this.fact.textContent = facts.whole ? `${facts.size[0]} × ${facts.size[1]}` : "coarse";
