@@ -25,8 +25,8 @@ class Dominant(InLab, ScanThenMap):
     Patches are grouped by similarity, starting from the most typical one: heat diffuses from it through the large
     group of similar patches, but hardly to others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion
     Distance Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of
-    the patches, the mask is empty and a warning is printed; with `strict`, the run stops with an error. With `photo`
-    the photo is the first part and the mask follows it as part 'dominant', which can guide a synthesis.
+    the patches, the mask is empty and a warning is printed. With `photo` the photo is the first part and the mask
+    follows it as part 'dominant', which can guide a synthesis.
 
     Attributes record the patch side in px (oiiotex:patch), the size of the kernel (oiiotex:epsilon), the dimension of
     the manifold (oiiotex:dimension), the diffusion steps (oiiotex:tau) and the fraction of dominant patches
@@ -59,25 +59,9 @@ class Dominant(InLab, ScanThenMap):
         None, ge=3, le=63, unit="px", unset="estimated from the photo's Fourier transform", example="15",
         help="Side of a patch, rounded to an odd number. Increase it if the texture has large elements.",
     )  # fmt: skip
-    step: int | None = param(
-        None, ge=1, le=256, unit="px", unset="the smallest that gives at most 12000 patches", example="4",
-        help="Spacing of patches.",
-    )  # fmt: skip
-    rule: str = param(
-        "repaired", choices=("repaired", "paper"), advanced=True,
-        help="Rules for thresholds and mask. repaired: those of the paper, corrected; paper: those of the paper, as"
-        " published.",
-    )  # fmt: skip
-    mode: str = param(
-        "diffusion",
-        choices=("diffusion", "euclidean", "spectral"),
-        help="Method that finds similar patches. diffusion: heat diffusion, recommended. euclidean (colors, LDR09"
-        " eq. 7) and spectral (the larger half of a normalized cut) are for comparison.",
-    )
     paper: bool = param(
-        False, help="Settings of the paper (LDR09): rule=paper:mode=diffusion:step=1, without an estimate of noise."
+        False, help="Rules of the paper (LDR09) for thresholds and mask, with a patch around every pixel: slow."
     )
-    strict: bool = param(False, help="Error instead of a warning for a photo without a dominant texture.")
     photo: bool = param(False, help="Keep the photo as the first part, before the mask.")
     types: bool = param(
         False,
@@ -103,13 +87,11 @@ class Dominant(InLab, ScanThenMap):
         " heat.",
     )
 
-    PAPER: ClassVar[dict[str, Any]] = {"rule": "paper", "mode": "diffusion", "step": 1}
-
     def plan(self, facts: Facts) -> Plan:
         """Nothing but the declared outputs."""
         from ..analysis.dominant.photo_mask import require_memory  # scipy is not loaded before it is needed
 
-        require_memory(self.flag(), self.source, facts, self.patch, self.step)
+        require_memory(self.flag(), self.source, facts, self.patch, self.paper)
         color_to_convert(self.source, facts, self.working_space)
         if self.mask is not None:
             laid_over(self.mask.first, self.source, "mask")
@@ -124,7 +106,7 @@ class Dominant(InLab, ScanThenMap):
 
         found = photo_mask(
             self.flag(), self.source, self.working_space, session.resources, session.progress,
-            allowed=allowed, patch=self.patch, step=self.step, mode=self.mode, rule=self.rule, strict=self.strict,
+            allowed=allowed, patch=self.patch, paper=self.paper,
         )  # fmt: skip
 
         def chart() -> np.ndarray:
