@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..analysis.stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
+from ..analysis.stationarity.measures import MEASURE, MEASURES, scale_folder
 from ..engine.color.lab import InLab, color_to_convert, working_values
 from ..engine.color.srgb import srgb_of_lab
 from ..engine.core.access import Whole
@@ -70,7 +70,6 @@ class Sigmas(InLab, Whole):
         help="Size of the final tile, for which the sigmas are computed. The sheet itself shows small tiles.",
     )
     measure: str = param("histogram", choices=MEASURES, help=MEASURE, advanced=True)
-    order: int | None = param(None, example="3", ge=2, le=4, unset="2", help=ORDER, advanced=True)
     seed: int = param(0, ge=0, le=2**32 - 1, help=SEED)
     columns: int = param(3, ge=1, le=32, help="Number of tiles in a row.")
     facts: Path | None = param(None, example="sigmas.json", help="JSON file for the table.")
@@ -79,8 +78,7 @@ class Sigmas(InLab, Whole):
         """The stationarization whose sigmas are compared, and the size of its result."""
         spec = self.exemplar.first.spec
         width, height = self.tilesize or Size(spec.width, spec.height)
-        order_of(self.measure, self.order)
-        same = {name: getattr(self, name) for name in ("exemplar", "measure", "order", "seed")}
+        same = {name: getattr(self, name) for name in ("exemplar", "measure", "seed")}
         how: Any = op_named("stationarize")(**same)
         facts.require(_BYTES * spec.width * spec.height, f"reading {spec.width}x{spec.height}")
         if facts.device_memory is not None:

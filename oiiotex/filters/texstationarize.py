@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..analysis.drift.flattening import DRIFT, DRIFT_HELP
-from ..analysis.stationarity.measures import MEASURE, MEASURES, ORDER, order_of
+from ..analysis.stationarity.measures import MEASURE, MEASURES, statistics_of
 from ..engine.color.lab import color_to_convert
 from ..engine.core.image import Image
 from ..engine.core.op import Output, Plan
@@ -108,7 +108,6 @@ True
     )
 
     measure: str = param("histogram", choices=MEASURES, help=MEASURE, advanced=True)
-    order: int | None = param(None, example="3", ge=2, le=4, unset="2", help=ORDER, advanced=True)
     lattice: float = param(0.5, ge=0, le=1, help=STRUCTURE)
     preset: str | None = param(None, choices=(*PRESETS, None), help=PRESET_HELP)
     paper: bool = param(
@@ -154,7 +153,6 @@ True
                     raise ParameterError("conflicts with sigmamap", parameter=name, value=value)
         if self.evenness is not None and self.sigma is not None:
             raise ParameterError(f"conflicts with sigma={self.sigma:g}", parameter="evenness", value=self.evenness)
-        order_of(self.measure, self.order)
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The tile; the mask of preset=clean is made first."""
@@ -177,10 +175,10 @@ True
 
     def recipe(self, width: int, height: int) -> Recipe:
         """MJH17 with the selected measure."""
-        order = order_of(self.measure, self.order)
+        measure, order = statistics_of(self.measure)
         # patches cannot restore what a projection removes from small tiles at scales far below a patch
         share = PAPER_SIGMA_SHARE if self.paper else SIGMA_SHARE
         sigma = self.sigma or max(max(width, height) / share, self.side / 4)
         contrast = self.histogram if self.histogram is not None else CONTRAST
         plain = self._recipe(width, height, sigma, contrast, self.target == "flat")
-        return replace(plain, measure=self.measure, order=order, complete=not self.paper, literal=self.paper)
+        return replace(plain, measure=measure, order=order, complete=not self.paper, literal=self.paper)

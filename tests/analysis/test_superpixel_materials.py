@@ -36,7 +36,9 @@ def test_two_modes_are_split_between_them_on_any_axis():
 def test_materials_of_one_color_are_told_apart_by_texture():
     rough = np.indices((192, 192)).sum(0) // 48 % 2 == 0
     noise = np.random.default_rng(0).normal(0, 1, (192, 192, 1))
-    made = filters.label(buffer(np.clip(0.5 + noise * np.where(rough, 0.15, 0.01)[..., None], 0, 1)), coarsest="materials")
+    made = filters.label(
+        buffer(np.clip(0.5 + noise * np.where(rough, 0.15, 0.01)[..., None], 0, 1)), coarsest="materials"
+    )
     labels = list(made.values())[-1].get_pixels(oiio.UINT32)[..., 0].astype(np.int64)
     table = np.histogram2d(rough.ravel(), labels.ravel(), [2, labels.max()])[0]
     assert labels.max() >= 2 and table.max(0).sum() > 0.85 * labels.size
