@@ -66,7 +66,7 @@ CASES = {
     ),
     "stationarize_moss_hdr": Case(
         lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),
-        ("--texstationarize:target=exemplar:histogram=1",),
+        ("--texstationarize:paper=1",),
         "lin_rec709_scene",
     ),
     "fill_moss_hdr": Case(

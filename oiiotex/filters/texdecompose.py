@@ -125,6 +125,6 @@ class Decompose(OnePart, InLab, ScanThenMap):
         from ..analysis.segmentation.subtextures import czf02, usual
 
         settings = czf02(pixels, self.radius) if self.paper else usual(pixels)
-        chosen = {"count": self.maxlabels, "threshold": self.threshold, "radius": self.radius}
+        chosen: dict[str, Any] = {"count": self.maxlabels, "threshold": self.threshold, "radius": self.radius}
         chosen = {name: value for name, value in chosen.items() if value is not None}
         return replace(settings, invariant=self.invariant, **chosen)
