@@ -84,8 +84,9 @@ class Label(OnePart, InLab, ScanThenMap):
         False,
         choices=(False, True, "authors"),
         help="Settings of the paper (LSA16): persistence=0.95:coarsest=none, moments as features, the best of ten SLIC"
-        " runs, superpixels of at least 25 px, five additional random starts, a level only where it splits all superpixels"
-        " of the coarser one, the same persistence at all levels, and labels split wherever a coarser border crosses them."
+        " runs, superpixels of at least 25 px, five additional random starts, a level only where it splits all"
+        " superpixels of the coarser one, the same persistence at all levels, and labels split wherever a coarser"
+        " border crosses them."
         " authors: the program that the authors published, which has at least two levels, and scales up to 30 % of the"
         " longer side instead of 20 % of the shorter one.",
     )

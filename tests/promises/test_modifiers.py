@@ -65,7 +65,7 @@ def test_images_of_a_quantity_end_in_map_and_nothing_else_does():
             assert parameter.name.endswith("map") == is_field, f"{op.name}: {parameter.name}"
 
 
-@pytest.mark.parametrize("name", ["sigma", "patch", "overlap", "panel", "size", "seamzone", "fade", "step"])
+@pytest.mark.parametrize("name", ["sigma", "patch", "panel", "size", "seamzone", "fade"])
 def test_lengths_are_in_pixels(name):
     units = {p.unit for op in OURS for p in op.modifiers() if p.name == name}
     assert units == {"px"}

@@ -39,7 +39,7 @@ MADE = {  # what is measured beside what always is, and how it is made
     "patchmatch": (COPIES | ACROSS, lambda **more: filters.patchmatch(buffer(PHOTO), **QUICK, tiles="x", **more)),
     "quilt": (COPIES | SEAMS, lambda **more: filters.quilt(buffer(PHOTO), size=(80, 64), tiles="xy", **more)),
     "cut": (COPIES | SEAMS, lambda **more: filters.cut(buffer(PHOTO), size=(60, 60), **more)),
-    "composite": (COPIES, lambda **more: filters.composite(buffer(PHOTO), size=(80, 72), restarts=1, **LABELS, **more)),
+    "composite": (COPIES, lambda **more: filters.composite(buffer(PHOTO), size=(80, 72), **LABELS, **more)),
     "paint": (COPIES | PAINTED, lambda **more: filters.paint(buffer(PHOTO), quarters(), **LABELS, **more)),
     "synth": (
         COPIES | SEAMS,
