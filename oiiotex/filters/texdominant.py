@@ -42,12 +42,6 @@ class Dominant(InLab, ScanThenMap):
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="photo", of="source"),
         Output("dominant", Kind.MASK, "Mask: 1 in the dominant texture, in the image's windows."),
-        Output(
-            "types",
-            Kind.IDS,
-            "Type of the patch around each pixel (LDR09 section 4): 1 to 4 for types 0, I, II and III.",
-            asked_by="types",
-        ),
         Output("score", Kind.MEASURE, "Density, and the decimal logarithm of heat.", asked_by="score"),
         Output("facts", Kind.TABLE, "Kernel curve, thresholds, iterations and proportions.", asked_by="facts"),
         Output("chart", Kind.PICTURE, "Plots of the kernel curve, and of density against heat.", asked_by="chart"),
@@ -63,12 +57,6 @@ class Dominant(InLab, ScanThenMap):
         False, help="Rules of the paper (LDR09) for thresholds and mask, with a patch around every pixel: slow."
     )
     photo: bool = param(False, help="Keep the photo as the first part, before the mask.")
-    types: bool = param(
-        False,
-        advanced=True,
-        help="Append part 'types', the type of the patch around each pixel (LDR09 section 4): 1 dominant, 2 small"
-        " group, 3 bridge between groups, 4 scattered, 0 no patch.",
-    )
     score: bool = param(
         False,
         advanced=True,
@@ -116,7 +104,6 @@ class Dominant(InLab, ScanThenMap):
 
         return {
             "dominant": found.part,
-            "types": lambda: found.types,
             "score": lambda: found.score,
             "facts": found.facts,
             "chart": chart,

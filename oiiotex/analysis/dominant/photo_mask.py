@@ -48,11 +48,6 @@ class PhotoMask:
         return self._part("dominant", ("Y",), self.mask.astype(np.float32)[..., None], facts)
 
     @property
-    def types(self) -> Part:
-        """Part 'types': 1 to 4 for a patch of type 0 to III around each pixel, else 0."""
-        return self._spread("types", ("Y",), self.texture.types.astype(np.uint32) + 1)
-
-    @property
     def score(self) -> Part:
         """Part 'score': density, and the decimal logarithm of heat."""
         density, heat = (values.astype(np.float32) for values in (self.texture.density, self.texture.heat))
