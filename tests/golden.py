@@ -153,9 +153,7 @@ CASES = {
     "atlas_pebbles_on_a_cube": Case(
         lambda: pictures.pebbles(96, 112, 2), ("--texatlas:mesh=mesh.obj:size=128x96:seed=1",), mesh=pictures.cube_obj
     ),
-    "quilt_pebbles": Case(
-        lambda: pictures.pebbles(96, 112, 2), ("--texquilt:size=160x128:patch=24:tiles=xy:seed=3",)
-    ),
+    "quilt_pebbles": Case(lambda: pictures.pebbles(96, 112, 2), ("--texquilt:size=160x128:patch=24:tiles=xy:seed=3",)),
     "quilt_alpha_hole": Case(_with_hole, ("--texquilt:size=120x90:patch=16:seed=4",)),
     "decompose_two_textures": Case(
         lambda: np.concatenate([pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)], 1), ("--texdecompose",)

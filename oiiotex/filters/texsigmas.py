@@ -69,7 +69,8 @@ class Sigmas(InLab, Whole):
         """The stationarization whose sigmas are compared, and the size of its result."""
         spec = self.exemplar.first.spec
         width, height = spec.width, spec.height
-        how: Any = op_named("stationarize")(exemplar=self.exemplar, measure=self.measure)
+        same: dict[str, Any] = {name: getattr(self, name) for name in ("exemplar", "measure")}
+        how: Any = op_named("stationarize")(**same)
         facts.require(_BYTES * spec.width * spec.height, f"reading {spec.width}x{spec.height}")
         if facts.device_memory is not None:
             shape = spec.height, spec.width
