@@ -8,6 +8,7 @@ python -m benchmarks.gpu.compare check FOLDER [--device gpu] [--out bits.md]   s
 from __future__ import annotations
 
 import argparse
+import re
 import tempfile
 from pathlib import Path
 
@@ -26,7 +27,7 @@ def compared() -> list[str]:
 
 def file_of(workload: str, folder: Path) -> Path:
     """The file of a workload's pixels."""
-    return folder / f"{workload.replace('/', '_')}.npz"
+    return folder / f"{re.sub(r'[^a-z0-9]+', '_', workload.lower())}.npz"
 
 
 def expect(folder: Path) -> None:
@@ -41,8 +42,8 @@ def expect(folder: Path) -> None:
     worker.stop()
 
 
-def check(folder: Path, device: str) -> str:
-    """A table: for every workload and part, which share of the pixels differs, and where the first one does."""
+def check(folder: Path, device: str, out: Path) -> None:
+    """Write a table, row by row: for every workload and part, which share of pixels differs, first where."""
     rows = [f"| workload, {run.COMPARED_SIDE} px | compared with the CPU that packed |", "|---|---|"]
     worker = run.Worker(device)
     with tempfile.TemporaryDirectory(prefix="oiiotex-gpu-") as scratch:
@@ -56,8 +57,8 @@ def check(folder: Path, device: str) -> str:
                 said = f"failed: {failed}"
             rows.append(f"| {workload} | {table.short(said)} |")
             print(rows[-1], flush=True)
+            out.write_text("\n".join(rows) + "\n")
     worker.stop()
-    return "\n".join(rows) + "\n"
 
 
 def main() -> None:
@@ -66,14 +67,12 @@ def main() -> None:
     parser.add_argument("job", choices=("expect", "check"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--device", default="gpu", help="as for oiiotex")
-    parser.add_argument("--out", type=Path, help="file for the table")
+    parser.add_argument("--out", type=Path, default=Path("bits.md"), help="file for the table")
     arguments = parser.parse_args()
     if arguments.job == "expect":
         expect(arguments.folder)
-        return
-    said = check(arguments.folder, arguments.device)
-    if arguments.out is not None:
-        arguments.out.write_text(said)
+    else:
+        check(arguments.folder, arguments.device, arguments.out)
 
 
 if __name__ == "__main__":
