@@ -326,7 +326,7 @@ def run_tests(files: list[str], device: str, seconds: float) -> dict[str, Any]:
         report.touch()
         command = [sys.executable, "-m", "pytest", "-q", "-o", "addopts=", "-p", "no:cacheprovider"]
         command += ["-p", "benchmarks.gpu.outcomes", "-m", "not slow"]
-        command += ["--continue-on-collection-errors", *files]  # modules that do not import are failures of their own
+        command += ["--continue-on-collection-errors", *files]  # a module that cannot be imported is one failure
         processes = min(8, usable_threads() // 2)
         if util.find_spec("xdist") is not None and processes > 1:
             command += ["-n", str(processes)]

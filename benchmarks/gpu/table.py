@@ -189,7 +189,7 @@ def _bits(results: dict[str, Any]) -> list[str]:
 
 
 def difference(part: dict[str, Any] | None) -> str:
-    """What `differences` says of a part, in words; empty where it is equal."""
+    """A part of `differences` in words; empty if it is equal."""
     if part is None:
         return "other shape"
     if not part["share"]:

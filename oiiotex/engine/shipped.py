@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are shipped with the package but lie beside it in a checkout, which may run without being installed."""
+"""Files that are part of the installed package, but lie next to it in a checkout, which works without installation."""
 
 from __future__ import annotations
 
