@@ -148,7 +148,7 @@ True
         given = self.sigma, self.evenness, self.sigmamap, self.patch
         judged = preset == "" and not self.paper and all(one is None for one in given)
         with whole_budget(facts.budget):
-            plan = op._synthesis(
+            return op._planned(
                 facts,
                 finds_losses=self.variants == 1 and not self.paper,
                 lattice=self.lattice,
@@ -159,7 +159,6 @@ True
                 preset=preset,
                 dominant=preset == CLEAN and self.mask is None,
             )
-        return Plan(work=plan)
 
     def _check(self) -> None:
         super()._check()

@@ -8,11 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from ...analysis.drift.flattening import correction_part
 from ...engine.core.access import InBands
-from ...engine.core.image import Image
-from ...engine.core.op import Kind, Output, Plan
+from ...engine.core.image import Image, Part
+from ...engine.core.op import Kind, Output, Plan, no_pixels
 from ...engine.core.parameters import Size, SizeRule, param
-from ...engine.core.source_map import COPIED, ST
+from ...engine.core.source_map import COPIED, ST, Sources, tile_spec
+from ...engine.core.window import Window
+from ...engine.deferred import oiio
 from ...engine.errors import ParameterError, modifier, whole_budget
 from ...engine.session.facts import Facts
 from ..patchmatch.memory import ExemplarHeld
@@ -86,6 +89,20 @@ class SynthesisPlan:
         """Whether the size was given, or follows from an input image."""
         return self.op.size is not None or self.sigmamap is not None
 
+    @property
+    def images(self) -> tuple[dict[str, Part], ...] | None:
+        """The results without pixels; None for a set of tiles, and if the photo's lattice decides the size."""
+        op, photo = self.op, self.op.exemplar.first
+        if op.variants > 1 or (self.lattice > 0 and op.tiles != "none" and not self.is_size_given):
+            return None
+
+        def tile(one: Part, _: str) -> dict[str, Part]:
+            return Sources(no_pixels, tile_spec(one.spec, op.tiles, self.size), by_rows=True).parts("tile", one)
+
+        first, *others = op.of_all([image.first for image in op.all_maps()], tile)
+        drift = replace(correction_part(None, photo), fetch=no_pixels)
+        return (beside_drift(first, {} if self.flattening is None else {"drift": drift}), *others)
+
 
 @dataclass(frozen=True, kw_only=True)
 class PatchSynthesis(Reported, MaterialOp, InBands):
@@ -154,7 +171,12 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """The synthesis."""
         self._check()
         with whole_budget(facts.budget):  # errors are told what is left of it
-            return Plan(work=self._synthesis(facts))
+            return self._planned(facts)
+
+    def _planned(self, facts: Facts, **choices: Any) -> Plan:
+        """The synthesis, and its images if their size is known."""
+        synthesis = self._synthesis(facts, **choices)
+        return Plan(synthesis.images, synthesis)
 
     def _synthesis(self, facts: Facts, **choices: Any) -> SynthesisPlan:
         """The plan of this op; raises for all errors that do not depend on pixels."""
@@ -211,3 +233,15 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
             recipe = replace(recipe, sigma=None)  # sigma depends on pixels
         masked = self.mask is not None or self.label is not None or plan.flattening == 1 or plan.dominant
         require_memory(device, recipe, (spec.height, spec.width, 3), plan.budget, ExemplarHeld(plan.in_memory, masked))
+
+
+def beside_drift(tile: dict[str, Any], drift: dict[str, Part]) -> dict[str, Any]:
+    """A tile and the part drift with the tile's display window, which parts of one file share."""
+    display = Window.display(tile["tile"].spec)
+    names = ("full_x", "full_y", "full_width", "full_height")
+
+    def describe(spec: oiio.ImageSpec) -> None:
+        for name, value in zip(names, (display.left, display.top, *display.size), strict=True):
+            setattr(spec, name, value)
+
+    return tile | {name: part.respecced(describe) for name, part in drift.items()}

@@ -18,8 +18,7 @@ from ...engine.color.lab import working_values
 from ...engine.core.demand import SomeRows, first_channels, materialized
 from ...engine.core.image import Image, Part, from_pixels
 from ...engine.core.source_map import SourceMap
-from ...engine.core.window import Window
-from ...engine.deferred import np, oiio
+from ...engine.deferred import np
 from ...engine.errors import present, spelled, texture_filter, whole_budget
 from ...engine.io.disk_cache import hash_of
 from ..patchmatch.constraints import Constraints, FixedPixels
@@ -35,6 +34,7 @@ from .constraint_images import sigmas_of, weights_of
 from .exemplar_masks import mask_of
 from .first_result import SET_OF_TILES, better_of, fidelity_of, hint_that_it_tiles, say_fidelity
 from .heights import Pairing, height_tile
+from .patch_synthesis import beside_drift
 from .photo_lattice import fitting_size, photo_structure
 from .sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 
@@ -103,7 +103,7 @@ def _synthesized(
         resources, making, judging,
     )  # fmt: skip
     first, *others = run.variants() if op.variants > 1 else run.one()
-    first = _beside_drift(first, drift)
+    first = beside_drift(first, drift)
     measuring.advance(1, 1)
     return (first, *others) if others else first
 
@@ -311,15 +311,3 @@ class SynthesisRun:
             return self._own_lab(), looks
 
         return (self._quality.add_to(tiles[0], looked_at), *tiles[1:])
-
-
-def _beside_drift(tile: dict[str, Any], drift: dict[str, Part]) -> dict[str, Any]:
-    """A tile and the part drift with the tile's display window, which parts of one file share."""
-    display = Window.display(tile["tile"].spec)
-    names = ("full_x", "full_y", "full_width", "full_height")
-
-    def describe(spec: oiio.ImageSpec) -> None:
-        for name, value in zip(names, (display.left, display.top, *display.size), strict=True):
-            setattr(spec, name, value)
-
-    return tile | {name: part.respecced(describe) for name, part in drift.items()}
