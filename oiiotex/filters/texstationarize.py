@@ -145,8 +145,8 @@ True
         """The synthesis, with values for a preset."""
         self._check()
         op, preset = (self, "") if self.preset is None else (filled(self, self.preset), self.preset)
-        given = self.sigma, self.evenness, self.sigmamap, self.patch
-        judged = preset == "" and not self.paper and all(one is None for one in given)
+        scales = self.sigma, self.evenness, self.sigmamap, self.patch
+        judged = preset == "" and not self.paper and all(one is None for one in scales)
         with whole_budget(facts.budget):
             return op._planned(
                 facts,

@@ -205,9 +205,9 @@ class Synth(Multiscale, Structured):
             source = plane.source(states.read(window))
             number = of[source.number]
             out = np.empty((*number.shape, 3 if several else 2), np.float32)
-            for n, (given, exemplar) in enumerate(zip(plane.images, plane.exemplars, strict=True)):
+            for n, (image, exemplar) in enumerate(zip(plane.images, plane.exemplars, strict=True)):
                 mine = number == n
-                out[mine, :2] = source[mine].coordinates(given.first.spec, exemplar.place[:2], exemplar.factor)
+                out[mine, :2] = source[mine].coordinates(image.first.spec, exemplar.place[:2], exemplar.factor)
             if several:
                 out[..., 2] = number
             return out

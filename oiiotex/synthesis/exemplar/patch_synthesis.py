@@ -186,10 +186,10 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         quality = Quality.of_copies(
             self, facts, whole, tiling, patch=self.side, losses=choices.pop("finds_losses", False)
         )
-        held = self.holds_photo(facts)
-        parts = [one.first for one in self.all_maps()] if held else []
+        in_memory = self.holds_photo(facts)
+        parts = [one.first for one in self.all_maps()] if in_memory else []
         budget = facts.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
-        plan = SynthesisPlan(op=self, size=size, quality=quality, in_memory=held, budget=budget, **choices)
+        plan = SynthesisPlan(op=self, size=size, quality=quality, in_memory=in_memory, budget=budget, **choices)
         if facts.device_memory is not None:
             self._require_memory(plan, facts.device_memory)
         self.require_readable(facts)
