@@ -54,6 +54,22 @@ KNOWN = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    "more", [{"variants": 2}, {"variants": 9}, {"variants": 4, "pack": "atlas", "kinds": ("color",)}]
+)
+def test_the_tiles_of_a_planned_set_are_those_that_are_made(more):
+    use = {"size": (48, 40), "patch": 7, "iterations": 1, "st": True} | more
+    op = filters.op_named("stationarize")
+    images = planned(used(op, pixels=False, **use), Facts(Settings()), set())
+    results = run(used(op, pixels=True, **use), Session())
+    assert len(images) == len(results)
+    for image, result in zip(images, results, strict=True):
+        for part, made in zip(image.parts, result.image.parts, strict=True):
+            assert (part.window, part.name) == (made.window, made.name)
+            for name in ("wrapmodes", "oiiotex:edges", "oiiotex:atlas"):
+                assert part.spec.get_string_attribute(name) == made.spec.get_string_attribute(name)
+
+
 @of([op for op in filters.FILTERS if op.name in KNOWN])
 def test_planned_images_are_those_that_are_made(op):
     more = KNOWN[op.name]

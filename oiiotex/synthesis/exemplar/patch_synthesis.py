@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -23,7 +24,8 @@ from ..patchmatch.optimization import require_memory
 from ..patchmatch.recipe import Recipe
 from ..quality.report import REPORT, Quality
 from ..quality.reported_op import Reported
-from ..wang.tiles import COUNTS, TWO_COLORS_FROM
+from ..wang.atlas import mark_as_atlas
+from ..wang.tiles import COUNTS, TWO_COLORS_FROM, edged, edges_of
 from .exemplar_op import MaterialOp, tiles
 from .photo_lattice import least_size
 
@@ -91,15 +93,17 @@ class SynthesisPlan:
 
     @property
     def images(self) -> tuple[dict[str, Part], ...] | None:
-        """The results without pixels; None for a set of tiles, and if the photo's lattice decides the size."""
+        """The results without pixels; None if the photo's lattice decides their size."""
         op, photo = self.op, self.op.exemplar.first
-        if op.variants > 1 or (self.lattice > 0 and op.tiles != "none" and not self.is_size_given):
+        if self.lattice > 0 and op.tiles != "none" and not self.is_size_given:
             return None
+        width, height = (n * (math.isqrt(op.variants) if op.pack else 1) for n in self.size)
 
         def tile(one: Part, _: str) -> dict[str, Part]:
-            return Sources(no_pixels, tile_spec(one.spec, op.tiles, self.size), by_rows=True).parts("tile", one)
+            return Sources(no_pixels, tile_spec(one.spec, op.tiling, (width, height)), by_rows=True).parts("tile", one)
 
-        first, *others = op.of_all([image.first for image in op.all_maps()], tile)
+        material = op.of_all([image.first for image in op.all_maps()], tile)
+        first, *others = op.tiles_of_set([material] * len(op.names_of_set()))
         drift = replace(correction_part(None, photo), fetch=no_pixels)
         return (beside_drift(first, {} if self.flattening is None else {"drift": drift}), *others)
 
@@ -209,6 +213,26 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
     def side(self) -> int:
         """Side of a patch, px."""
         return self.patch or PATCH
+
+    @property
+    def tiling(self) -> str:
+        """Axes along which each image tiles by itself: variants continue in each other."""
+        return self.tiles if self.pack or self.variants == 1 else "none"
+
+    def names_of_set(self) -> list[str]:
+        """The names of interchangeable tiles, by number and edges, or of their atlas."""
+        if self.pack or self.variants == 1:
+            return ["atlas" if self.pack else "tile"]
+        return [f"wang{number:02d}_{edges}" for number, edges in enumerate(edges_of(self.variants))]
+
+    def tiles_of_set(self, materials: Iterable[tuple[dict[str, Part], ...]]) -> list[dict[str, Part]]:
+        """The tiles of each material under its name and with its edges, or marked as an atlas."""
+        if self.variants == 1:
+            return [tile for material in materials for tile in material]
+        if self.pack:
+            return [t | {"tile": mark_as_atlas(t["tile"], self.variants)} for material in materials for t in material]
+        named = zip(self.names_of_set(), edges_of(self.variants), materials, strict=True)
+        return [tile | {"tile": edged(tile["tile"], name, str(edges))} for name, edges, each in named for tile in each]
 
     def _check(self) -> None:
         """Refuse conflicting modifiers."""

@@ -28,8 +28,8 @@ from ..patchmatch.optimization import Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
 from ..quality.lost_structure import regularity_of, say_what_was_lost
 from ..quality.report import Look, Quality
-from ..wang.atlas import mark_as_atlas, packed, shared_pixels
-from ..wang.tiles import COUNTS, edged, edges_of, runs_for, wang_tiles
+from ..wang.atlas import packed, shared_pixels
+from ..wang.tiles import COUNTS, runs_for, wang_tiles
 from .constraint_images import sigmas_of, weights_of
 from .exemplar_masks import mask_of
 from .first_result import SET_OF_TILES, better_of, fidelity_of, hint_that_it_tiles, say_fidelity
@@ -256,8 +256,7 @@ class SynthesisRun:
     def _tiles(self, source: SourceMap) -> tuple[dict[str, Part], ...]:
         """All maps copied from the same source pixels; the first tile has the source coordinates."""
         op, by_rows = self._op, not self._in_memory
-        tiling = "none" if op.variants > 1 and not op.pack else op.tiles  # variants continue in each other
-        return op.of_all(self._maps, lambda one, _: source.parts("tile", one, tiling, by_rows=by_rows))
+        return op.of_all(self._maps, lambda one, _: source.parts("tile", one, op.tiling, by_rows=by_rows))
 
     def _with_heights(
         self, tiles: tuple[dict[str, Part], ...], source: SourceMap, shared: Pairing | None = None
@@ -304,20 +303,12 @@ class SynthesisRun:
         op.say_what_stays()
         shared = shared_pixels(plane, op.variants, recipe.patch) if op.relevel else None
         material = self._with_heights(self._tiles(plane), plane, shared)
-        edges = edges_of(op.variants)
-        names = [f"wang{number:02d}_{one}" for number, one in enumerate(edges)]
         if op.pack:
-            names, sources = ["atlas"], [plane]  # measured as the plane that it is
-            tiles = [tile | {"tile": mark_as_atlas(tile["tile"], op.variants)} for tile in material]
-        else:
-            tiles = [
-                tile | {"tile": edged(tile["tile"], name, str(one))}
-                for source, name, one in zip(sources, names, edges, strict=True)
-                for tile in self._tiles(source)
-            ]
+            sources = [plane]  # measured as the plane that it is
+        tiles = op.tiles_of_set([material] if op.pack else map(self._tiles, sources))
 
         def looked_at() -> tuple[SomeRows, Iterator[Look]]:
-            looks = map(self._quality.look_of_copies, names, itertools.repeat(self._lab()), sources)
+            looks = map(self._quality.look_of_copies, op.names_of_set(), itertools.repeat(self._lab()), sources)
             return self._own_lab(), looks
 
         return (self._quality.add_to(tiles[0], looked_at), *tiles[1:])
