@@ -92,6 +92,6 @@ class Flatten(ScanThenMap):
             wraps=("y" in self.tiled, "x" in self.tiled),
         )
         usable = None if self.mask is None else masked_pixels(self.mask, self.source)
-        given = self.working_space, session.resources, session.progress, usable
-        flat, drift, _ = how.of(self.flag(), self.source, *given)
+        resources, progress = session.resources, session.progress
+        flat, drift, _ = how.of(self.flag(), self.source, self.working_space, resources, progress, usable)
         return {"flat": replace(flat, spec=plan.results["flat"].spec, levels=()), "drift": drift}
