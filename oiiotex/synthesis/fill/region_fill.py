@@ -107,7 +107,7 @@ class RegionFill:
         if self._marked.all() and not self._other:
             raise ImageError(
                 f"the region covers every pixel of {op.exemplar.source}: no source pixels remain; mark fewer, or give"
-                " another photo with source="
+                " another photo with donor="
             )
         zone = grown(self._marked, op.seamzone)
         filling = self._filled(zone, progress)
