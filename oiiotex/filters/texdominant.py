@@ -92,7 +92,7 @@ class Dominant(InLab, ScanThenMap):
         def allowed() -> np.ndarray | None:
             return None if self.mask is None else masked_pixels(self.mask, self.source)
 
-        found = photo_mask(
+        dominant = photo_mask(
             self.flag(), self.source, self.working_space, session.resources, session.progress,
             allowed=allowed, patch=self.patch, paper=self.paper,
         )  # fmt: skip
@@ -100,11 +100,11 @@ class Dominant(InLab, ScanThenMap):
         def chart() -> np.ndarray:
             from ..surfaces.charts.dominant_chart import diagnostics
 
-            return diagnostics(found.texture)
+            return diagnostics(dominant.texture)
 
         return {
-            "dominant": found.part,
-            "score": lambda: found.score,
-            "facts": found.facts,
+            "dominant": dominant.part,
+            "score": lambda: dominant.score,
+            "facts": dominant.facts,
             "chart": chart,
         }

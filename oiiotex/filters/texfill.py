@@ -231,11 +231,11 @@ class Fill(Reported, MaterialOp, InBands):
         """Bytes of the budget that remain next to what a run holds: maps, masks, and the pixels of a window."""
         both = *self.all_maps(), *(self.source_maps() if self.donor is not None else ())
         specs = [one.first.spec for one in both]
-        held = 2 * specs[0].width * specs[0].height  # the region, and the photo's opaque pixels
+        used = 2 * specs[0].width * specs[0].height  # the region, and the photo's opaque pixels
         if self.holds_photo(resources):
-            held += sum(one.first.pixel_bytes * one.first.spec.width * one.first.spec.height for one in both)
+            used += sum(one.first.pixel_bytes * one.first.spec.width * one.first.spec.height for one in both)
             if self.donor is not None:  # the colors of the donor are part of the synthesis
-                held += _LAB_BYTES * len(self.all_maps()) * specs[0].width * specs[0].height
+                used += _LAB_BYTES * len(self.all_maps()) * specs[0].width * specs[0].height
         if window is not None:
-            held += _LAB_BYTES * len(self.all_maps()) * window.width * window.height
-        return resources.budget - held
+            used += _LAB_BYTES * len(self.all_maps()) * window.width * window.height
+        return resources.budget - used

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
-from ..analysis.drift.flattening import DEFAULT_RADIUS, DRIFT, DRIFT_HELP, Flattening
+from ..analysis.drift.flattening import DEFAULT_RADIUS, DRIFT, DRIFT_HELP, Flattening, correction_part
 from ..engine.color.lab import color_to_convert
 from ..engine.core.access import ScanThenMap
 from ..engine.core.image import Image, Part, derived_spec
-from ..engine.core.op import Kind, Output, Plan, Space
+from ..engine.core.op import Kind, Output, Plan, Space, no_pixels
 from ..engine.core.parameters import image, param
 from ..engine.session import Session
 from ..engine.session.facts import Facts
@@ -71,11 +71,16 @@ class Flatten(ScanThenMap):
     data: bool = param(False, advanced=True, help="Treat the channels as data, not color.")
 
     def plan(self, facts: Facts) -> Plan:
-        """Nothing but the declared outputs."""
+        """The image and its correction, without pixels."""
         color_to_convert(self.source, facts, self.working_space)
         if self.mask is not None:
             laid_over(self.mask.first, self.source, "mask")
-        return Plan()
+        part = self.source.first
+        spec = derived_spec(part.spec)
+        if self.tiled != "none":
+            spec.attribute("wrapmodes", ",".join("periodic" if axis in self.tiled else "black" for axis in "xy"))
+        flat = replace(part, spec=spec, fetch=no_pixels, levels=(), ready=False)
+        return Plan({"flat": flat, "drift": replace(correction_part(None, part), fetch=no_pixels)})
 
     def make(self, plan: Plan, session: Session) -> dict[str, Part]:
         """The first part flattened."""
@@ -87,9 +92,6 @@ class Flatten(ScanThenMap):
             wraps=("y" in self.tiled, "x" in self.tiled),
         )
         usable = None if self.mask is None else masked_pixels(self.mask, self.source)
-        given = self.working_space, session.resources, session.progress, usable
-        flat, drift, _ = how.of(self.flag(), self.source, *given)
-        spec = derived_spec(flat.spec)
-        if self.tiled != "none":
-            spec.attribute("wrapmodes", ",".join("periodic" if axis in self.tiled else "black" for axis in "xy"))
-        return {"flat": replace(flat, spec=spec, levels=()), "drift": drift}
+        resources, progress = session.resources, session.progress
+        flat, drift, _ = how.of(self.flag(), self.source, self.working_space, resources, progress, usable)
+        return {"flat": replace(flat, spec=plan.results["flat"].spec, levels=()), "drift": drift}

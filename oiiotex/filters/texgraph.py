@@ -142,13 +142,13 @@ class ExemplarGraph(Whole):
         """The graph as written: a chain, with an optional loop at its end."""
         highest = max(1, _common_side(photos, [1.0] * len(photos), self.exemplarside).bit_length() - 4)  # r_max = L - 3
         usual = 1 if self.scales > 1 else min(_OCTAVES, highest)
-        given = tuple(self.ratio or ())
-        if not given and len(photos) > 1 and self.scales == 1:
+        asked = tuple(self.ratio or ())
+        if not asked and len(photos) > 1 and self.scales == 1:
             self.warn("no ratio given: assuming that each photo is %d times finer than the one before", 2**usual)
-        if len(given) not in (0, 1, len(photos) - 1):
+        if len(asked) not in (0, 1, len(photos) - 1):
             expected = f"one number, or one for each edge ({len(photos) - 1})"
             raise ParameterError(parameter="ratio", value=self.ratio, expected=expected)
-        ratios = given if len(given) > 1 else (given or (2.0**usual,)) * (len(photos) - 1)
+        ratios = asked if len(asked) > 1 else (asked or (2.0**usual,)) * (len(photos) - 1)
         names = _names(photos)
         edges = [{"from": a, "to": b, **_relation(q)} for a, b, q in zip(names, names[1:], ratios, strict=False)]
         loop = self.loop if self.loop is not None else LOOP_R if len(photos) == 1 else 0
@@ -197,8 +197,8 @@ class ExemplarGraph(Whole):
     def _picture(self, graph: Graph, images: Sequence[Image], session: Session) -> np.ndarray:
         side = _common_side(images, graph.factors, self.exemplarside)
         nodes = [
-            Node(label, octave, _thumbnail(given, round(side / factor), PANEL, session))
-            for label, octave, given, factor in zip(graph.names, graph.octaves(), images, graph.factors, strict=True)
+            Node(label, octave, _thumbnail(image, round(side / factor), PANEL, session))
+            for label, octave, image, factor in zip(graph.names, graph.octaves(), images, graph.factors, strict=True)
         ]
         return drawn_graph(nodes, graph.edges, graph.root)
 
@@ -285,9 +285,9 @@ def _reduced(photo: Image, factor: int, side: int, name: str) -> Image:
     return Image((exemplar,), name or stem)
 
 
-def _thumbnail(given: Image, side: int, shown: int, session: Session) -> np.ndarray:
+def _thumbnail(image: Image, side: int, shown: int, session: Session) -> np.ndarray:
     """Thumbnail of the central square that synthesis uses: (shown, shown, 3) float sRGB."""
-    part, whole = given.first, given.first.window
+    part, whole = image.first, image.first.window
     left, top = whole.left + (whole.width - side) // 2, whole.top + (whole.height - side) // 2
     square: Part = cropped(part, Window.sized(left, top, side, side))
     pixels = shown_pixels(sampled(square, max(1, side // (4 * shown))), part, session.resources)

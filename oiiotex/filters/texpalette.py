@@ -83,9 +83,9 @@ class Palette(LabeledExemplar, InBands):
         labels = label_map(self.exemplar, self.labels, self.labellevel)
         finer = label_levels(self.exemplar, self.labels).get(labels.level - 1)
         width = self.panel * (2 if finer is None else 2 + _CHILDREN)
-        photo, held = self.exemplar.first, self.holds_photo(facts)
+        photo, in_memory = self.exemplar.first, self.holds_photo(facts)
         looked_at = min(spec.width, self._reach) * min(spec.height, self._reach)
-        needed = spec.width * spec.height * (_MASK_BYTES + (_SEEN_BYTES + photo.pixel_bytes if held else 0))
+        needed = spec.width * spec.height * (_MASK_BYTES + (_SEEN_BYTES + photo.pixel_bytes if in_memory else 0))
         needed += _SWATCH_BYTES * looked_at + 20 * width * self.panel * self.maxlabels
         facts.require(needed, f"a palette of {spec.width}x{spec.height}")
         self.require_readable(facts)
@@ -95,10 +95,10 @@ class Palette(LabeledExemplar, InBands):
         """The palette, its source coordinates, and the table of its labels."""
         resources, progress = session.resources, session.progress
         labels, finer, width = plan.work
-        photo, held = self.exemplar.first, self.holds_photo(resources)
-        seen = self.read(resources)
-        shown = Legend(labels, areas_of(labels, seen.usable)).entries()
-        below = [] if finer is None else Legend(finer, areas_of(finer, seen.usable)).entries()
+        photo, in_memory = self.exemplar.first, self.holds_photo(resources)
+        pixels = self.read(resources)
+        shown = Legend(labels, areas_of(labels, pixels.usable)).entries()
+        below = [] if finer is None else Legend(finer, areas_of(finer, pixels.usable)).entries()
         for entry in shown:
             entry["children"] = [e["id"] for e in below if e["parent"] == entry["id"]]
         if len(shown) > self.maxlabels:
@@ -110,11 +110,11 @@ class Palette(LabeledExemplar, InBands):
         wanted = [(labels.level - down, entry["id"]) for down, entry, _ in boxes]
         windows: dict[tuple[int, int], Window] = {}
         for level, one in maps.items():
-            within = fullest_windows(one, seen.usable, [label for at, label in wanted if at == level], self._reach)
+            within = fullest_windows(one, pixels.usable, [label for at, label in wanted if at == level], self._reach)
             windows |= {(level, label): window for label, window in within.items()}
         for n, ((level, label), (_, entry, box)) in enumerate(zip(wanted, boxes, strict=True)):
             place = box.inside(Window(0, 0, width, len(source.packed)))
-            swatch = self._swatch(resources, seen, maps[level], label, windows[level, label], box, n)
+            swatch = self._swatch(resources, pixels, maps[level], label, windows[level, label], box, n)
             source.packed[place] = swatch.packed
             entry["box"] = [box.left, box.top, box.width, box.height]
             progress.advance(n + 1, len(boxes))
@@ -122,7 +122,7 @@ class Palette(LabeledExemplar, InBands):
         table = {"level": labels.level, "labels": shown, "finer": below}
         chips = functools.partial(paint_chips, [(entry, box) for _, entry, box in boxes], *source.packed.shape[::-1])
         paints = [Swatch(entry["name"], *map(int, entry["color"].split(","))) for entry in (*shown, *below)]
-        copied = source.parts("palette", self.in_any_order(photo, held), by_rows=not held)
+        copied = source.parts("palette", self.in_any_order(photo, in_memory), by_rows=not in_memory)
         return copied | {"chips": chips, "paints": paints, "facts": table}
 
     def holds_photo(self, facts: Facts) -> bool:
@@ -150,7 +150,7 @@ class Palette(LabeledExemplar, InBands):
         return boxes
 
     def _swatch(
-        self, resources: Resources, seen: ExemplarPixels, labels: LabelMap, label: int, window: Window, box: Window,
+        self, resources: Resources, pixels: ExemplarPixels, labels: LabelMap, label: int, window: Window, box: Window,
         number: int,
     ) -> SourceMap:  # fmt: skip
         """Texture of one label: by PatchMatch, or by graph cut where the label is too narrow for whole patches."""
@@ -158,11 +158,11 @@ class Palette(LabeledExemplar, InBands):
 
         down, across = window.inside(Window(0, 0, 0, 0))
         allowed = labels.part.read(window.shifted(labels.part.spec.x, labels.part.spec.y))[..., 0] == label
-        if seen.usable is not None:
-            allowed = allowed & seen.usable[down, across]
+        if pixels.usable is not None:
+            allowed = allowed & pixels.usable[down, across]
         rows, columns = (np.flatnonzero(allowed.any(axis)) for axis in (1, 0))
         around = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-        lab = np.ascontiguousarray(seen.values[down][around[0], across][:, around[1]])
+        lab = np.ascontiguousarray(pixels.values[down][around[0], across][:, around[1]])
         allowed, rows, columns = allowed[around], rows + window.top, columns + window.left
         seed = (0x9E3779B1 * number) & 0xFFFFFFFF
         widest = largest_window(allowed)

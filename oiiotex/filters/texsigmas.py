@@ -84,9 +84,9 @@ class Sigmas(InLab, Whole):
         how, width, height = plan.work
         with resources.stats.time("read and color"):
             lab, opaque = working_values(self.exemplar, resources, self.working_space)
-        seen = ExemplarPixels(lab, opaque, opaque, "transparent pixels")
+        pixels = ExemplarPixels(lab, opaque, opaque, "transparent pixels")
         recipe = how.recipe(width, height)
-        tiles = SigmaTiles(resources.device, lab, opaque, recipe, resources.budget, seen.why)
+        tiles = SigmaTiles(resources.device, lab, opaque, recipe, resources.budget, pixels.why)
         scale = perceived_scale(tiles, self.count, progress.advance, scale_folder())
         amounts = np.linspace(0, 1, self.count)
         panels = []

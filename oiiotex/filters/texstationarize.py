@@ -145,10 +145,10 @@ True
         """The synthesis, with values for a preset."""
         self._check()
         op, preset = (self, "") if self.preset is None else (filled(self, self.preset), self.preset)
-        given = self.sigma, self.evenness, self.sigmamap, self.patch
-        judged = preset == "" and not self.paper and all(one is None for one in given)
+        scales = self.sigma, self.evenness, self.sigmamap, self.patch
+        judged = preset == "" and not self.paper and all(one is None for one in scales)
         with whole_budget(facts.budget):
-            plan = op._synthesis(
+            return op._planned(
                 facts,
                 finds_losses=self.variants == 1 and not self.paper,
                 lattice=self.lattice,
@@ -159,7 +159,6 @@ True
                 preset=preset,
                 dominant=preset == CLEAN and self.mask is None,
             )
-        return Plan(work=plan)
 
     def _check(self) -> None:
         super()._check()

@@ -12,7 +12,7 @@ from ..analysis.regularity.offset_prices import InStep
 from ..engine.color.lab_grid import FINE_STEPS
 from ..engine.core.attributes import PLANE, WINDOW, note
 from ..engine.core.image import Part, spec_beside
-from ..engine.core.op import Kind, Output, Plan
+from ..engine.core.op import Kind, Output, Plan, no_pixels
 from ..engine.core.parameters import Size, param
 from ..engine.core.source_map import ST, SourceMap
 from ..engine.core.window import Domain, Window
@@ -22,7 +22,7 @@ from ..engine.session import Session
 from ..engine.session.facts import Facts
 from ..synthesis.exemplar.photo_lattice import Structured, fitting_size
 from ..synthesis.multiscale.graph import Graph
-from ..synthesis.multiscale.infinite_plane import Plane, States
+from ..synthesis.multiscale.infinite_plane import Plane, States, in_file
 from ..synthesis.multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
 from ..synthesis.multiscale.synthesizer import MOST_LEVEL
 from ..synthesis.quality.report import REPORT, Quality
@@ -104,20 +104,27 @@ class Synth(Multiscale, Structured):
         return {name: path for name, path in super().files().items() if self.graph or name != "transfer"}
 
     def plan(self, facts: Facts) -> Plan:
-        """The measures, the window that is asked for, and the exemplars."""
+        """The texture and its maps without pixels, the measures, the windows on the plane, and the exemplars."""
         asked, wrap = self._asked_window(), (self.tiles == "xy",) * 2
         quality = Quality(op=self, facts=facts, wrap=wrap, copies=self.graph is None)
-        return Plan(work=(asked, quality, self.exemplars(facts)))
+        graph, images = self.exemplars(facts)
+        root = images[graph.root].first
+        display, window = self._windows(root.spec, asked)
+        place, shown = in_file(window, display or window)
+        spec = texture_spec(root.spec, shown, place, self.tiles)
+        spec.attribute(WINDOW, str(window))
+        channels = {"st": ("R", "G")} if self.graph is None else {"st": ("R", "G", "id"), "transfer": ("R", "G", "B")}
+        maps = {name: Part(name, _spec_of_map(spec, of), no_pixels) for name, of in channels.items()}
+        texture = Part(root.name, spec, no_pixels, root.stored)
+        return Plan({"texture": texture, **maps}, (display, window, quality, graph, images))
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         """The texture and its source coordinates."""
         resources, progress = session.resources, session.progress
-        asked, quality, (graph, images) = plan.work
+        display, window, quality, graph, images = plan.work
         quality = quality.during(resources, progress)
         plane = self.opened(graph, images, resources, progress)
-        first = plane.root.first
         level = plane.finest + plane.graph.depth() if self.lod is None else self.lod
-        display, window = self._windows(first.spec, asked)
         around = self._around(level, display)
         in_step = self._in_step(plane, level, around, session)
         how: dict[str, Any] = {"seed": self.seed, "lock": self.keeplayout, "jitter": self.jitter}
@@ -126,14 +133,15 @@ class Synth(Multiscale, Structured):
         is_crop = bool(self.window and self.size)  # of a display window; tiles of an endless plane are not joined
         key = plane.key(settings, level) if self.resume or is_crop else ""
         states = States(resources, maker, level, window, display or window, key if self.resume else "")
-        spec = texture_spec(first.spec, states.display, states.place, self.tiles)
-        spec.attribute("oiiotex:level", level)
-        spec.attribute(WINDOW, str(window))
-        note(spec, "oiiotex:seed", settings.seed)
-        if is_crop:
-            spec.attribute(PLANE, key)
-        texture = Part(first.name, spec, lambda w: plane.pixels(states.read(w)), first.stored)
-        results = {"texture": texture, **self._maps(plane, states, spec)}
+
+        def describe(spec: oiio.ImageSpec) -> None:
+            spec.attribute("oiiotex:level", level)
+            note(spec, "oiiotex:seed", settings.seed)
+            if is_crop:
+                spec.attribute(PLANE, key)
+
+        texture = replace(plan.results["texture"].respecced(describe), fetch=lambda w: plane.pixels(states.read(w)))
+        results = {"texture": texture, **self._maps(plane, states, plan.results)}
 
         def source(window: Window) -> SourceMap:
             return SourceMap.of(*plane.source(states.read(window)).yx)
@@ -188,7 +196,7 @@ class Synth(Multiscale, Structured):
         width, height = (max(1, round(n / zoom)) for n in around)
         return self.in_step(lattice, Domain(width, height, True, True))
 
-    def _maps(self, plane: Plane, states: States, texture: oiio.ImageSpec) -> dict[str, Part]:
+    def _maps(self, plane: Plane, states: States, planned: dict[str, Part]) -> dict[str, Part]:
         """The parts 'st' and, with a graph, 'transfer'."""
         of = np.array([exemplar for exemplar, _ in plane.analysis.stacks.levels.stacks])
         several = self.graph is not None
@@ -197,9 +205,9 @@ class Synth(Multiscale, Structured):
             source = plane.source(states.read(window))
             number = of[source.number]
             out = np.empty((*number.shape, 3 if several else 2), np.float32)
-            for n, (given, exemplar) in enumerate(zip(plane.images, plane.exemplars, strict=True)):
+            for n, (image, exemplar) in enumerate(zip(plane.images, plane.exemplars, strict=True)):
                 mine = number == n
-                out[mine, :2] = source[mine].coordinates(given.first.spec, exemplar.place[:2], exemplar.factor)
+                out[mine, :2] = source[mine].coordinates(image.first.spec, exemplar.place[:2], exemplar.factor)
             if several:
                 out[..., 2] = number
             return out
@@ -210,9 +218,8 @@ class Synth(Multiscale, Structured):
                 return np.zeros((window.height, window.width, 3), np.float32)
             return offset[..., :3] * np.float32(1 / FINE_STEPS)
 
-        st = Part("st", _spec_of_map(texture, ("R", "G", "id") if several else ("R", "G")), coordinates)
-        transfer = Part("transfer", _spec_of_map(texture, ("R", "G", "B")), transfers)
-        return {"st": st, "transfer": transfer} if several else {"st": st}
+        fetches = {"st": coordinates, "transfer": transfers}
+        return {name: replace(part, fetch=fetches[name]) for name, part in planned.items() if name in fetches}
 
 
 def _spec_of_map(texture: oiio.ImageSpec, channels: tuple[str, ...]) -> oiio.ImageSpec:

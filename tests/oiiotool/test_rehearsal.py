@@ -71,6 +71,9 @@ REFUSED = {
         "quilting 9000x9000 in 1265625 patches",
     ),
     "a photo smaller than a patch": ("photo.png --crop 8x8 --texpatchmatch -o t.exr", "smaller than a patch of 13x13"),
+    "the size of a tile": ("photo.png --texstationarize:size=32x32 --texdominant:patch=63 -o m.exr", "exceeds"),
+    "the size of a texture": ("photo.png --texsynth:size=32x32 --texdominant:patch=63 -o m.exr", "exceeds"),
+    "the size of a flat photo": ("photo.png --crop 8x8 --texflatten --texpatchmatch -o t.exr", "smaller than a patch"),
     "memory of labeling": ("--cache 2 photo.png --texlabel -o t.exr", "labeling needs"),
     "memory of whole images": ("--cache 1 photo.png --resize 900x900 --fft -o t.exr", "the budget is 1 MB"),
     "source coordinates that the output replaces": (

@@ -13,14 +13,14 @@ from oiiotex.engine.core.image import Image, from_buffer
 from oiiotex.engine.core.op import Op, Plan, no_pixels
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.opencl import device_choice
-from oiiotex.engine.run import planned, run
+from oiiotex.engine.run import is_provisional, planned, run
 from oiiotex.engine.session import Session
 from oiiotex.engine.session.facts import Facts
 from oiiotex.engine.session.settings import Settings
 from tests.any_filter import PHOTO, buffer, of, operands, settings
 
 
-def used(op: type[Op], *, pixels: bool) -> Op:
+def used(op: type[Op], *, pixels: bool, **more: object) -> Op:
     """A use of the op, on images that may be read or not."""
 
     def blind(image: Image) -> Image:
@@ -30,7 +30,7 @@ def used(op: type[Op], *, pixels: bool) -> Op:
     images = dict(zip((i.name for i in op.images()), map(from_buffer, operands(op, buffer(PHOTO))), strict=True))
     given = {name: blind(image) for name, image in images.items()}
     given = {i.name: (given[i.name],) if i.many else given[i.name] for i in op.images()}
-    values = settings(op)
+    values = settings(op) | more
     if isinstance(values.get("labels"), oiio.ImageBuf):
         values["labels"] = blind(from_buffer(values["labels"]))
     return op(**given, **values)
@@ -46,12 +46,41 @@ def test_a_plan_reads_no_pixel_and_opens_no_device(op, monkeypatch):
         assert image.parts
 
 
-@of([op for op in filters.FILTERS if op.name in ("lab", "rectify", "estimateao", "checkmaterial")])
+# their sizes follow from the photo's or the size that is given; `stationarize` without a size is planned as provisional
+KNOWN = {
+    "lab": {}, "rectify": {}, "estimateao": {}, "checkmaterial": {}, "flatten": {"drift": True, "tiled": "x"},
+    "stationarize": {"size": (64, 56), "drift": True, "st": True}, "patchmatch": {"st": True, "tiles": "y"},
+    "synth": {"window": "24x20+8-4", "st": True},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "more", [{"variants": 2}, {"variants": 9}, {"variants": 4, "pack": "atlas", "kinds": ("color",)}]
+)
+def test_the_tiles_of_a_planned_set_are_those_that_are_made(more):
+    use = {"size": (48, 40), "patch": 7, "iterations": 1, "st": True} | more
+    op = filters.op_named("stationarize")
+    images = planned(used(op, pixels=False, **use), Facts(Settings()), set())
+    results = run(used(op, pixels=True, **use), Session())
+    assert len(images) == len(results)
+    for image, result in zip(images, results, strict=True):
+        for part, made in zip(image.parts, result.image.parts, strict=True):
+            assert (part.window, part.name) == (made.window, made.name)
+            for name in ("wrapmodes", "oiiotex:edges", "oiiotex:atlas"):
+                assert part.spec.get_string_attribute(name) == made.spec.get_string_attribute(name)
+
+
+@of([op for op in filters.FILTERS if op.name in KNOWN])
 def test_planned_images_are_those_that_are_made(op):
-    (image,) = planned(used(op, pixels=False), Facts(Settings()), set())
-    (result,) = run(used(op, pixels=True), Session())
+    more = KNOWN[op.name]
+    (image,) = planned(used(op, pixels=False, **more), Facts(Settings()), set())
+    assert not is_provisional(image)
+    (result,) = run(used(op, pixels=True, **more), Session())
     for part, made in zip(image.parts, result.image.parts, strict=True):
-        assert part.window == made.window and part.name == made.name
+        assert (part.window, part.name) == (made.window, made.name)
+        assert Window.display(part.spec) == Window.display(made.spec)
+        wrapmodes = (one.spec.get_string_attribute("wrapmodes") for one in (part, made))
+        assert len(set(wrapmodes)) == 1
         assert (part.spec.format, part.spec.channelnames) == (made.spec.format, made.spec.channelnames)
         with pytest.raises(AssertionError, match="before the work"):
             part.read(Window.sized(*part.window[:2], 1, 1))

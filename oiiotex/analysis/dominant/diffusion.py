@@ -360,7 +360,7 @@ def spread_over(texels: Texels, values: np.ndarray, shape: tuple[int, int]) -> n
     return pixels
 
 
-def dominant_mask(dominant: Dominance, seen: np.ndarray) -> np.ndarray:
+def dominant_mask(dominant: Dominance, valid: np.ndarray) -> np.ndarray:
     """LDR09 step 7: centers of dominant texels dilated by a patch, (h, w) bool; false where `seen` is false."""
-    centers = spread_over(dominant.texels, (dominant.types == DOMINANT).astype(np.uint8), seen.shape)
-    return (maximum_filter(centers, dominant.texels.patch, mode="constant") > 0) & seen
+    centers = spread_over(dominant.texels, (dominant.types == DOMINANT).astype(np.uint8), valid.shape)
+    return (maximum_filter(centers, dominant.texels.patch, mode="constant") > 0) & valid

@@ -109,9 +109,9 @@ def usual(pixels: int) -> DecompositionSettings:
 
 def czf02(pixels: int, radius: float | None = None) -> DecompositionSettings:
     """Settings of the paper for an image of this many pixels, and discs of `radius` px."""
-    reach = radius or _HAAR_RADIUS
+    disc = radius or _HAAR_RADIUS
     return DecompositionSettings(
-        features="haar", bins=8, radius=reach, shift=reach, scales=3, search="meanshift", group="cliques",
+        features="haar", bins=8, radius=disc, shift=disc, scales=3, search="meanshift", group="cliques",
         threshold=0.95, step=math.ceil(math.sqrt(pixels / _HAAR_SAMPLES)), refine=False, assign="neighbors",
     )  # fmt: skip
 
@@ -189,10 +189,10 @@ def _cliques(counts: Counts, settings: DecompositionSettings, resources: Resourc
     side = counts.side
     scales = tuple(settings.radius / side * 2 ** (s / 2) for s in _octaves(settings.scales))
     roots = [histogram_roots(disc_sums(counts.values, r, resources)) for r in scales]
-    seen = np.logical_or.reduce(counts.values, -1)
-    samples = sample_grid(seen, max(1, round(settings.step / side)))
+    valid = np.logical_or.reduce(counts.values, -1)
+    samples = sample_grid(valid, max(1, round(settings.step / side)))
     if not len(samples.places):  # small islands between the samples
-        samples = Samples(np.arange(seen.shape[0]), np.arange(seen.shape[1]), np.flatnonzero(seen)[:1])
+        samples = Samples(np.arange(valid.shape[0]), np.arange(valid.shape[1]), np.flatnonzero(valid)[:1])
     shift = settings.shift / side
     if settings.search == "meanshift" and shift > 0:
         likeness = mean_shift_similarities(counts, scales, samples, shift, resources)
@@ -270,11 +270,11 @@ def _members(values: np.ndarray, labels: np.ndarray, side: int, radius: float, r
     The weight of the surroundings increases from round to round, so that borders settle late.
     """
     height, width, bins = values.shape
-    cells, seen = values.reshape(-1, bins), values.any(-1).ravel()
+    cells, valid = values.reshape(-1, bins), values.any(-1).ravel()
     layers = np.ascontiguousarray(cells.T)
-    areas = np.bincount(labels.ravel(), seen)
+    areas = np.bincount(labels.ravel(), valid)
     largest = np.argsort(-areas, kind="stable")[: int(1 / _LEAST)]
-    member = ((labels.ravel() == largest[:, None]) & seen).astype(np.float32)
+    member = ((labels.ravel() == largest[:, None]) & valid).astype(np.float32)
     sigma = max(1.0, _NEAR * radius / side)
     for coupling in _COUPLINGS:
         areas = member.sum(1, dtype=np.float64)
@@ -288,15 +288,15 @@ def _members(values: np.ndarray, labels: np.ndarray, side: int, radius: float, r
         )
         for _ in range(_UPDATES):
             around = blurred_layers(member.reshape(shape), sigma, _REACH, resources).reshape(len(member), -1)
-            member = members(likely, around, seen, float(coupling), resources)
+            member = members(likely, around, valid, float(coupling), resources)
     return member.reshape(-1, height, width)
 
 
-def _numbered(labels: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, int]:
+def _numbered(labels: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, int]:
     """Labels from 1 in the order of first pixels, 0 at invalid pixels; and their number."""
     numbers = np.zeros(labels.shape, np.int32)
-    _, first, inverse = np.unique(labels[seen], return_index=True, return_inverse=True)
-    numbers[seen] = (first.argsort().argsort() + 1)[inverse]
+    _, first, inverse = np.unique(labels[valid], return_index=True, return_inverse=True)
+    numbers[valid] = (first.argsort().argsort() + 1)[inverse]
     return numbers, int(numbers.max())
 
 

@@ -4,15 +4,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from ...analysis.drift.flattening import correction_part
 from ...engine.core.access import InBands
-from ...engine.core.image import Image
-from ...engine.core.op import Kind, Output, Plan
+from ...engine.core.image import Image, Part
+from ...engine.core.op import Kind, Output, Plan, no_pixels
 from ...engine.core.parameters import Size, SizeRule, param
-from ...engine.core.source_map import COPIED, ST
+from ...engine.core.source_map import COPIED, ST, Sources, tile_spec
+from ...engine.core.window import Window
+from ...engine.deferred import oiio
 from ...engine.errors import ParameterError, modifier, whole_budget
 from ...engine.session.facts import Facts
 from ..patchmatch.memory import ExemplarHeld
@@ -20,7 +24,8 @@ from ..patchmatch.optimization import require_memory
 from ..patchmatch.recipe import Recipe
 from ..quality.report import REPORT, Quality
 from ..quality.reported_op import Reported
-from ..wang.tiles import COUNTS, TWO_COLORS_FROM
+from ..wang.atlas import mark_as_atlas
+from ..wang.tiles import COUNTS, TWO_COLORS_FROM, edged, edges_of
 from .exemplar_op import MaterialOp, tiles
 from .photo_lattice import least_size
 
@@ -85,6 +90,22 @@ class SynthesisPlan:
     def is_size_given(self) -> bool:
         """Whether the size was given, or follows from an input image."""
         return self.op.size is not None or self.sigmamap is not None
+
+    @property
+    def images(self) -> tuple[dict[str, Part], ...] | None:
+        """The results without pixels; None if the photo's lattice decides their size."""
+        op, photo = self.op, self.op.exemplar.first
+        if self.lattice > 0 and op.tiles != "none" and not self.is_size_given:
+            return None
+        width, height = (n * (math.isqrt(op.variants) if op.pack else 1) for n in self.size)
+
+        def tile(one: Part, _: str) -> dict[str, Part]:
+            return Sources(no_pixels, tile_spec(one.spec, op.tiling, (width, height)), by_rows=True).parts("tile", one)
+
+        material = op.of_all([image.first for image in op.all_maps()], tile)
+        first, *others = op.tiles_of_set([material] * len(op.names_of_set()))
+        drift = replace(correction_part(None, photo), fetch=no_pixels)
+        return (beside_drift(first, {} if self.flattening is None else {"drift": drift}), *others)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +175,12 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """The synthesis."""
         self._check()
         with whole_budget(facts.budget):  # errors are told what is left of it
-            return Plan(work=self._synthesis(facts))
+            return self._planned(facts)
+
+    def _planned(self, facts: Facts, **choices: Any) -> Plan:
+        """The synthesis, and its images if their size is known."""
+        synthesis = self._synthesis(facts, **choices)
+        return Plan(synthesis.images, synthesis)
 
     def _synthesis(self, facts: Facts, **choices: Any) -> SynthesisPlan:
         """The plan of this op; raises for all errors that do not depend on pixels."""
@@ -164,10 +190,10 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         quality = Quality.of_copies(
             self, facts, whole, tiling, patch=self.side, losses=choices.pop("finds_losses", False)
         )
-        held = self.holds_photo(facts)
-        parts = [one.first for one in self.all_maps()] if held else []
+        in_memory = self.holds_photo(facts)
+        parts = [one.first for one in self.all_maps()] if in_memory else []
         budget = facts.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
-        plan = SynthesisPlan(op=self, size=size, quality=quality, in_memory=held, budget=budget, **choices)
+        plan = SynthesisPlan(op=self, size=size, quality=quality, in_memory=in_memory, budget=budget, **choices)
         if facts.device_memory is not None:
             self._require_memory(plan, facts.device_memory)
         self.require_readable(facts)
@@ -187,6 +213,26 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
     def side(self) -> int:
         """Side of a patch, px."""
         return self.patch or PATCH
+
+    @property
+    def tiling(self) -> str:
+        """Axes along which each image tiles by itself: variants continue in each other."""
+        return self.tiles if self.pack or self.variants == 1 else "none"
+
+    def names_of_set(self) -> list[str]:
+        """The names of interchangeable tiles, by number and edges, or of their atlas."""
+        if self.pack or self.variants == 1:
+            return ["atlas" if self.pack else "tile"]
+        return [f"wang{number:02d}_{edges}" for number, edges in enumerate(edges_of(self.variants))]
+
+    def tiles_of_set(self, materials: Iterable[tuple[dict[str, Part], ...]]) -> list[dict[str, Part]]:
+        """The tiles of each material under its name and with its edges, or marked as an atlas."""
+        if self.variants == 1:
+            return [tile for material in materials for tile in material]
+        if self.pack:
+            return [t | {"tile": mark_as_atlas(t["tile"], self.variants)} for material in materials for t in material]
+        named = zip(self.names_of_set(), edges_of(self.variants), materials, strict=True)
+        return [tile | {"tile": edged(tile["tile"], name, str(edges))} for name, edges, each in named for tile in each]
 
     def _check(self) -> None:
         """Refuse conflicting modifiers."""
@@ -211,3 +257,15 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
             recipe = replace(recipe, sigma=None)  # sigma depends on pixels
         masked = self.mask is not None or self.label is not None or plan.flattening == 1 or plan.dominant
         require_memory(device, recipe, (spec.height, spec.width, 3), plan.budget, ExemplarHeld(plan.in_memory, masked))
+
+
+def beside_drift(tile: dict[str, Any], drift: dict[str, Part]) -> dict[str, Any]:
+    """A tile and the part drift with the tile's display window, which parts of one file share."""
+    display = Window.display(tile["tile"].spec)
+    names = ("full_x", "full_y", "full_width", "full_height")
+
+    def describe(spec: oiio.ImageSpec) -> None:
+        for name, value in zip(names, (display.left, display.top, *display.size), strict=True):
+            setattr(spec, name, value)
+
+    return tile | {name: part.respecced(describe) for name, part in drift.items()}

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,11 +16,10 @@ from ...analysis.regularity.offset_prices import InStep
 from ...analysis.stationarity.measures import scale_folder
 from ...engine.color.config import as_float
 from ...engine.color.lab import working_values
-from ...engine.core.demand import SomeRows, first_channels, materialized
+from ...engine.core.demand import MadeRows, SomeRows, first_channels, materialized, resized, rows_of
 from ...engine.core.image import Image, Part, from_pixels
 from ...engine.core.source_map import SourceMap
-from ...engine.core.window import Window
-from ...engine.deferred import np, oiio
+from ...engine.deferred import np
 from ...engine.errors import present, spelled, texture_filter, whole_budget
 from ...engine.io.disk_cache import hash_of
 from ..patchmatch.constraints import Constraints, FixedPixels
@@ -28,18 +28,18 @@ from ..patchmatch.optimization import Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
 from ..quality.lost_structure import regularity_of, say_what_was_lost
 from ..quality.report import Look, Quality
-from ..wang.atlas import mark_as_atlas, packed, shared_pixels
-from ..wang.tiles import COUNTS, edged, edges_of, runs_for, wang_tiles
-from .coarse_looks import coarse_looks
+from ..wang.atlas import packed, shared_pixels
+from ..wang.tiles import COUNTS, runs_for, wang_tiles
 from .constraint_images import sigmas_of, weights_of
 from .exemplar_masks import mask_of
 from .first_result import SET_OF_TILES, better_of, fidelity_of, hint_that_it_tiles, say_fidelity
 from .heights import Pairing, height_tile
+from .patch_synthesis import beside_drift
 from .photo_lattice import fitting_size, photo_structure
 from .sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 
 if TYPE_CHECKING:
-    from ...engine.session.progress import Progress
+    from ...engine.session.progress import Onlooker, Progress
     from ...engine.session.resources import Resources
     from .exemplar_op import ExemplarPixels
     from .patch_synthesis import PatchSynthesis, SynthesisPlan
@@ -61,12 +61,12 @@ def _synthesized(
     plan: SynthesisPlan, resources: Resources, progress: Progress
 ) -> dict[str, Any] | tuple[dict[str, Any], ...]:
     op, photo = plan.op, plan.op.exemplar.first.window
-    made = plan.size.width * plan.size.height * (runs_for(op.variants) if op.variants > 1 else 1)
+    area = plan.size.width * plan.size.height * (runs_for(op.variants) if op.variants > 1 else 1)
     measured = plan.quality.during(resources, progress).is_asked_for
-    given, wanted = (1, 1, int(plan.lattice > 0)), (1, 1, int(measured))
+    on_photo, on_tile = (1, 1, int(plan.lattice > 0)), (1, 1, int(measured))
     flattening, reading, searching, making, judging, measuring = progress.stages(
-        *(photo.width * photo.height * cost * here for cost, here in zip(_PHOTO, given, strict=True)),
-        *(made * cost * here for cost, here in zip(_TILE, wanted, strict=True)),
+        *(photo.width * photo.height * cost * here for cost, here in zip(_PHOTO, on_photo, strict=True)),
+        *(area * cost * here for cost, here in zip(_TILE, on_tile, strict=True)),
     )
     with resources.stats.time("flatten"):
         flat, drift = _flattened(plan, resources, flattening)
@@ -74,23 +74,23 @@ def _synthesized(
     with resources.stats.time("read and color"):
         maps = [_in_any_order(image.first, plan.in_memory) for image in flat.all_maps()]
         weight = None if op.weightmap is None else weights_of(op.weightmap, op.exemplar)
-    seen = flat.read(resources, None if weight is None else weight > 0)
+    pixels = flat.read(resources, None if weight is None else weight > 0)
     reading.advance(1, 1)
     if not plan.in_memory:
         resources.cache.forget()  # everything has been read
     structure = None
     if plan.lattice > 0:
         with resources.stats.time("lattice"):
-            structure = seen.remembered(resources, photo_structure, op.flag())
+            structure = pixels.remembered(resources, photo_structure, op.flag())
     searching.advance(1, 1)
     lattice = structure if isinstance(structure, Lattice) else None
     wraps = "x" in op.tiles, "y" in op.tiles
     size = fitting_size(op.flag(), lattice, plan.size, plan.is_size_given, wraps)
-    look = coarse_looks(maps[0], making.look) if op.variants == 1 else None
+    look = _coarse_looks(maps[0], making.look) if op.variants == 1 else None
     sigmas = None if plan.sigmamap is None else sigmas_of(plan.sigmamap, *size)
     recipe = op.recipe(*size)
     if plan.evenness is not None:
-        recipe = _perceived(plan, recipe, seen, resources, making)
+        recipe = _perceived(plan, recipe, pixels, resources, making)
     if sigmas is not None:  # one sigma for the stationarized photo
         recipe = replace(recipe, sigma=float(np.exp(np.log(sigmas).mean())))
     if lattice is not None:
@@ -99,11 +99,11 @@ def _synthesized(
         recipe = replace(recipe, in_step=InCourses.of(structure, recipe, plan.lattice))
     quality = _measures_of(plan.quality, lattice, recipe).during(resources, measuring)
     run = SynthesisRun(
-        plan, flat, maps, seen, lattice, recipe, Constraints(weight=weight, sigmas=sigmas), quality, look, wraps,
+        plan, flat, maps, pixels, lattice, recipe, Constraints(weight=weight, sigmas=sigmas), quality, look, wraps,
         resources, making, judging,
     )  # fmt: skip
     first, *others = run.variants() if op.variants > 1 else run.one()
-    first = _beside_drift(first, drift)
+    first = beside_drift(first, drift)
     measuring.advance(1, 1)
     return (first, *others) if others else first
 
@@ -130,6 +130,16 @@ def _flattened(plan: SynthesisPlan, resources: Resources, progress: Progress) ->
     return replace(op, **changed), {"drift": drift}
 
 
+def _coarse_looks(photo: Part, look: Onlooker | None) -> Callable[[SourceMap, tuple[int, int]], object] | None:
+    """A callback that shows coarse levels, copied from the photo reduced to their size; None without an onlooker."""
+    if look is None:
+        return None
+    rows = rows_of(photo)
+    values = MadeRows(rows.shape, np.float32, lambda first, last: as_float(rows[first:last]))
+    reduced = functools.lru_cache(1)(functools.partial(resized, values))
+    return lambda source, size: look(source.gather(reduced(*size)), False)
+
+
 def _in_any_order(part: Part, in_memory: bool) -> Part:
     """The decoded pixels, in memory if the photo is held there."""
     if in_memory:
@@ -138,10 +148,10 @@ def _in_any_order(part: Part, in_memory: bool) -> Part:
 
 
 def _perceived(
-    plan: SynthesisPlan, recipe: Recipe, seen: ExemplarPixels, resources: Resources, progress: Progress
+    plan: SynthesisPlan, recipe: Recipe, pixels: ExemplarPixels, resources: Resources, progress: Progress
 ) -> Recipe:
     """The recipe with the sigma that `evenness` stands for (MJH17 section 4.4)."""
-    tiles = SigmaTiles(resources.device, seen.values, seen.usable, recipe, resources.budget, seen.why)
+    tiles = SigmaTiles(resources.device, pixels.values, pixels.usable, recipe, resources.budget, pixels.why)
     scale = perceived_scale(tiles, DEFAULT_COUNT, progress.advance, scale_folder())
     sigma = scale.sigma_at(present(plan.evenness))
     plan.op.inform("evenness=%g corresponds to sigma=%.2f px", plan.evenness, sigma)
@@ -186,11 +196,11 @@ class SynthesisRun:
 
     def _run(self, recipe: Recipe, constraints: Constraints, progress: Progress | None = None) -> Synthesis:
         """One synthesis from the photo, with progress reports."""
-        op, resources, seen = self._op, self._resources, self._seen
+        op, resources, pixels = self._op, self._resources, self._seen
         synthesis = synthesize(
-            resources.device, seen.values, seen.usable, recipe, self._plan.budget, (progress or self._progress).advance,
-            seen.why, constraints, resources.keeper if op.resume else None,
-            look=self._look,
+            resources.device, pixels.values, pixels.usable, recipe, self._plan.budget,
+            (progress or self._progress).advance, pixels.why, constraints,
+            resources.keeper if op.resume else None, look=self._look,
         )  # fmt: skip
         if synthesis.lost is not None:
             say_what_was_lost(op.flag(), synthesis.lost)
@@ -246,8 +256,7 @@ class SynthesisRun:
     def _tiles(self, source: SourceMap) -> tuple[dict[str, Part], ...]:
         """All maps copied from the same source pixels; the first tile has the source coordinates."""
         op, by_rows = self._op, not self._in_memory
-        tiling = "none" if op.variants > 1 and not op.pack else op.tiles  # variants continue in each other
-        return op.of_all(self._maps, lambda one, _: source.parts("tile", one, tiling, by_rows=by_rows))
+        return op.of_all(self._maps, lambda one, _: source.parts("tile", one, op.tiling, by_rows=by_rows))
 
     def _with_heights(
         self, tiles: tuple[dict[str, Part], ...], source: SourceMap, shared: Pairing | None = None
@@ -294,32 +303,12 @@ class SynthesisRun:
         op.say_what_stays()
         shared = shared_pixels(plane, op.variants, recipe.patch) if op.relevel else None
         material = self._with_heights(self._tiles(plane), plane, shared)
-        edges = edges_of(op.variants)
-        names = [f"wang{number:02d}_{one}" for number, one in enumerate(edges)]
         if op.pack:
-            names, sources = ["atlas"], [plane]  # measured as the plane that it is
-            tiles = [tile | {"tile": mark_as_atlas(tile["tile"], op.variants)} for tile in material]
-        else:
-            tiles = [
-                tile | {"tile": edged(tile["tile"], name, str(one))}
-                for source, name, one in zip(sources, names, edges, strict=True)
-                for tile in self._tiles(source)
-            ]
+            sources = [plane]  # measured as the plane that it is
+        tiles = op.tiles_of_set([material] if op.pack else map(self._tiles, sources))
 
         def looked_at() -> tuple[SomeRows, Iterator[Look]]:
-            looks = map(self._quality.look_of_copies, names, itertools.repeat(self._lab()), sources)
+            looks = map(self._quality.look_of_copies, op.names_of_set(), itertools.repeat(self._lab()), sources)
             return self._own_lab(), looks
 
         return (self._quality.add_to(tiles[0], looked_at), *tiles[1:])
-
-
-def _beside_drift(tile: dict[str, Any], drift: dict[str, Part]) -> dict[str, Any]:
-    """A tile and the part drift with the tile's display window, which parts of one file share."""
-    display = Window.display(tile["tile"].spec)
-    names = ("full_x", "full_y", "full_width", "full_height")
-
-    def describe(spec: oiio.ImageSpec) -> None:
-        for name, value in zip(names, (display.left, display.top, *display.size), strict=True):
-            setattr(spec, name, value)
-
-    return tile | {name: part.respecced(describe) for name, part in drift.items()}

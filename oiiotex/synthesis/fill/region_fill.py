@@ -107,7 +107,7 @@ class RegionFill:
         if self._marked.all() and not self._other:
             raise ImageError(
                 f"the region covers every pixel of {op.exemplar.source}: no source pixels remain; mark fewer, or give"
-                " another photo with source="
+                " another photo with donor="
             )
         zone = grown(self._marked, op.seamzone)
         filling = self._filled(zone, progress)
@@ -128,14 +128,14 @@ class RegionFill:
         op, resources = self._op, self._resources
         window = surroundings(zone, 2 * op.side, self._wraps)
         recipe = self._recipe(window)
-        held = op.holds_photo(resources)
+        in_memory = op.holds_photo(resources)
         spec = self._sources[0].first.spec
-        left, masked = op.budget_left(resources, window) - START_BYTES, ExemplarHeld(held, True)
-        self._require_rest(left, window, held, int(zone.sum() - self._marked.sum()))
+        left, masked = op.budget_left(resources, window) - START_BYTES, ExemplarHeld(in_memory, True)
+        self._require_rest(left, window, in_memory, int(zone.sum() - self._marked.sum()))
         require_memory(resources.device, recipe, (spec.height, spec.width, 3), left, masked)
         with resources.stats.time("read and color"):
-            seen, shown, opaque = self._read(held)
-        if not held:
+            pixels, shown, opaque = self._read(in_memory)
+        if not in_memory:
             resources.cache.forget()  # everything has been read
         progress.advance(1, 1)
         inside = window.inside(Window(0, 0, *zone.shape[::-1]))
@@ -143,16 +143,16 @@ class RegionFill:
         for band in row_bands(kept):
             kept[band] = shown[window.top + band.start : window.top + band.stop][:, inside[1]]
         stage = next(self._stages)
-        values = seen.values
+        values = pixels.values
         with resources.stats.time("light"):
             if op.strength > 0:
-                self._light = self._lights(seen, stage)
+                self._light = self._lights(pixels, stage)
             if self._light is not None:
                 mine, other = self._light
                 values = other.removed_from(values, Window(0, 0, *self._sources[0].first.window.size))
                 kept = np.asarray(mine.removed_from(kept, window))
         if not self._other and op.lattice > 0:
-            recipe = self._in_step(recipe, seen, window)
+            recipe = self._in_step(recipe, pixels, window)
         marked = self._marked[inside]
         is_fixed = ~marked if opaque is None else ~marked & opaque[inside]
         places = None
@@ -161,8 +161,8 @@ class RegionFill:
         fixed = FixedPixels(is_fixed, places, np.ascontiguousarray(kept), peeled) if is_fixed.any() else None
         with resources.stats.time("synthesis"):
             source = synthesize(
-                resources.device, values, seen.usable, recipe, left, next(self._stages).advance,
-                seen.why, Constraints(fixed=fixed),
+                resources.device, values, pixels.usable, recipe, left, next(self._stages).advance,
+                pixels.why, Constraints(fixed=fixed),
             ).source  # fmt: skip
         resources.device.collect(resources.stats)
         source = SourceMap(np.asarray(source.packed))
@@ -172,9 +172,9 @@ class RegionFill:
         step, clear = None, ~marked if opaque is None else ~marked & opaque[inside]
         if op.fade_width > 0 and lens_of(op.exemplar, resources, op.first_space).space is not None:  # not data
             with resources.stats.time("border"):
-                step = border_offsets(kept, values, source, marked, clear, seen.usable, op.fade_width, self._wraps)
+                step = border_offsets(kept, values, source, marked, clear, pixels.usable, op.fade_width, self._wraps)
         next(self._stages).advance(1, 1)
-        measures = self._measures(kept, values, seen.usable, source, marked, clear, step)
+        measures = self._measures(kept, values, pixels.usable, source, marked, clear, step)
         if step is not None:
             step /= np.float32(op.first_weight**0.5)  # values are weighted for the comparison
         return Filling(window, source, marked, step, measures)
@@ -196,11 +196,11 @@ class RegionFill:
                 measures |= {} if whole is None else whole.measures()
         return measures
 
-    def _require_rest(self, left: int, window: Window, held: bool, free: int) -> None:
+    def _require_rest(self, left: int, window: Window, in_memory: bool, free: int) -> None:
         """Refuse what other steps than synthesis cannot do in `left` bytes. `free`: pixels that a cut decides on."""
         op, spec = self._op, self._sources[0].first.spec
         colors = _SOURCE_BYTES * spec.width * spec.height  # those that the synthesis counts
-        colors += _COLOR_BYTES * len(self._photos) * spec.width * spec.height * held
+        colors += _COLOR_BYTES * len(self._photos) * spec.width * spec.height * in_memory
         area, advice = window.width * window.height, "make the region or the photo smaller"
         steps = [("closing and measuring the border", (_PLACE_BYTES + max(BORDER_BYTES, MEASURE_BYTES)) * area, advice)]
         if not self._other and op.lattice > 0:
@@ -218,10 +218,10 @@ class RegionFill:
             uniformity=_UNIFORMITY, contrast=0.0, flat=False, fine=_FINE,
         )  # fmt: skip
 
-    def _in_step(self, recipe: Recipe, seen: ExemplarPixels, window: Window) -> Recipe:
+    def _in_step(self, recipe: Recipe, pixels: ExemplarPixels, window: Window) -> Recipe:
         """The recipe that keeps the photo's lattice or courses."""
         op = self._op
-        structure = seen.remembered(self._resources, photo_structure, op.flag())
+        structure = pixels.remembered(self._resources, photo_structure, op.flag())
         whole = replace(recipe, width=self._marked.shape[1], height=self._marked.shape[0])
         if isinstance(structure, Lattice):
             step: InStep | InCourses = InStep(structure, structure.on_torus(whole), op.lattice)
@@ -231,14 +231,14 @@ class RegionFill:
             return recipe
         return replace(recipe, in_step=step.moved(window.left, window.top))
 
-    def _read(self, held: bool) -> tuple[ExemplarPixels, SomeRows, np.ndarray | None]:
+    def _read(self, in_memory: bool) -> tuple[ExemplarPixels, SomeRows, np.ndarray | None]:
         """The source, values of the photo, and the photo's opaque pixels."""
         op, resources = self._op, self._resources
         match = op.weights()
-        shown, opaque = read_material(self._photos, op.kinds, match, op.data, resources, held)
+        shown, opaque = read_material(self._photos, op.kinds, match, op.data, resources, in_memory)
         values, clear = shown, opaque
         if self._other:
-            values, clear = read_material(self._sources, op.kinds, match, op.data, resources, held)
+            values, clear = read_material(self._sources, op.kinds, match, op.data, resources, in_memory)
         name = "the source" if self._other else "the exemplar"
         allowed = None if op.mask is None else masked_pixels(op.mask, self._sources[0], name)
         if op.label is not None:
@@ -252,7 +252,7 @@ class RegionFill:
         why = "pixels that are transparent, outside mask or label" + ("" if self._other else ", or in the region")
         return ExemplarPixels(values, clear, usable, why), shown, opaque
 
-    def _lights(self, seen: ExemplarPixels, progress: Progress) -> tuple[Light, Light] | None:
+    def _lights(self, pixels: ExemplarPixels, progress: Progress) -> tuple[Light, Light] | None:
         """Corrections of the photo and of the source to one level; None if the photo has nothing around the region."""
         op, resources, zone = self._op, self._resources, self._marked
         space = op.first_space
@@ -260,7 +260,7 @@ class RegionFill:
         inside = around.inside(Window(0, 0, *zone.shape[::-1]))
         mine = drift_within(op.exemplar, around, ~zone[inside], space, resources, progress)
         whole = Window(0, 0, *self._sources[0].first.window.size)
-        usable = np.ones((whole.height, whole.width), bool) if seen.usable is None else seen.usable
+        usable = np.ones((whole.height, whole.width), bool) if pixels.usable is None else pixels.usable
         other = drift_within(self._sources[0], whole, usable, space, resources, progress)
         if mine is None or other is None:
             return None
@@ -295,9 +295,9 @@ class RegionFill:
 
     def _filled_part(self, photo: Part, source: Part, filling: Filling, changed: np.ndarray | None) -> Part:
         """The photo with the shown pixels copied from the source, and moved into its light."""
-        op, held = self._op, self._op.holds_photo(self._resources)
+        op, by_rows = self._op, not self._op.holds_photo(self._resources)
         spec = tile_spec(photo.spec, op.tiled) if op.tiled != "none" else derived_spec(photo.spec)
-        pixels: SomeRows = np.ascontiguousarray(source.pixels()) if held else rows_of(op.in_any_order(source, False))
+        pixels: SomeRows = rows_of(op.in_any_order(source, False)) if by_rows else np.ascontiguousarray(source.pixels())
         lens = None if changed is None else lens_of(op.exemplar, self._resources, op.first_space)
         place = filling.window.shifted(*photo.window[:2])
 
@@ -337,7 +337,7 @@ class RegionFill:
 
     def _st(self, filling: Filling) -> Part:
         """Source coordinates; with another photo, also 1 where they lie in it and 0 where they lie in the photo."""
-        spec, given = self._photos[0].first.spec, self._sources[0].first.spec
+        spec, origin = self._photos[0].first.spec, self._sources[0].first.spec
         whole, names = Window.data(spec), ("R", "G", "B") if self._other else ("R", "G")
         place = filling.window.shifted(*whole[:2])
 
@@ -349,7 +349,7 @@ class RegionFill:
             shared = place & window
             here, there = shared.inside(place), shared.inside(window)
             shown = filling.shown[here]
-            out[there][shown, :2] = filling.source[here][shown].coordinates(given)
+            out[there][shown, :2] = filling.source[here][shown].coordinates(origin)
             out[there][shown, 2:] = 1
             return out
 
@@ -380,18 +380,18 @@ class RegionFill:
         at = filling.window.inside(Window(0, 0, *shape[::-1]))
         packed[at] = np.where(filling.shown, filling.source.packed, packed[at])
         shown[at] = filling.shown
-        given = part, image, SourceMap(packed), self._wraps, op.relevel, ~shown, self._resources
-        return height_tile(op.flag(), *given)
+        source_map = SourceMap(packed)
+        return height_tile(op.flag(), part, image, source_map, self._wraps, op.relevel, ~shown, self._resources)
 
 
 def _corrected(lens: Lens, pixels: np.ndarray, change: np.ndarray) -> np.ndarray:
     """Pixels, (1, n, channels), with gain and offsets (n, 4) applied to their color."""
     values, opaque = lens.values(pixels)
     values[..., :3] = values[..., :3] * change[:, :1] + change[:, 1:]
-    made, colors = lens.replaced(pixels, values, opaque), list(lens.channels.color)
-    if made.dtype.kind == "f":  # next to a dark pixel, a bright step must not make a value negative
-        made[..., colors] = np.maximum(made[..., colors], np.minimum(pixels[..., colors], 0))
-    return made
+    corrected, colors = lens.replaced(pixels, values, opaque), list(lens.channels.color)
+    if corrected.dtype.kind == "f":  # next to a dark pixel, a bright step must not make a value negative
+        corrected[..., colors] = np.maximum(corrected[..., colors], np.minimum(pixels[..., colors], 0))
+    return corrected
 
 
 def _longer_side(zone: np.ndarray) -> int:

@@ -201,21 +201,27 @@ def _report(graph: Graph, exemplars: Sequence[Exemplar], analysis: Analysis) -> 
             )  # fmt: skip
 
 
+def in_file(window: Window, display: Window) -> tuple[Window, Window]:
+    """Data and display window in the image's coordinates, which begin at 0 if the plane's exceed 32 bits."""
+    near = max(map(abs, display)) < _FARTHEST
+    left, top = (0, 0) if near else display[:2]
+    return window.shifted(-left, -top), display.shifted(-left, -top)
+
+
 class States:
     """Pixels of a level as texels and offsets, synthesized in cells that are cached.
 
     `window`: data window, and `display`: display window, in pixels of the level. As attributes, `place` and `display`
-    are in the image's coordinates, which begin at 0 if the plane's exceed 32 bits. With a `key` (`Plane.key`) cells are
-    also written to a checkpoint next to the output file, from which an interrupted run resumes.
+    are `in_file`. With a `key` (`Plane.key`) cells are also written to a checkpoint next to the output file, from which
+    an interrupted run resumes.
     """
 
     def __init__(
         self, resources: Resources, maker: Synthesizer, level: int, window: Window, display: Window, key: str = ""
     ):
         self._resources, self._maker, self._level, self._key = resources, maker, level, key
-        near = max(map(abs, display)) < _FARTHEST
-        self._shift = (0, 0) if near else (display.left, display.top)
-        self.place, self.display = (w.shifted(-self._shift[0], -self._shift[1]) for w in (window, display))
+        self.place, self.display = in_file(window, display)
+        self._shift = window.left - self.place.left, window.top - self.place.top
         row = _STATE_BYTES * self.place.width
         height = max(32, min(512, resources.cache.limit // 3 // row))
         self._cell = max(32, _CELL // height), height

@@ -127,14 +127,16 @@ class Sewing:
     meaning: Callable[[np.ndarray], Meaning] | None = None  # None: ids are labels
     begun: Begun | None = None  # an earlier painting, whose patches are kept where its labels are unchanged
 
-    def quilt(self, seen: ExemplarPixels, resources: Resources, progress: Progress) -> Quilt:
+    def quilt(self, pixels: ExemplarPixels, resources: Resources, progress: Progress) -> Quilt:
         """A new quilt: sources, grid, demands and, eventually, its plan."""
         source = self.op.exemplar.first
         width, height = source.spec.width, source.spec.height
-        lab, allowed = np.empty((height, width, 3), np.int16), seen.usable
+        lab, allowed = np.empty((height, width, 3), np.int16), pixels.usable
         for top in range(0, height, _GRID_ROWS):
-            lab[top : top + _GRID_ROWS] = to_grid(seen.values[top : top + _GRID_ROWS], COARSE_STEPS)
-        lattice = None if self.structured is None else self.structured.lattice_of(seen.values, seen.usable, resources)
+            lab[top : top + _GRID_ROWS] = to_grid(pixels.values[top : top + _GRID_ROWS], COARSE_STEPS)
+        lattice = None
+        if self.structured is not None:
+            lattice = self.structured.lattice_of(pixels.values, pixels.usable, resources)
         with resources.stats.time("content"):
             labels = self._label_map()
             ids = None if labels is None else labels.ids
@@ -164,18 +166,18 @@ class Sewing:
         patch = self.patch or patch_side((labels.scale if labels else 0) or shorter / 8)
         if patch > shorter:
             return
-        size, given = self._asked()
-        if self.structured is not None and self.structured.lattice > 0 and not given:
+        size, prescribed = self._asked()
+        if self.structured is not None and self.structured.lattice > 0 and not prescribed:
             size = Size(*(max(n, patch) for n in least_size(size, self._wraps)))
         grid = Grid.tiling(*size, self.op.tiles, patch=patch, overlap=self._overlap(patch))
         facts.require(cell_memory(grid, self.guide is not None), _task(grid))
-        held = source.spec.width * source.spec.height * self.op.photo_bytes(facts)
+        photo_bytes = source.spec.width * source.spec.height * self.op.photo_bytes(facts)
         if self.structured is not None:
-            self.structured.require_lattice(source.spec.height, source.spec.width, facts, held)
+            self.structured.require_lattice(source.spec.height, source.spec.width, facts, photo_bytes)
         windows = (source.spec.width - patch + 1) * (source.spec.height - patch + 1)
         photo = {"exemplar": 6 * source.spec.width * source.spec.height, "key_map": 4 * windows}  # known minimum
         if facts.device_memory is not None:
-            require_room(facts.device_memory, photo | plan_bytes(grid, AT_ONCE), facts.budget, _task(grid), held)
+            require_room(facts.device_memory, photo | plan_bytes(grid, AT_ONCE), facts.budget, _task(grid), photo_bytes)
 
     def _label_map(self) -> LabelMap | None:
         """The label map of the level, if any parameter needs labels."""
@@ -304,8 +306,8 @@ def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, res
     return sewn
 
 
-def sewn_whole(sewing: Sewing, seen: ExemplarPixels, resources: Resources, progress: Progress) -> dict[str, Any]:
+def sewn_whole(sewing: Sewing, pixels: ExemplarPixels, resources: Resources, progress: Progress) -> dict[str, Any]:
     """The result of one layer. If its plan is requested, it is finished first."""
-    quilt, spec = sewing.quilt(seen, resources, progress), sewing.op.exemplar.first.spec
+    quilt, spec = sewing.quilt(pixels, resources, progress), sewing.op.exemplar.first.spec
     plan = {"planfile": lambda: quilt.finished().arrays((spec.width, spec.height))}
     return sewn_parts(sewing.op, quilt.sources, quilt.grid, resources) | plan
