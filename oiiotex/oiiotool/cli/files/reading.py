@@ -9,7 +9,8 @@ import logging
 from dataclasses import dataclass
 
 from ....engine.core.attributes import set_attribute
-from ....engine.core.image import Image, Part, from_buffer, in_memory, pixels_of, type_named
+from ....engine.core.demand import materialized
+from ....engine.core.image import Image, Part, from_buffer, pixels_of, type_named
 from ....engine.core.parameters import param
 from ....engine.core.window import Window
 from ....engine.deferred import np, oiio
@@ -91,8 +92,8 @@ def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
         size = sum(part.spec.width * part.spec.height * part.spec.nchannels * 4 for part in image.parts)
         chain.session.resources.require(size, "now=1", "read it piece by piece, without now=1")
     if given.now and not chain.dry:
-        parts = tuple(in_memory(part.name, part.buffer(part.window)) for part in image.parts)
-        image = Image(parts, image.source)
+        parts = (part if part.spec.deep else materialized(part, 4 * size + 4) for part in image.parts)
+        image = Image(tuple(parts), image.source)
     return image
 
 
@@ -109,10 +110,10 @@ def _of_channels(chain: Chain, image: Image, channels: str) -> Image:
         order = [channel.source for channel in op.chosen(own)]
         types = [own.channelformat(c) if isinstance(c, int) else oiio.TypeDesc("float") for c in order]
         spec = oiio.ImageSpec(result.spec)
-        spec.set_format(functools.reduce(merged_type, types))
         spec.channelformats = tuple(types) if any(kind != types[0] for kind in types) else ()
         spec.tile_width, spec.tile_height, spec.tile_depth = own.tile_width, own.tile_height, own.tile_depth
-        return Part(part.name, spec, result.fetch, spec.format, part.native, levels=tuple(map(chosen, part.levels)))
+        stored = functools.reduce(merged_type, types)
+        return Part(part.name, spec, result.fetch, stored, part.native, levels=tuple(map(chosen, part.levels)))
 
     return Image(tuple(map(chosen, image.parts)), image.source)
 
