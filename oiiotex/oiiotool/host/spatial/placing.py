@@ -261,12 +261,14 @@ class Turned(HostOp, Gather):
         return Window.sized(*((x, y) if any(self.mirrors) else (y, x)), shown.height, shown.width)
 
     def target(self, spec: oiio.ImageSpec) -> oiio.ImageSpec:
-        """The spec with both windows turned."""
+        """The spec with both windows turned; OpenImageIO drops the metadata of a transposed image."""
         shown, display = Window.display(spec), self.display(spec)
         data = Window.data(spec).shifted(-shown.left, -shown.top)
         data = _mirrored(_swapped(data, self.swaps), self.mirrors, display.size)
         turned = data.shifted(display.left, display.top).apply_to(spec)
         display.show_in(turned)
+        if not any(self.mirrors):
+            turned.erase_attribute(".*")
         return turned
 
     def needs(self, window: Window, spec: oiio.ImageSpec) -> Window:
