@@ -15,6 +15,7 @@ from ..core.image import IDS, Image, Part, cropped
 from ..core.window import Window
 from ..deferred import oiio
 from ..errors import ImageError
+from .cryptomatte import matte_channels
 from .description import describe, is_ours
 
 log = logging.getLogger("oiiotex")
@@ -224,6 +225,8 @@ def _set_types(spec: oiio.ImageSpec, part: Part, how: Format, part_name: str) ->
     for c, name in enumerate(spec.channelnames):
         keys = (f"{part_name}.{name}", f"{part_name}.*", name)
         types[c] = next((by_channel[key] for key in keys if key in by_channel), None) or types[c]
+    for c in matte_channels(spec):
+        types[c] = oiio.TypeDesc(oiio.FLOAT) if unchanged[c] == oiio.FLOAT else types[c]
     if any(kind != types[0] for kind in types):
         spec.channelformats = tuple(types)
     else:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Channels: select, rename, sum and color-map; visualize Cryptomatte ids."""
+"""Channels: select, rename, sum and color-map."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ...engine.errors import ParameterError
 from ...engine.io.reading import FilePixels
 from ...engine.session.facts import Facts
 from .arithmetic import per_channel
-from .kinds import OneImage, PointOp, Respec, filled, like, op, pointwise
+from .kinds import OneImage, PointOp, Respec, op, pointwise
 
 log = logging.getLogger("oiiotex")
 
@@ -148,6 +148,7 @@ class ChannelAppend(PointOp):
     """Append the channels of the last two or more images."""
 
     name: ClassVar[str] = "chappend"
+    spares: ClassVar[bool] = True
 
     sources: tuple[Image, ...] = image(help="Images, in the order of the channels in the result.")
     n: int = param(2, ge=2, le=1 << 16, help="Number of images.")
@@ -265,42 +266,4 @@ CHANNELS = (
     op("maxchan", "Take the maximum of all channels.", FromChannels),
     op("minchan", "Take the minimum of all channels.", FromChannels),
     ColorMap,
-)  # fmt: skip
-
-
-# --- Cryptomatte ---
-
-
-def _id_colors(source: oiio.ImageBuf, layer: str) -> oiio.ImageBuf:
-    """One color per id, weighted by its coverage."""
-    pattern = re.compile(re.escape(layer) + r"\d\d\..*", re.ASCII)
-    names = source.spec().channelnames
-    ranks = [n for n, name in enumerate(names) if pattern.fullmatch(name)]
-    if not ranks:
-        hint = f"the image has {', '.join(names)}"
-        raise ParameterError(f"no channels {layer}00.R ...", parameter="layer", value=layer, hint=hint)
-    values = pixels_of(source, oiio.FLOAT)
-    color = np.zeros((*values.shape[:-1], 3), np.float32)
-    for identity, coverage in zip(ranks[::2], ranks[1::2], strict=False):
-        code, alpha = np.ascontiguousarray(values[..., identity]), values[..., coverage]
-        seen = ~(alpha < 1.0e-5) & (code != 0)
-        scrambled = _scrambled(code.view(np.uint32))
-        for channel, salt in enumerate((0, 0x0101, 0x020000)):
-            scrambled = _scrambled(scrambled + np.uint32(salt)) if channel else scrambled
-            shade = scrambled.astype(np.float32) * np.float32(1.0 / 0xFFFFFFFF)
-            color[..., channel] += np.where(seen, alpha * shade, np.float32(0))
-    spec = like(source.spec(), nchannels=3, channelnames=("R", "G", "B"), alpha_channel=-1, z_channel=-1)
-    return filled(spec, color)
-
-
-def _scrambled(code: np.ndarray) -> np.ndarray:
-    """uint32 -> uint32: the final mix of MurmurHash3, in which every bit depends on every other."""
-    code = (code ^ (code >> np.uint32(16))) * np.uint32(0x85EBCA6B)
-    code = (code ^ (code >> np.uint32(13))) * np.uint32(0xC2B2AE35)
-    return code ^ (code >> np.uint32(16))
-
-
-CRYPTOMATTE = op(
-    "cryptomatte-colors", "Visualize the ids of a Cryptomatte layer as colors.", OneImage, _id_colors,
-    layer=(str, argument(help="Name of the layer, whose channels are NAME00.R and so on.", example="CryptoObject")),
 )  # fmt: skip

@@ -51,6 +51,8 @@ class IsColorSpace(Respec):
 class OnColor(HostOp, Pointwise):
     """Works on color alone: R, G, B (by name, else the first three) and alpha. Other channels are copied."""
 
+    spares: ClassVar[bool] = True
+
     source: Image = image(help="Input image.")
     unpremult: bool = param(False, help="Divide color by alpha before the conversion, and multiply it afterwards.")
 

@@ -16,6 +16,7 @@ from ....engine.core.parameters import Numbers, argument, image, nearest, param
 from ....engine.core.window import Window
 from ....engine.deferred import oiio
 from ....engine.errors import ImageError, ParameterError
+from ....engine.io.cryptomatte import require_unmixed
 from ....engine.session import Session
 from ....engine.session.facts import Facts
 from ..geometry_text import parse_size
@@ -176,6 +177,7 @@ class FillHoles(Hosted, Whole):
     def plan(self, facts: Facts) -> Plan:
         """The union of data and display window."""
         part = self.source.first
+        require_unmixed(part, self.flag())
         whole = part.window | Window.display(part.spec)
         pixels = (part.spec.width * part.spec.height) * 4 + whole.width * whole.height
         facts.require(pixels * part.spec.nchannels * 4, self.flag())
