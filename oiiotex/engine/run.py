@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import __version__
 from .core.access import Neighborhood, Pointwise
-from .core.attributes import SOURCE, TAG, mark_as_data, note
+from .core.attributes import SOURCE, mark_as_data, note, tag_colors
 from .core.demand import sha1
 from .core.image import Image, Part, from_pixels
 from .core.label_map import LabelMap
@@ -378,8 +378,12 @@ def _picture(name: str, picture: np.ndarray | Part) -> Part:
         pixels = picture if picture.dtype == np.uint8 else np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
         spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.TypeDesc(_TYPES[Kind.PICTURE]))
         picture = from_pixels(name, pixels, spec)
-    facts = {TAG: "srgb_rec709_scene", "oiio:subimagename": name}
-    return replace(_saying(picture, facts), name=name, stored=picture.spec.format)
+
+    def describe(spec: oiio.ImageSpec) -> None:
+        tag_colors(spec, "srgb_rec709_scene")
+        spec.attribute("oiio:subimagename", name)
+
+    return replace(picture.respecced(describe), name=name, stored=picture.spec.format)
 
 
 def _write_json(facts: Any, path: Path) -> None:

@@ -14,6 +14,7 @@ from typing import TypeAlias
 
 from ..deferred import np, oiio
 from ..errors import ImageError, one_line
+from .attributes import tag_colors
 from .window import Window
 
 IDS = ("uint", "int")  # pixel types of ids
@@ -380,7 +381,7 @@ def to_buffer(part: Part, kind: type[oiio.ImageBuf] | None = None) -> oiio.Image
     return buffer
 
 
-def tagged(image: Image, name: str, value: str) -> Image:
-    """The image with an attribute of its first part set."""
-    first = image.first.respecced(lambda spec: spec.attribute(name, value))
+def tagged(image: Image, space: str) -> Image:
+    """The image with its first part tagged with a color space."""
+    first = image.first.respecced(lambda spec: tag_colors(spec, space))
     return Image((first, *image.parts[1:]), image.source)
