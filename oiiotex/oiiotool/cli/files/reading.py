@@ -64,7 +64,7 @@ def read_input(chain: Chain, path: str, given: ReadModifiers = _PLAIN) -> None:
     try:
         image = _opened(chain, path, given)
     except ImageError as error:
-        image = _substitute(chain, error)
+        image = _substitute(chain, path, error)
     chain.push(image)
     _prepare(chain, path, given)
 
@@ -133,24 +133,30 @@ def _retyped(image: Image, kind: oiio.TypeDesc) -> Image:
     return Image(tuple(map(retyped, image.parts)), image.source)
 
 
-def _substitute(chain: Chain, error: ImageError) -> Image:
+def _substitute(chain: Chain, path: str, error: ImageError) -> Image:
     """The image that --missingfile substitutes for a file that cannot be read."""
     policy = chain.settings.get("--missingfile", "error")
     if policy == "error":
         raise error
     log.warning("%s; using %s instead", error, policy)
     spec = oiio.ImageSpec(1920, 1080, 4, oiio.FLOAT)
-    if chain.first.spec is not None:
-        spec.copy_dimensions(chain.first.spec)
-        spec.channelnames = chain.first.spec.channelnames
-        spec.alpha_channel, spec.z_channel = chain.first.spec.alpha_channel, chain.first.spec.z_channel
+    shared = dict(chain.frame.likes).get(path) if chain.frame else None
+    if shared is not None:
+        image = chain.opened(shared)
+        chain.first.learn(image)
+    like = image.first.spec if shared is not None else chain.first.spec
+    if like is not None:
+        spec.copy_dimensions(like)
+        spec.channelnames = like.channelnames
+        spec.alpha_channel, spec.z_channel = like.alpha_channel, like.z_channel
         spec.set_format(oiio.FLOAT)
         spec.tile_width = spec.tile_height = 0
     buffer = oiio.ImageBuf(spec)
     if policy == "checker":
         dark, light = (0.0, 0.0, 0.0, 1.0), (1.0, 1.0, 1.0, 1.0)
         oiio.ImageBufAlgo.checker(buffer, 64, 64, 1, dark, light)
-    return from_buffer(buffer)
+    made = from_buffer(buffer)
+    return Image((dataclasses.replace(made.first, stored=None),), made.source)  # of the type of the other images
 
 
 def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:

@@ -77,6 +77,7 @@ class Frame:
     padding: int = 0  # digits of FRAME_NUMBER_PAD by --framepadding; 0: none
     warning: str = ""  # for the user, in one line
     file: str = ""  # of --each
+    likes: tuple[tuple[str, str], ...] = ()  # for missing files an existing one of their sequence: (missing, existing)
 
 
 def frames(words: Sequence[str], takes: Callable[[str], int]) -> list[Frame]:
@@ -90,12 +91,27 @@ def frames(words: Sequence[str], takes: Callable[[str], int]) -> list[Frame]:
     if has_each(words):
         if survey.ranges or survey.places:
             raise ParameterError("--each cannot be combined with --frames, views or wildcards such as #")
-        _check_count(len(lines := [Frame(None, line, file=file) for file, line in lines_of(words)]), "--each")
-        return lines
+        files = lines_of(words)
+        _check_count(len(files), "--each")
+        likes = _likes_of_each([line for _, line in files])
+        return [
+            Frame(None, line, file=file, likes=tuple((word, likes[n]) for n, word in enumerate(line) if n in likes))
+            for file, line in files
+        ]
     for frame in _sequence(tuple(words), survey):
         lines += _over_tiles(frame, survey, takes)
         _check_count(len(lines), "the command line")
     return lines
+
+
+def _likes_of_each(lines: Sequence[tuple[str, ...]]) -> dict[int, str]:
+    """For each word that --each changes the first existing file."""
+    likes = {}
+    for index, names in enumerate(zip(*lines, strict=True)):
+        existing = next((name for name in names if os.path.isfile(name)), None)
+        if len(set(names)) > 1 and existing is not None:
+            likes[index] = existing
+    return likes
 
 
 def frame_numbers(ranges: str) -> list[int]:
@@ -192,10 +208,12 @@ def _sequence(words: tuple[str, ...], survey: _Survey) -> Iterator[Frame]:
     numbers = frame_numbers(survey.ranges) if survey.ranges else []
     if columns and numbers and not columns[0]:
         raise ParameterError(f"{words[next(iter(survey.places))]!r} has no frames: expected {len(numbers)} (--frames)")
+    likes = _likes(words, survey, columns)
     for row in zip(*columns, strict=True):
         names = {index: name for index, (_, _, name) in zip(survey.places, row, strict=True)}
         line = tuple(names.get(index, word) for index, word in enumerate(words))
-        yield Frame(row[0].number, line, survey.padding)
+        missing = ((names[index], likes[index]) for index in likes if not os.path.exists(names[index]))
+        yield Frame(row[0].number, line, survey.padding, likes=tuple(missing))
     for number in numbers if not columns else ():  # a range without wildcards repeats the words
         yield Frame(number, words, padding=survey.padding)
     if not (columns[0] if columns else numbers):
@@ -222,6 +240,22 @@ def _columns(words: tuple[str, ...], survey: _Survey) -> list[list[_FrameName]]:
             counts = f"{words[next(iter(survey.places))]!r} has {len(columns[0])}, {words[index]!r} has {len(column)}"
             raise ParameterError(f"expected sequences of equal length: {counts}")
     return columns
+
+
+def _likes(words: tuple[str, ...], survey: _Survey, columns: list[list[_FrameName]]) -> dict[int, str]:
+    """For each input with a wildcard the first existing file of its sequence, in or out of the range.
+
+    The substitute of a missing file follows it: frames that are run alone, as on a farm, agree.
+    """
+    likes = {}
+    for (index, output), column in zip(survey.places.items(), columns, strict=True) if "--missingfile" in words else ():
+        pattern = _pattern(words[index], survey.name_padding)
+        views = survey.views if re.search(_VIEW, pattern.text) else (None,)
+        files = [file for view in views for _, file in _numbered(_seen(pattern.text, view)) or ()]
+        existing = [*files, *(one.name for one in column if os.path.exists(one.name))]
+        if existing and not output:
+            likes[index] = existing[0]
+    return likes
 
 
 class _Pattern(NamedTuple):
