@@ -68,9 +68,8 @@ def test_ids_stay(tmp_path, steps):
 
 
 MIXING = """--resize 50%|--resample 50%|--fit 10x10|--rotate 30|--warp 0.5,0,0,0,0.5,0,0,0,1|--blur 3x3|--median 3x3
---mulc 0.5|--erode 3x3|--fillholes|--dup --add|--pixelaspect 2|--mosaic:fit=8x8 1x1|--unsharp|--laplacian""".replace(
-    "\n", "|"
-)
+--mulc 0.5|--erode 3x3|--fillholes|--dup --add|--pixelaspect 2|--mosaic:fit=8x8 1x1
+--unsharp|--laplacian""".replace("\n", "|")
 
 
 @pytest.mark.parametrize("steps", MIXING.split("|"))

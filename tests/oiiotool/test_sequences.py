@@ -4,6 +4,8 @@
 import re
 import subprocess
 
+import numpy as np
+import OpenImageIO as oiio
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -11,6 +13,7 @@ from hypothesis import strategies as st
 from oiiotex.engine.errors import ParameterError
 from oiiotex.oiiotool.cli.language.sequences import MOST_FRAMES, Frame, frame_numbers
 from oiiotex.oiiotool.cli.language.sequences import frames as all_frames
+from tests.conftest import oiiotex, save
 from tests.peer import OIIOTOOL
 
 
