@@ -277,10 +277,9 @@ class _Runner:
 
 def _require_unmixed(op: Op) -> None:
     """Refuse a filter that would resample ids of Cryptomatte; ops of the host know for each part."""
-    if op.rescales and op.prefix == Op.prefix:
-        for slot, given in op.given():
-            if slot in op.images():
-                require_unmixed(given.first, op.flag())
+    for slot, given in op.given() if op.rescales and op.prefix == Op.prefix else ():
+        if slot in op.images():
+            require_unmixed(given.first, op.flag())
 
 
 def _require_free(op: Op, files: Mapping[str, Path], written: set[str]) -> None:
@@ -378,12 +377,10 @@ def _picture(name: str, picture: np.ndarray | Part) -> Part:
         pixels = picture if picture.dtype == np.uint8 else np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
         spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.TypeDesc(_TYPES[Kind.PICTURE]))
         picture = from_pixels(name, pixels, spec)
-
-    def describe(spec: oiio.ImageSpec) -> None:
-        tag_colors(spec, "srgb_rec709_scene")
-        spec.attribute("oiio:subimagename", name)
-
-    return replace(picture.respecced(describe), name=name, stored=picture.spec.format)
+    picture = _saying(picture, {"oiio:subimagename": name}).respecced(
+        lambda spec: tag_colors(spec, "srgb_rec709_scene")
+    )
+    return replace(picture, name=name, stored=picture.spec.format)
 
 
 def _write_json(facts: Any, path: Path) -> None:

@@ -158,7 +158,7 @@ _MOST_MANIFEST = 256 << 20  # bytes of a file
 
 
 @dataclass(frozen=True)
-class Layer:
+class MatteLayer:
     """A Cryptomatte layer of an image: the channels of its ranks, as (id, coverage), and its manifest, ids by name."""
 
     name: str
@@ -194,7 +194,7 @@ def require_unmixed(part: Part, op: str) -> None:
         )
 
 
-def layers_of(image: Image) -> list[Layer]:
+def layers_of(image: Image) -> list[MatteLayer]:
     """The Cryptomatte layers of an image.
 
     Raises
@@ -212,7 +212,7 @@ def layers_of(image: Image) -> list[Layer]:
             if any(part.spec.channelformat(identity) == oiio.HALF for identity, _ in pairs):
                 problem = f"layer {name}: ids are half; Cryptomatte needs float"
                 raise ImageError(problem, subject=image.source, hint="render or write them again as 32-bit floats")
-            layers.append(Layer(name, part, tuple(pairs), _manifest(image, part.spec, keys.get(name, ""))))
+            layers.append(MatteLayer(name, part, tuple(pairs), _manifest(image, part.spec, keys.get(name, ""))))
     if not layers:
         raise ImageError("has no Cryptomatte channels", subject=image.source, hint="expected channels NAME00.R ...")
     return layers
@@ -256,7 +256,7 @@ def _manifest(image: Image, spec: oiio.ImageSpec, key: str) -> dict[str, int]:
         raise ImageError("has a damaged Cryptomatte manifest", subject=image.source) from None
 
 
-def mattes_named(layers: Sequence[Layer], patterns: str) -> dict[str, list[tuple[Layer, int]]]:
+def mattes_named(layers: Sequence[MatteLayer], patterns: str) -> dict[str, list[tuple[MatteLayer, int]]]:
     """Mattes by name: the layers that have the object, and its id in each.
 
     Parameters
@@ -271,7 +271,7 @@ def mattes_named(layers: Sequence[Layer], patterns: str) -> dict[str, list[tuple
         A pattern matches no name; the message lists names of the manifest.
     """
     known = list(dict.fromkeys(name for layer in layers for name in layer.manifest))
-    found: dict[str, list[tuple[Layer, int]]] = {}
+    found: dict[str, list[tuple[MatteLayer, int]]] = {}
     for pattern in [patterns] if patterns in known else filter(None, map(str.strip, patterns.split(","))):
         names = [name for name in known if name == pattern or fnmatch.fnmatchcase(name, pattern)]
         for name in names:
@@ -290,7 +290,7 @@ def mattes_named(layers: Sequence[Layer], patterns: str) -> dict[str, list[tuple
     return found
 
 
-def coverages(layer: Layer, ids: Sequence[int], window: Window) -> np.ndarray:
+def coverages(layer: MatteLayer, ids: Sequence[int], window: Window) -> np.ndarray:
     """Coverage of objects in a window of the layer's part, (height, width, ids) float32."""
     pixels = layer.part.read(window)
     out = np.zeros((window.height, window.width, len(ids)), np.float32)

@@ -166,7 +166,7 @@ class _OpenFile:
         except ImageError as error:
             names = ", ".join(spec.channelnames[c] for c in channels if str(spec.channelformat(c)) in IDS)
             raise ImageError(
-                f"{self.path}: {names}: {error}", hint=f"write them to a file of their own: --ch {names}"
+                f"{self.path}: {names}: {error}", hint=f"write them to a separate file: --ch {names}"
             ) from None
 
     def _planes(self, place: Window, spec: oiio.ImageSpec, where: tuple[int, int], run: range) -> np.ndarray:

@@ -115,7 +115,7 @@ def _wide(kinds: Sequence[oiio.TypeDesc]) -> bool:
 def _gathered(part: Part, order: Sequence[int | float], spec: oiio.ImageSpec, window: Window) -> np.ndarray:
     """Channels of a part and constants, in the type of `spec`; only these are read of a file with ids."""
     file = part.fetch if isinstance(part.fetch, FilePixels) and _wide(part.spec.channelformats) else None
-    pixels = None if file else part.read(window)
+    pixels = np.empty(0) if file else part.read(window)
     out = np.empty((window.height, window.width, len(order)), dtype_of(spec))
     for place, source in enumerate(order):
         if not isinstance(source, int):

@@ -17,7 +17,7 @@ from ...engine.core.parameters import argument, image, param
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
 from ...engine.errors import ImageError, ParameterError
-from ...engine.io.cryptomatte import Layer, coverages, layers_of, mattes_named
+from ...engine.io.cryptomatte import MatteLayer, coverages, layers_of, mattes_named
 from ...engine.io.owned import checked_name
 from ...engine.session import Session
 from ...engine.session.facts import Facts
@@ -84,7 +84,7 @@ class CryptomatteUnfold(Hosted, Pointwise):
     name: ClassVar[str] = "cryptomatte-unfold"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("image", Kind.PIXELS, "Mattes, one per channel."),
-        Output("matte.N", Kind.MASK, "One matte, in a file of its own.", asked_by="folder"),
+        Output("matte.N", Kind.MASK, "One matte, in a separate file.", asked_by="folder"),
     )
 
     source: Image = image(help="Image with Cryptomatte channels in any part.")
@@ -95,7 +95,7 @@ class CryptomatteUnfold(Hosted, Pointwise):
     layer: str = param("", unset="all layers", example="CryptoObject", help="Name of the Cryptomatte layer.")
     folder: str = param("", help="Folder for one EXR file per matte, called by its name.", example="mattes")
 
-    def mattes(self) -> dict[str, list[tuple[Layer, int]]]:
+    def mattes(self) -> dict[str, list[tuple[MatteLayer, int]]]:
         """The mattes by name: the layers that have each, and its id."""
         layers = layers_of(self.source)
         chosen = [one for one in layers if one.name in ("", self.layer)] if self.layer else layers
@@ -131,10 +131,10 @@ class CryptomatteUnfold(Hosted, Pointwise):
         return plan.results
 
 
-def _unfolded(name: str, mattes: Mapping[str, list[tuple[Layer, int]]]) -> Part:
+def _unfolded(name: str, mattes: Mapping[str, list[tuple[MatteLayer, int]]]) -> Part:
     """A part with the coverage of each matte as a channel; layers are in one display window."""
     first = next(iter(mattes.values()))[0][0].part
-    places: dict[int, tuple[Layer, list[int], list[int]]] = {}  # by layer: it, ids, channels
+    places: dict[int, tuple[MatteLayer, list[int], list[int]]] = {}  # by layer: it, ids, channels
     for channel, held in enumerate(mattes.values()):
         for layer, bits in held:
             _, ids, channels = places.setdefault(id(layer), (layer, [], []))

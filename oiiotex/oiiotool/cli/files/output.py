@@ -26,7 +26,7 @@ from ....engine.io.formats import Format
 from ....engine.io.writing import write
 from ....engine.run import as_provisional
 from ..language.parse import Option, without
-from ..language.sequences import Tile, names_tiles, tile_name
+from ..language.tiles import Tile, names_tiles, tile_name
 from ..stack import output_settings
 from ..stack.chain import Chain
 from ..stack.output_settings import pixel_type

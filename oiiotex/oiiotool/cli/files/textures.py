@@ -130,8 +130,10 @@ def _converted(chain: Chain, given: TextureModifiers) -> Part:
     if given.incolorspace:
         image = IsColorSpace(source=image, space=given.incolorspace).plan(facts).results
     if given.outcolorspace:
-        spaces = {"from_space": "current", "to_space": given.outcolorspace}
-        image = ColorConvert(source=image, unpremult=given.unpremult, **spaces).plan(facts).results
+        convert = ColorConvert(
+            source=image, from_space="current", to_space=given.outcolorspace, unpremult=given.unpremult
+        )
+        image = convert.plan(facts).results
     return dataclasses.replace(image.first, stored=chain.top.first.stored)
 
 
