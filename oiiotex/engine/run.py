@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import __version__
 from .core.access import Neighborhood, Pointwise
-from .core.attributes import SOURCE, TAG, mark_as_data, note
+from .core.attributes import SOURCE, mark_as_data, note, tag_colors
 from .core.demand import sha1
 from .core.image import Image, Part, from_pixels
 from .core.label_map import LabelMap
@@ -28,7 +28,7 @@ from .core.op import Kind, Op, Output, Plan, Space, errors_of, no_pixels
 from .deferred import np, oiio
 from .errors import Error, ImageError, ParameterError, present
 from .io.atomic import require_place, temporary_beside
-from .io.cryptomatte import cryptomatte_part
+from .io.cryptomatte import cryptomatte_part, require_unmixed
 from .io.movie import require_encoder, write_movie
 from .io.paint_palette import require_palette, write_palette
 from .io.writing import require_writable, write
@@ -80,6 +80,7 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
     with errors_of(type(op)):
         _require_free(op, files, written)
         session.resources.require_streamable(*op.scanned())
+        _require_unmixed(op)
         facts = _facts(op)
         # first, so that its errors precede reading the photo for its hash
         results = op.make(op.plan(session.resources), session)
@@ -104,6 +105,7 @@ def planned(op: Op, facts: Facts, written: set[str]) -> tuple[Image, ...]:
     with errors_of(type(op)):
         _require_free(op, files, written)
         facts.require_streamable(*op.scanned())
+        _require_unmixed(op)
         reads_written = any(os.path.realpath(path) in written for path in op.paths_read())
         written.update(os.path.realpath(path) for path in files.values())
         if not reads_written:  # otherwise its input is not written yet
@@ -273,6 +275,13 @@ class _Runner:
 # --- before the work ---
 
 
+def _require_unmixed(op: Op) -> None:
+    """Refuse a filter that would resample ids of Cryptomatte; ops of the host know for each part."""
+    for slot, given in op.given() if op.rescales and op.prefix == Op.prefix else ():
+        if slot in op.images():
+            require_unmixed(given.first, op.flag())
+
+
 def _require_free(op: Op, files: Mapping[str, Path], written: set[str]) -> None:
     """Refuse files that would overwrite others, or that cannot be written."""
     taken = _read_by(op, {op.output(name).asked_by for name in files})
@@ -368,8 +377,10 @@ def _picture(name: str, picture: np.ndarray | Part) -> Part:
         pixels = picture if picture.dtype == np.uint8 else np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
         spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.TypeDesc(_TYPES[Kind.PICTURE]))
         picture = from_pixels(name, pixels, spec)
-    facts = {TAG: "srgb_rec709_scene", "oiio:subimagename": name}
-    return replace(_saying(picture, facts), name=name, stored=picture.spec.format)
+    picture = _saying(picture, {"oiio:subimagename": name}).respecced(
+        lambda spec: tag_colors(spec, "srgb_rec709_scene")
+    )
+    return replace(picture, name=name, stored=picture.spec.format)
 
 
 def _write_json(facts: Any, path: Path) -> None:

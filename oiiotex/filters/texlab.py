@@ -11,7 +11,7 @@ from ..engine.color.config import as_float, color_space
 from ..engine.color.lab import lens_for
 from ..engine.color.lens import Lens, divisor
 from ..engine.core.access import Pointwise
-from ..engine.core.attributes import TAG
+from ..engine.core.attributes import TAG, tag_colors
 from ..engine.core.image import Channels, Image, Part, channels_of, derived_spec
 from ..engine.core.op import Kind, Output, Plan, Space, no_pixels
 from ..engine.core.parameters import image, param
@@ -128,9 +128,9 @@ class Lab(Pointwise):
         spec = derived_spec(part.spec)
         spec.set_format(oiio.TypeDesc(oiio.FLOAT))
         spec.channelformats = ()
-        for stale in ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile", FROM):
+        for stale in ("oiio:BitsPerSample", FROM):
             spec.erase_attribute(stale)
-        spec.attribute(TAG, space)
+        tag_colors(spec, space)
         planned = replace(part, spec=spec, fetch=no_pixels, levels=(), ready=False)
         return replace(planned, stored=None, typed=False), work
 

@@ -93,7 +93,7 @@ def _bound(
     pictures = tuple(_image(image, resources) for image in images)
     if colorspace is not None:
         resources.color.resolve(colorspace)
-        pictures = tuple(tagged(image, _TAG, colorspace) for image in pictures)
+        pictures = tuple(tagged(image, colorspace) for image in pictures)
     given: dict[str, Any] = (
         {many.name: pictures} if many else dict(zip((i.name for i in declared), pictures, strict=True))
     )

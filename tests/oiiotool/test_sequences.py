@@ -4,6 +4,8 @@
 import re
 import subprocess
 
+import numpy as np
+import OpenImageIO as oiio
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -11,6 +13,7 @@ from hypothesis import strategies as st
 from oiiotex.engine.errors import ParameterError
 from oiiotex.oiiotool.cli.language.sequences import MOST_FRAMES, Frame, frame_numbers
 from oiiotex.oiiotool.cli.language.sequences import frames as all_frames
+from tests.conftest import oiiotex, save
 from tests.peer import OIIOTOOL
 
 
@@ -320,3 +323,31 @@ def test_a_pattern_without_files_is_a_literal_name_with_a_warning(folder):
 def test_framepadding_wants_digits(digits, folder):
     with pytest.raises(ParameterError, match="--framepadding"):
         frames(["--framepadding", digits])
+
+
+# --- what frames share ---
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["--frames 1-3", "--frames 2-3", "--frames 2-2", "--frames 1-3 --parallel-frames", "--frames 2,1"],
+)
+def test_a_missing_frame_has_the_size_channels_and_type_of_its_sequence(tmp_path, words):
+    for number in (1, 3):
+        save(np.full((24, 32, 3), 0.25, np.float32), tmp_path / f"f.{number:04}.exr", "half")
+    save(np.zeros((9, 7, 1), np.float32), tmp_path / "other.exr", "float")
+    done = oiiotex("--missingfile", "black", *words.split(), "f.#.exr", "-o", "o.#.exr", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    spec = oiio.ImageBuf(str(tmp_path / "o.0002.exr")).nativespec()
+    assert (spec.width, spec.height, spec.nchannels, str(spec.format)) == (32, 24, 3, "half")
+
+
+def test_a_missing_partner_of_each_file_is_like_the_others(tmp_path):
+    for name in ("a", "b"):
+        save(np.full((24, 32, 3), 0.25, np.float32), tmp_path / f"{name}.exr", "half")
+    save(np.full((24, 32, 1), 0.5, np.float32), tmp_path / "b.mask.tif", "uint16")
+    words = ["--missingfile", "black", "--each", "?.exr", "{name}.mask.tif", "--swap", "--pop", "-o", "o/{name}.tif"]
+    done = oiiotex("--create-dir", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    specs = [oiio.ImageBuf(str(tmp_path / "o" / f"{name}.tif")).nativespec() for name in "ab"]
+    assert [(spec.width, spec.nchannels) for spec in specs] == [(32, 1), (32, 1)]

@@ -70,6 +70,7 @@ SAMPLES: dict[str, list[dict[str, Any]]] = {
     "minchan": [{}],
     "colormap": [{"map": "inferno"}],
     "cryptomatte-colors": [],
+    "cryptomatte-unfold": [],
     # color
     "iscolorspace": [{"space": "lin_rec709_scene"}],
     "tocolorspace": [{"to_space": "g22_rec709_scene"}],

@@ -25,7 +25,10 @@ HEIGHT_PX = "oiiotex:heightpx"  # of a height map: px between heights 0 and 1
 WINDOW = "oiiotex:window"  # of an image that is part of an unbounded plane
 PLANE = "oiiotex:plane"  # of a crop of one: key of the settings that determine its pixels
 
-_OF_COLORS = ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile")  # not for data
+_OF_COLORS = (  # what a file says of its colors, in addition to TAG
+    "colorInteropID", "chromaticities", "whiteLuminance", "ICCProfile", "ICCProfile:.*", "CICP", "Exif:ColorSpace",
+    "oiio:Gamma", "oiio:AverageColor", "oiio:ConstantColor", "AverageColor", "ConstantColor",
+)  # fmt: skip
 _MOST_VALUES = 65536  # of an attribute
 _INT = re.compile(r"\s*[+-]?\d+\s*")
 _FLOAT = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
@@ -37,11 +40,18 @@ def note(spec: oiio.ImageSpec, name: str, value: str | float) -> None:
     spec.attribute(name, str(value) if large else value)
 
 
+def tag_colors(spec: oiio.ImageSpec, space: str) -> None:
+    """Tag the pixels with a color space, or with none if it is empty, and remove what may no longer be true of them."""
+    for attribute in (*_OF_COLORS, TAG):
+        spec.erase_attribute(attribute)
+    if space:
+        spec.attribute(TAG, space)
+
+
 def mark_as_data(spec: oiio.ImageSpec) -> None:
     """Tag the channels as data, and remove attributes about color."""
-    for attribute in _OF_COLORS:
-        spec.erase_attribute(attribute)
-    spec.attribute(TAG, "data")
+    tag_colors(spec, "data")
+    spec.erase_attribute("oiio:BitsPerSample")
 
 
 # --- from strings, as in oiiotool: 3 is an int, 3.0 a float, 'a,b' with a type an array ---

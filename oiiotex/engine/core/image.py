@@ -14,8 +14,10 @@ from typing import TypeAlias
 
 from ..deferred import np, oiio
 from ..errors import ImageError, one_line
+from .attributes import tag_colors
 from .window import Window
 
+IDS = ("uint", "int")  # pixel types of ids
 _STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes")
 _NUMPY = {
     "uint8": "uint8", "int8": "int8", "uint16": "uint16", "int16": "int16", "uint": "uint32", "int": "int32",
@@ -47,6 +49,8 @@ class Part:
         Whether random access to pixels is cheap.
     exact : bool
         Whether a file must store the values exactly: labels, source coordinates.
+    copied : bool
+        Whether the host computed it from unchanged pixels, in their own type: further ops of the host use float.
     levels : tuple of Part
         Its MIP levels, if the file is MIP-mapped.
     thumbnail : callable or None
@@ -65,6 +69,7 @@ class Part:
     ready: bool = False
     exact: bool = False
     typed: bool = False
+    copied: bool = False
     levels: tuple[Part, ...] = ()
     thumbnail: Callable[[], oiio.ImageBuf] | None = None
     depth: int = 0
@@ -107,7 +112,7 @@ class Part:
     @property
     def working_type(self) -> oiio.TypeDesc:
         """The pixel type for ops of the host."""
-        if self.stored is not None and not self.native:
+        if (self.stored is not None or self.copied) and not self.native:
             return oiio.TypeDesc(oiio.FLOAT)
         return self.spec.format
 
@@ -220,6 +225,22 @@ def pixels_of(buffer: oiio.ImageBuf, kind: oiio.TypeDesc | oiio.BASETYPE, roi: o
     return pixels.reshape(roi.height, roi.width, roi.nchannels)
 
 
+def unrounded(pixels: np.ndarray) -> np.ndarray:
+    """Ids as OpenImageIO's floats, a fraction of the largest integer; pixels of other types as they are.
+
+    Raises
+    ------
+    ImageError
+        An id would be rounded, and name another object.
+    """
+    if pixels.dtype.kind not in "iu" or pixels.dtype.itemsize < 4:
+        return pixels
+    rounded = pixels.astype(np.float32)
+    if not np.array_equal(rounded.astype(np.float64), pixels):
+        raise ImageError("integers above 2^24 cannot be stored exactly with channels of another type")
+    return rounded * np.float32(2.0 ** (-31 if pixels.dtype.kind == "i" else -32))
+
+
 def in_memory(name: str, buffer: oiio.ImageBuf) -> Part:
     """A part from an ImageBuf in memory, which must not be changed afterwards."""
     spec = oiio.ImageSpec(buffer.spec())
@@ -251,6 +272,18 @@ def cropped(part: Part, window: Window) -> Part:
 
     spec = window.apply_to(derived_spec(part.spec))
     return dataclasses.replace(part, spec=spec, fetch=fetch, levels=(), thumbnail=None)
+
+
+def copied(spec: oiio.ImageSpec, fetch: Callable[[Window], Pixels], *parts: Part) -> Part:
+    """A part computed by the host from unchanged pixels of others, which have the type of `spec`.
+
+    Integers of 32 bits, which are ids, keep their type in files.
+    """
+    first = parts[0]
+    alike = all(part.stored == first.stored for part in parts)
+    kept = first.stored if alike and (first.exact or str(first.stored) in IDS) else None
+    as_float = any(part.working_type != spec.format for part in parts)
+    return Part(first.name, spec, fetch, kept, first.native, exact=first.exact, copied=as_float)
 
 
 def derived_spec(spec: oiio.ImageSpec, width: int | None = None, height: int | None = None) -> oiio.ImageSpec:
@@ -348,7 +381,7 @@ def to_buffer(part: Part, kind: type[oiio.ImageBuf] | None = None) -> oiio.Image
     return buffer
 
 
-def tagged(image: Image, name: str, value: str) -> Image:
-    """The image with an attribute of its first part set."""
-    first = image.first.respecced(lambda spec: spec.attribute(name, value))
+def tagged(image: Image, space: str) -> Image:
+    """The image with its first part tagged with a color space."""
+    first = image.first.respecced(lambda spec: tag_colors(spec, space))
     return Image((first, *image.parts[1:]), image.source)

@@ -9,9 +9,13 @@ largest coverage of each pixel.
 from __future__ import annotations
 
 import difflib
+import fnmatch
 import json
+import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import mmh3
 
@@ -20,6 +24,8 @@ from ..core.label_map import LabelMap
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError, ParameterError
+from .documents import require_regular
+from .owned import checked_name
 
 
 def hashed(name: str) -> int:
@@ -145,57 +151,175 @@ def _metadata(name: str, manifest: Mapping[str, str], manifest_file: str | None)
 
 # --- reading ---
 
-_RANK = re.compile(r"(.+?)(\d\d)\.(r|red)", re.IGNORECASE)
+_RANK = re.compile(r"(.+?)(\d\d)\.(r|g|b|a|red|green|blue|alpha)", re.IGNORECASE)
+_USUAL = re.compile(r"crypto\w*\d\d\.\w+", re.IGNORECASE)  # where a part has no metadata
 _FEW = 8  # names in a message
+_MOST_MANIFEST = 256 << 20  # bytes of a file
+
+
+@dataclass(frozen=True)
+class MatteLayer:
+    """A Cryptomatte layer of an image: the channels of its ranks, as (id, coverage), and its manifest, ids by name."""
+
+    name: str
+    part: Part
+    ranks: tuple[tuple[int, int], ...]
+    manifest: dict[str, int]
+
+
+def matte_channels(spec: oiio.ImageSpec) -> tuple[int, ...]:
+    """The channels with ids and coverage of Cryptomatte, by the metadata or by the usual names."""
+    names = _layer_names(spec)
+    matches = [(n, name, _RANK.fullmatch(name)) for n, name in enumerate(spec.channelnames)]
+    return tuple(
+        n for n, name, match in matches
+        if match and (_USUAL.fullmatch(name) or any(match[1].endswith(layer) for layer in names))
+    )  # fmt: skip
+
+
+def require_unmixed(part: Part, op: str) -> None:
+    """Refuse an op that would compute new values from ids of Cryptomatte.
+
+    Raises
+    ------
+    ImageError
+        The part has Cryptomatte channels.
+    """
+    if mattes := matte_channels(part.spec):
+        names = part.spec.channelnames
+        others = ",".join(name for n, name in enumerate(names) if n not in mattes) or "none"
+        raise ImageError(
+            f"{names[mattes[0]]} and others are Cryptomatte, whose ids {op} would change",
+            hint=f"unfold them first: --cryptomatte-unfold '*', or keep the other channels only: --ch {others}",
+        )
+
+
+def layers_of(image: Image) -> list[MatteLayer]:
+    """The Cryptomatte layers of an image.
+
+    Raises
+    ------
+    ImageError
+        The image has none, its ids are half, or a manifest is damaged.
+    """
+    layers = []
+    for part in image.parts:
+        keys = _layer_names(part.spec)
+        ranks: dict[str, list[tuple[int, int]]] = {}
+        for name, pair in _pairs(part):
+            ranks.setdefault(max((one for one in keys if name.endswith(one)), key=len, default=name), []).append(pair)
+        for name, pairs in ranks.items():
+            if any(part.spec.channelformat(identity) == oiio.HALF for identity, _ in pairs):
+                problem = f"layer {name}: ids are half; Cryptomatte needs float"
+                raise ImageError(problem, subject=image.source, hint="render or write them again as 32-bit floats")
+            layers.append(MatteLayer(name, part, tuple(pairs), _manifest(image, part.spec, keys.get(name, ""))))
+    if not layers:
+        raise ImageError("has no Cryptomatte channels", subject=image.source, hint="expected channels NAME00.R ...")
+    return layers
+
+
+def _layer_names(spec: oiio.ImageSpec) -> dict[str, str]:
+    """Names of layers in the metadata, with the key of each."""
+    found = ((re.fullmatch(r"cryptomatte/(.+)/name", one.name), one.value) for one in spec.extra_attribs)
+    return {str(value): match[1] for match, value in found if match}
+
+
+def _pairs(part: Part) -> Iterator[tuple[str, tuple[int, int]]]:
+    """For each rank, in order, the name of its layer, and the channels of id and coverage."""
+    mattes, found = matte_channels(part.spec), dict[tuple[str, str], dict[str, int]]()
+    for n in mattes:
+        match = _RANK.fullmatch(part.spec.channelnames[n])
+        if match:
+            found.setdefault((match[1], match[2]), {})[match[3][0].lower()] = n
+    for (name, _), channels in sorted(found.items()):
+        for identity, coverage in ("rg", "ba"):
+            if identity in channels and coverage in channels:
+                yield name, (channels[identity], channels[coverage])
+
+
+def _manifest(image: Image, spec: oiio.ImageSpec, key: str) -> dict[str, int]:
+    """Ids by name, from the metadata or from a file next to the image; empty without a manifest."""
+    text = spec.get_string_attribute(f"cryptomatte/{key}/manifest")
+    file = spec.get_string_attribute(f"cryptomatte/{key}/manif_file")
+    if file and not text:
+        path = os.path.join(os.path.dirname(image.source), checked_name(file, "manifest file"))
+        require_regular(path)
+        try:
+            if os.path.getsize(path) > _MOST_MANIFEST:
+                raise ImageError(f"{path}: the manifest is too large")
+            text = Path(path).read_text("utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise ImageError(f"{path}: cannot read the manifest: {error}", subject=image.source) from None
+    try:
+        return {str(name): int(str(bits), 16) for name, bits in json.loads(text or "{}").items()}
+    except (ValueError, AttributeError, RecursionError):
+        raise ImageError("has a damaged Cryptomatte manifest", subject=image.source) from None
+
+
+def mattes_named(layers: Sequence[MatteLayer], patterns: str) -> dict[str, list[tuple[MatteLayer, int]]]:
+    """Mattes by name: the layers that have the object, and its id in each.
+
+    Parameters
+    ----------
+    layers : sequence of Layer
+    patterns : str
+        Comma-separated names with the wildcards * ? [], or ids of eight hexadecimal digits.
+
+    Raises
+    ------
+    ParameterError
+        A pattern matches no name; the message lists names of the manifest.
+    """
+    known = list(dict.fromkeys(name for layer in layers for name in layer.manifest))
+    found: dict[str, list[tuple[MatteLayer, int]]] = {}
+    for pattern in [patterns] if patterns in known else filter(None, map(str.strip, patterns.split(","))):
+        names = [name for name in known if name == pattern or fnmatch.fnmatchcase(name, pattern)]
+        for name in names:
+            found[name] = [(layer, layer.manifest[name]) for layer in layers if name in layer.manifest]
+        if names:
+            continue
+        hexadecimal = re.fullmatch(r"[0-9a-fA-F]{8}", pattern)
+        if not hexadecimal and (known or not re.fullmatch(r"[^*?[]+", pattern)):
+            near = difflib.get_close_matches(pattern, known, _FEW, 0) or sorted(known)[:_FEW]
+            listed = f"a name such as {', '.join(near)}" if near else "an id in hexadecimal, as there is no manifest"
+            raise ParameterError(f"no matte '{pattern}'", expected=listed)
+        bits = int(pattern, 16) if hexadecimal else hashed(pattern)
+        found[pattern] = [(layer, bits) for layer in layers]
+    if not found:
+        raise ParameterError(f"'{patterns}'", expected="names of mattes")
+    return found
+
+
+def coverages(layer: MatteLayer, ids: Sequence[int], window: Window) -> np.ndarray:
+    """Coverage of objects in a window of the layer's part, (height, width, ids) float32."""
+    pixels = layer.part.read(window)
+    out = np.zeros((window.height, window.width, len(ids)), np.float32)
+    order = np.argsort(np.array(ids, np.uint32))
+    table = np.array(ids, np.uint32)[order]
+    for identity, coverage in layer.ranks:
+        codes = np.ascontiguousarray(pixels[..., identity], np.float32).view(np.uint32)
+        place = np.minimum(np.searchsorted(table, codes), len(table) - 1)
+        rows, columns = np.nonzero((table[place] == codes) & (codes != 0))
+        out[rows, columns, order[place[rows, columns]]] += pixels[rows, columns, coverage]
+    return out
 
 
 def coverage_of(image: Image, name: str) -> tuple[Window, np.ndarray]:
     """The matte of an object: the data window of its Cryptomatte, and its coverage there, (height, width) float32.
 
-    Parameters
-    ----------
-    image : Image
-        Image with Cryptomatte channels in any part, as float.
-    name : str
-        Name of the object, or its id: eight hexadecimal digits.
-
     Raises
     ------
     ImageError
-        The image has no Cryptomatte.
+        As by `layers_of`.
     ParameterError
-        No layer has the object; the message lists names of the manifest.
+        As by `mattes_named`, or no pixel has the object.
     """
-    names, layers = list[str](), [(part, ranks) for part in image.parts if (ranks := _ranks(part))]
-    if not layers:
-        raise ImageError("has no Cryptomatte channels", subject=image.source, hint="name its file with mattes=")
-    bits = {hashed(name)} | ({int(name, 16)} if re.fullmatch(r"[0-9a-fA-F]{8}", name) else set())
-    for part, _ in layers:
-        for text in _manifests(part):
-            table = json.loads(text)
-            names += table
-            bits |= {int(table[name], 16)} if name in table else set()
-    for part, ranks in layers:
-        pixels = part.pixels()
-        total = np.zeros(pixels.shape[:2], np.float32)
-        for first in ranks:
-            for channel in (first, first + 2):
-                ids = np.ascontiguousarray(pixels[..., channel], np.float32).view(np.uint32)
-                total += np.where(np.isin(ids, list(bits)), pixels[..., channel + 1], np.float32(0))
+    try:
+        matte = next(iter(mattes_named(layers_of(image), name).values()))
+    except ParameterError as error:
+        raise ParameterError(parameter="matte", value=name, expected=error.expected) from None
+    for layer, bits in matte:
+        total = coverages(layer, [bits], layer.part.window)[..., 0]
         if total.any():
-            return part.window, total
-    known = difflib.get_close_matches(name, names, _FEW, 0) or sorted(names)[:_FEW]
-    listed = f"a name such as {', '.join(known)}" if known else "the name of an object, or its id in hexadecimal"
-    raise ParameterError(parameter="matte", value=name, expected=listed)
-
-
-def _manifests(part: Part) -> list[str]:
-    return [str(one.value) for one in part.spec.extra_attribs if re.fullmatch(r"cryptomatte/.+/manifest", one.name)]
-
-
-def _ranks(part: Part) -> list[int]:
-    """The first channel of each rank pair: id, coverage, id, coverage."""
-    names = [str(one.value) for one in part.spec.extra_attribs if re.fullmatch(r"cryptomatte/.+/name", one.name)]
-    channels = part.spec.channelnames
-    found = [(n, match) for n, one in enumerate(channels) if (match := _RANK.fullmatch(one))]
-    return [n for n, match in found if n + 3 < len(channels) and any(match[1].endswith(one) for one in names)]
+            return layer.part.window, total
+    raise ParameterError("covers no pixel", parameter="matte", value=name)

@@ -86,6 +86,12 @@ def _same(a: str, b: str) -> bool:
     return a == b or _names().equivalent(a, b)
 
 
+def _encoded_alike(a: str, b: str) -> bool:
+    """Whether two spaces have the same code values; files do not tell sRGB for a display from sRGB of a scene."""
+    ids = [_names().get_color_interop_id(name).rpartition("_")[0] for name in (a, b)]
+    return _same(a, b) or bool(ids[0] and ids[0] == ids[1])
+
+
 @functools.cache
 def _names() -> oiio.ColorConfig:
     """The config by which OpenImageIO's writers know names."""
@@ -179,7 +185,7 @@ def warn_of_loss(
 
 def _lost(wanted: oiio.ImageSpec, arrived: oiio.ImageSpec) -> Iterator[str]:
     read, space = arrived.get_string_attribute(TAG), wanted.get_string_attribute(TAG)
-    if space and (read or is_ours(wanted) or not _same(space, _SRGB)) and not (read and _same(space, read)):
+    if space and (read or is_ours(wanted) or not _same(space, _SRGB)) and not (read and _encoded_alike(space, read)):
         yield f"the color space {space}" + (f" (it is read as {read})" if read else "")
     # EXR has no empty strings
     names = [name for name, value in _own(wanted) if value != "" and arrived.getattribute(name) is None]

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ..core.demand import assembled
-from ..core.image import Image, Part, dtype_of, in_memory
+from ..core.image import IDS, Image, Part, dtype_of, in_memory, unrounded
 from ..core.piece_cache import PieceCache
 from ..core.window import Window
 from ..deferred import np, oiio
@@ -152,23 +152,37 @@ class _OpenFile:
         if self.format == "webp":  # its reader does not recover from that error
             self._input = self._open()
 
-    def read(self, place: Window, spec: oiio.ImageSpec, where: tuple[int, int]) -> np.ndarray:
-        """Pixels of whole rows, or whole tiles, of (subimage, level)."""
-        channels = spec.nchannels
+    def read(self, place: Window, spec: oiio.ImageSpec, where: tuple[int, int], channels: range) -> np.ndarray:
+        """Pixels of whole rows, or whole tiles, of (subimage, level), in the spec's type; some consecutive channels."""
+        runs = list(_runs(spec, channels))
         with self._lock:
-            if spec.tile_width == 0:
-                pixels = self._input.read_scanlines(*where, place.top, place.bottom, 0, 0, channels, spec.format)
-            else:
-                pixels = self._input.read_tiles(
-                    *where, place.left, place.right, place.top, place.bottom, 0, 1, 0, channels, spec.format
-                )
-            message = error_text(self._input.geterror)
+            planes = [self._planes(place, spec, where, run) for run in runs]
             if _state_of(self.place) != self._state:  # the rows may come from two files
                 raise ImageError(f"{self.path}: the file was changed by another program while it was read")
+        if len(runs) == 1:
+            return planes[0]
+        try:
+            return np.concatenate(list(map(unrounded, planes)), axis=-1)
+        except ImageError as error:
+            names = ", ".join(spec.channelnames[c] for c in channels if str(spec.channelformat(c)) in IDS)
+            raise ImageError(
+                f"{self.path}: {names}: {error}", hint=f"write them to a separate file: --ch {names}"
+            ) from None
+
+    def _planes(self, place: Window, spec: oiio.ImageSpec, where: tuple[int, int], run: range) -> np.ndarray:
+        """Consecutive channels of one type."""
+        kind = _kind(spec, run.start)
+        if spec.tile_width == 0:
+            rows = place.top, place.bottom
+            pixels = self._input.read_scanlines(*where, *rows, 0, run.start, run.stop, kind)
+        else:
+            square = place.left, place.right, place.top, place.bottom
+            pixels = self._input.read_tiles(*where, *square, 0, 1, run.start, run.stop, kind)
+        message = error_text(self._input.geterror)
         if pixels is None or message:  # libjpeg fills missing pixels, and only reports it
-            rows = f"rows {place.top - spec.y} to {place.bottom - spec.y - 1}"
-            raise ImageError(f"{self.path}: cannot read {rows}: {message or 'the file is damaged'}")
-        return pixels.reshape(place.height, place.width, channels)
+            rows_text = f"rows {place.top - spec.y} to {place.bottom - spec.y - 1}"
+            raise ImageError(f"{self.path}: cannot read {rows_text}: {message or 'the file is damaged'}")
+        return pixels.reshape(place.height, place.width, len(run))
 
     def deep(self, where: tuple[int, int]) -> oiio.ImageBuf:
         """All pixels of a deep (subimage, level)."""
@@ -197,32 +211,83 @@ def _state_of(path: str) -> tuple[int, ...] | None:
     return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
 
 
+def _kind(spec: oiio.ImageSpec, channel: int) -> oiio.TypeDesc:
+    """The type in which a channel is read: the spec's, which holds all values but those of wide types."""
+    own = spec.channelformat(channel)
+    return own if str(own) in (*IDS, "double") else spec.format
+
+
+def _runs(spec: oiio.ImageSpec, channels: range) -> Iterator[range]:
+    """Ranges of consecutive channels that are read in one type."""
+    begin = channels.start
+    for channel in channels:
+        if channel + 1 == channels.stop or _kind(spec, channel + 1) != _kind(spec, begin):
+            yield range(begin, channel + 1)
+            begin = channel + 1
+
+
 def _part(source: _OpenFile, cache: PieceCache, spec: oiio.ImageSpec, where: tuple[int, int], native: bool) -> Part:
     name = spec.get_string_attribute("oiio:subimagename") or f"part{where[0]}"
-    whole, cell = Window.data(spec), _piece_size(spec)
+    stored = spec.format
+    if spec.channelformats:
+        spec = _with_common_type(spec)
     dtype_of(spec)  # refuses pixel types that numpy lacks
 
     if spec.deep:  # all samples are read at once, on first use
         whole_buffer = functools.cache(lambda: source.deep(where))
-        return Part(name, spec, lambda window: in_memory(name, whole_buffer()).fetch(window), spec.format, native)
+        return Part(name, spec, lambda window: in_memory(name, whole_buffer()).fetch(window), stored, native)
+    small = functools.partial(source.thumbnail, where[0]) if spec.get_int_attribute("thumbnail_width") else None
+    pixels = FilePixels(source, cache, spec, where, range(spec.nchannels))
+    return Part(name, spec, pixels, stored, native, ready=True, thumbnail=small)
 
-    def make(place: Window) -> Callable[[], np.ndarray]:
-        return lambda: source.read(place, spec, where)
 
-    def piece(place: Window) -> np.ndarray:
+def _with_common_type(spec: oiio.ImageSpec) -> oiio.ImageSpec:
+    """A spec whose pixel type holds the values of all channels: IFF's float depth would be clamped as 16-bit integers.
+
+    Its channels' own types are kept.
+    """
+    new, kinds = oiio.ImageSpec(spec), spec.channelformats
+    if spec.format not in (oiio.FLOAT, oiio.DOUBLE) and any(kind != spec.format for kind in kinds):
+        new.set_format(oiio.TypeDesc(oiio.FLOAT))
+        new.channelformats = kinds
+    return new
+
+
+@dataclasses.dataclass(frozen=True)
+class FilePixels:
+    """The `fetch` of a part of a file: consecutive channels of (subimage, level), in the type of `spec`."""
+
+    source: _OpenFile
+    cache: PieceCache
+    spec: oiio.ImageSpec
+    where: tuple[int, int]
+    channels: range
+
+    def __call__(self, window: Window) -> np.ndarray:
+        """The pixels of a window, assembled from pieces that are decoded at once."""
+        return assembled(window, _piece_size(self.spec), Window.data(self.spec), self._piece)
+
+    def alone(self, channel: int) -> FilePixels:
+        """One channel, in its own type."""
+        spec = oiio.ImageSpec(self.spec)
+        spec.set_format(spec.channelformat(channel))
+        return dataclasses.replace(self, spec=spec, channels=range(channel, channel + 1))
+
+    def _piece(self, place: Window) -> np.ndarray:
+        whole, cell = Window.data(self.spec), _piece_size(self.spec)
         below = Window.sized(whole.left, place.bottom, *cell) & whole
         right = Window.sized(place.right, place.top, *cell) & whole
-        pixels = cache.get((source, where, place), make(place))
+        pixels = self.cache.get(self._key(place), self._make(place))
         following = right if not right.empty else below
         if not following.empty:
-            cache.ahead((source, where, following), make(following))
+            self.cache.ahead(self._key(following), self._make(following))
         return pixels
 
-    def fetch(window: Window) -> np.ndarray:
-        return assembled(window, cell, whole, piece)
+    def _key(self, place: Window) -> tuple[object, ...]:
+        return self.source, self.where, self.channels, place
 
-    small = functools.partial(source.thumbnail, where[0]) if spec.get_int_attribute("thumbnail_width") else None
-    return Part(name, spec, fetch, spec.format, native, ready=True, thumbnail=small)
+    def _make(self, place: Window) -> Callable[[], np.ndarray]:
+        return lambda: self.source.read(place, self.spec, self.where, self.channels)
 
 
 def _piece_size(spec: oiio.ImageSpec) -> tuple[int, int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import logging
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -17,9 +18,12 @@ from ..deferred import np, oiio
 from ..errors import ImageError, present
 from ..machine import program, start
 from .atomic import held_beside, release, temporary_beside
+from .cryptomatte import matte_channels
 from .description import warn_of_loss
 from .formats import Format, fitted, keeps_type, specs_of, tile_of, wanted_type
 from .reading import checked_name, error_text, keep_readable, read
+
+log = logging.getLogger("oiiotex")
 
 _BLOCK_ROWS = 64  # bands are multiples of it: no format compresses more scanlines together, except DWAB with 256
 _PIPED = ("jpeg", "webp")  # on a full disk libjpeg ends the process, and libwebp's writer never returns
@@ -89,6 +93,8 @@ def _prepared(
         raise ImageError(f"{path}: no writer for '{how.format_name or path.suffix}'")
     image = fitted(image, out, path, how)
     specs = specs_of(image, out, how)
+    for part, levels in zip(image.parts, specs, strict=True):
+        _keep_mattes(out, path, part, levels[0])
     _require_types(out, temporary, path, image, specs, how)
     return out, image, specs
 
@@ -283,6 +289,20 @@ def _require_types(
         trial.close()
         if stored != wanted and not levels[0].channelformats:
             raise ImageError(f"{path}: {trial.format_name()} cannot hold part '{part.name}' as {wanted}")
+
+
+def _keep_mattes(out: oiio.ImageOutput, path: Path, part: Part, spec: oiio.ImageSpec) -> None:
+    """Refuse formats and types that would round ids of Cryptomatte; warn if they stay float among others."""
+    mattes = [c for c in matte_channels(spec) if part.spec.channelformat(c) == oiio.FLOAT]
+    if not mattes:
+        return
+    names = f"{spec.channelnames[mattes[0]]} to {spec.channelnames[mattes[-1]]}"
+    holds = out.format_name() == "openexr" or (not spec.channelformats and out.format_name() in ("tiff", "sgi"))
+    if not holds:
+        problem = f"{path}: {out.format_name()} cannot hold Cryptomatte channels {names} as 32-bit floats"
+        raise ImageError(problem, hint="use EXR, or select other channels with --ch")
+    if any(spec.channelformat(c) == oiio.HALF != part.spec.channelformat(c) for c in range(spec.nchannels)):
+        log.warning("%s: %s stay float: half would change the ids of Cryptomatte", path, names)
 
 
 def require_arrived(temporary: Path, path: Path, image: Image, format_name: str) -> None:

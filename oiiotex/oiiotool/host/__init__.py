@@ -32,7 +32,7 @@ SHELVES = tuple(
             "color", "COLOR", "Color management (OpenColorIO)",
             "iscolorspace tocolorspace colorconvert ccmatrix ociolook ociodisplay ociofiletransform ocionamedtransform",
         ),
-        ("channels", "CRYPTOMATTE", "Cryptomatte", "cryptomatte-colors"),
+        ("mattes", "CRYPTOMATTE", "Cryptomatte", "cryptomatte-colors cryptomatte-unfold"),
         (
             "metadata", "METADATA", "Metadata, orientation, data and display windows",
             "attrib sattrib eraseattrib caption keyword clear-keywords orientation orientcw rotcw orientccw"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Channels: select, rename, sum and color-map; visualize Cryptomatte ids."""
+"""Channels: select, rename, sum and color-map."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ import logging
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
-from ...engine.core.image import Image, Part, pixels_of
+from ...engine.color.lens import in_type
+from ...engine.core.image import IDS, Image, Part, copied, cropped, dtype_of, pixels_of, unrounded
 from ...engine.core.parameters import Numbers, argument, image, param
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
 from ...engine.errors import ParameterError
+from ...engine.io.reading import FilePixels
 from ...engine.session.facts import Facts
 from .arithmetic import per_channel
-from .kinds import OneImage, PointOp, Respec, filled, like, op, pointwise
+from .kinds import OneImage, PointOp, Respec, op, pointwise
 
 log = logging.getLogger("oiiotex")
 
@@ -75,6 +77,7 @@ def _chosen(word: str, place: int, names: Sequence[str]) -> Chosen:
 class ChosenChannels(OneImage):
     """Selected channels, in any order."""
 
+    mixes: ClassVar[bool] = False
     deep: ClassVar[bool] = True
 
     def chosen(self, spec: oiio.ImageSpec) -> list[Chosen]:
@@ -90,9 +93,37 @@ class ChosenChannels(OneImage):
 
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed."""
-        chosen = self.chosen(parts[0].spec)
+        part, chosen = parts[0], self.chosen(parts[0].spec)
         order, names = tuple(c.source for c in chosen), tuple(c.name for c in chosen)
-        return pointwise(parts, parts[0].window, lambda source: oiio.ImageBufAlgo.channels(source, order, names))
+        made = pointwise(parts, part.window, lambda source: oiio.ImageBufAlgo.channels(source, order, names))
+        ids = part.exact or str(part.spec.format) in IDS
+        if part.spec.deep or not (ids or all(isinstance(c, int) or c in (0.0, 1.0) for c in order)):
+            return made
+        kinds = [part.spec.channelformat(c) if isinstance(c, int) else part.spec.format for c in order]
+        spec = oiio.ImageSpec(made.spec)
+        spec.set_format(kinds[0] if _wide(kinds) and len(set(map(str, kinds))) == 1 else part.spec.format)
+        spec.channelformats = tuple(kinds) if len(set(map(str, kinds))) > 1 else ()
+        whole = copied(spec, lambda window: _gathered(part, order, spec, window), part)
+        return dataclasses.replace(whole, stored=spec.format) if str(spec.format) in IDS and part.stored else whole
+
+
+def _wide(kinds: Sequence[oiio.TypeDesc]) -> bool:
+    """Whether one of the types has values that floats cannot hold."""
+    return any(str(kind) in (*IDS, "double") for kind in kinds)
+
+
+def _gathered(part: Part, order: Sequence[int | float], spec: oiio.ImageSpec, window: Window) -> np.ndarray:
+    """Channels of a part and constants, in the type of `spec`; only these are read of a file with ids."""
+    file = part.fetch if isinstance(part.fetch, FilePixels) and _wide(part.spec.channelformats) else None
+    pixels = np.empty(0) if file else part.read(window)
+    out = np.empty((window.height, window.width, len(order)), dtype_of(spec))
+    for place, source in enumerate(order):
+        if not isinstance(source, int):
+            out[..., place] = in_type(np.array(source, np.float32), out.dtype)
+            continue
+        plane = file.alone(source)(window)[..., 0] if file else pixels[..., source]
+        out[..., place] = plane if plane.dtype == out.dtype else unrounded(plane)
+    return out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,10 +143,46 @@ class Channels(ChosenChannels):
         return chosen_channels(self.channels, spec.channelnames)
 
 
-def _append(*buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-    """All channels, appended from the top of the stack down: the names given to duplicates depend on that order."""
-    *images, _ = buffers
-    return functools.reduce(lambda appended, below: oiio.ImageBufAlgo.channel_append(below, appended), images[::-1])
+@dataclass(frozen=True, kw_only=True)
+class ChannelAppend(PointOp):
+    """Append the channels of the last two or more images."""
+
+    name: ClassVar[str] = "chappend"
+    spares: ClassVar[bool] = True
+
+    sources: tuple[Image, ...] = image(help="Images, in the order of the channels in the result.")
+    n: int = param(2, ge=2, le=1 << 16, help="Number of images.")
+
+    @classmethod
+    def arity(cls, values: dict[str, Any], depth: int) -> int:
+        """The given number."""
+        return int(values.get("n", 2))
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """Appended from the top of the stack down: the names given to duplicates depend on that order."""
+        return functools.reduce(lambda top, below: oiio.ImageBufAlgo.channel_append(below, top), buffers[::-1])
+
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
+        """The result, not yet computed; channels of one type, and ids, are copied."""
+        made = super().result(parts, facts)
+        kinds = {str(part.spec.format) for part in parts}
+        if len(kinds) > 1 and not kinds & set(IDS):
+            return made
+        spec = oiio.ImageSpec(made.spec)
+        spec.set_format(parts[0].spec.format if len(kinds) == 1 else oiio.TypeDesc(oiio.FLOAT))
+        own = [part.spec.channelformat(c) for part in parts for c in range(part.spec.nchannels)]
+        spec.channelformats = tuple(own) if len(set(map(str, own))) > 1 else ()
+        return copied(spec, lambda window: _side_by_side(parts, spec, window), *parts)
+
+
+def _side_by_side(parts: Sequence[Part], spec: oiio.ImageSpec, window: Window) -> np.ndarray:
+    """All channels of the parts in a window, in the type of `spec`."""
+    planes = []
+    for part in (cropped(part, window) for part in parts):
+        ids = str(part.spec.format) in IDS
+        planes.append(part.read(window) if ids or part.spec.format == spec.format
+                      else pixels_of(part.buffer(window), spec.format))  # fmt: skip
+    return np.concatenate(planes if len({p.dtype for p in planes}) == 1 else list(map(unrounded, planes)), axis=-1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,10 +258,7 @@ CHANNELS = (
     op("nchannels", "Set the number of channels: drop the last ones, or append channels of 0.", ChosenChannels,
        chosen=lambda use, spec: [_chosen(str(n), n, spec.channelnames) for n in range(use.count)],
        count=(int, argument(ge=1, le=1 << 16, help="Number of channels of the result."))),
-    op("chappend", "Append the channels of the last two or more images.", PointOp, _append,
-       arity=classmethod(lambda cls, values, depth: values.get("n", 2)),
-       sources=(tuple[Image, ...], image(help="Images, in the order of the channels in the result.")),
-       n=param(2, ge=2, le=1 << 16, help="Number of images.")),
+    ChannelAppend,
     ChannelNames,
     op("chsum", "Sum all channels into one.", FromChannels, _sum,
        weight=param(Numbers((1.0,)), example="0.2126,0.7152,0.0722",
@@ -202,42 +266,4 @@ CHANNELS = (
     op("maxchan", "Take the maximum of all channels.", FromChannels),
     op("minchan", "Take the minimum of all channels.", FromChannels),
     ColorMap,
-)  # fmt: skip
-
-
-# --- Cryptomatte ---
-
-
-def _id_colors(source: oiio.ImageBuf, layer: str) -> oiio.ImageBuf:
-    """One color per id, weighted by its coverage."""
-    pattern = re.compile(re.escape(layer) + r"\d\d\..*", re.ASCII)
-    names = source.spec().channelnames
-    ranks = [n for n, name in enumerate(names) if pattern.fullmatch(name)]
-    if not ranks:
-        hint = f"the image has {', '.join(names)}"
-        raise ParameterError(f"no channels {layer}00.R ...", parameter="layer", value=layer, hint=hint)
-    values = pixels_of(source, oiio.FLOAT)
-    color = np.zeros((*values.shape[:-1], 3), np.float32)
-    for identity, coverage in zip(ranks[::2], ranks[1::2], strict=False):
-        code, alpha = np.ascontiguousarray(values[..., identity]), values[..., coverage]
-        seen = ~(alpha < 1.0e-5) & (code != 0)
-        scrambled = _scrambled(code.view(np.uint32))
-        for channel, salt in enumerate((0, 0x0101, 0x020000)):
-            scrambled = _scrambled(scrambled + np.uint32(salt)) if channel else scrambled
-            shade = scrambled.astype(np.float32) * np.float32(1.0 / 0xFFFFFFFF)
-            color[..., channel] += np.where(seen, alpha * shade, np.float32(0))
-    spec = like(source.spec(), nchannels=3, channelnames=("R", "G", "B"), alpha_channel=-1, z_channel=-1)
-    return filled(spec, color)
-
-
-def _scrambled(code: np.ndarray) -> np.ndarray:
-    """uint32 -> uint32: the final mix of MurmurHash3, in which every bit depends on every other."""
-    code = (code ^ (code >> np.uint32(16))) * np.uint32(0x85EBCA6B)
-    code = (code ^ (code >> np.uint32(13))) * np.uint32(0xC2B2AE35)
-    return code ^ (code >> np.uint32(16))
-
-
-CRYPTOMATTE = op(
-    "cryptomatte-colors", "Visualize the ids of a Cryptomatte layer as colors.", OneImage, _id_colors,
-    layer=(str, argument(help="Name of the layer, whose channels are NAME00.R and so on.", example="CryptoObject")),
 )  # fmt: skip

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from ...engine.core.access import Pointwise
-from ...engine.core.attributes import TAG
+from ...engine.core.attributes import TAG, tag_colors
 from ...engine.core.image import Image, Part, channels_of
 from ...engine.core.parameters import Numbers, argument, image, param
 from ...engine.deferred import np, oiio
@@ -37,6 +37,7 @@ class IsColorSpace(Respec):
     def called(self, spec: oiio.ImageSpec) -> None:
         """Set the color space, and erase metadata that contradicts it."""
         spec.set_colorspace(self.space)
+        tag_colors(spec, self.space)
 
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The part under its new spec."""
@@ -51,12 +52,18 @@ class IsColorSpace(Respec):
 class OnColor(HostOp, Pointwise):
     """Works on color alone: R, G, B (by name, else the first three) and alpha. Other channels are copied."""
 
+    spares: ClassVar[bool] = True
+
     source: Image = image(help="Input image.")
     unpremult: bool = param(False, help="Divide color by alpha before the conversion, and multiply it afterwards.")
 
     def convert(self, color: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """The conversion of up to four channels; `config` is the path of the color config."""
         raise NotImplementedError
+
+    def space_of_result(self, tag: str) -> str:
+        """The color space of the result, of which OpenImageIO says `tag`."""
+        return tag
 
     def known(self, names: oiio.ColorConfig) -> Sequence[str]:
         """Names of this kind in the config, listed in the error if the conversion fails."""
@@ -73,7 +80,10 @@ class OnColor(HostOp, Pointwise):
                 known = ", ".join(self.known(facts.color.names))
                 raise ColorError(f"{error} ({path}{f' has {known}' if known else ''})") from None
 
-        return pointwise(parts, parts[0].window, lambda source: _converted(source, convert))
+        made = pointwise(parts, parts[0].window, lambda source: _converted(source, convert))
+        spec = oiio.ImageSpec(made.spec)
+        tag_colors(spec, self.space_of_result(spec.get_string_attribute(TAG)))
+        return replace(made, spec=spec)
 
 
 def _converted(source: oiio.ImageBuf, convert: Callable[[oiio.ImageBuf], oiio.ImageBuf]) -> oiio.ImageBuf:
@@ -98,6 +108,13 @@ def _space(given: str, spec: oiio.ImageSpec) -> str:
     if not tag:
         raise ColorError("the image has no color space tag", hint="add --iscolorspace NAME before this op")
     return tag
+
+
+def _end_of_view(use: Any, spec: oiio.ImageSpec) -> str:
+    """The color space at the scene's end of a view; an inverse view of an untagged image ends in scene linear."""
+    if use.inverse and use.from_ in ("", "current") and not spec.get_string_attribute(TAG):
+        return "scene_linear"
+    return _space(use.from_, spec)
 
 
 # --- between color spaces ---
@@ -245,7 +262,7 @@ COLOR = (
     op("ociodisplay", "Apply an OCIO display and view.", OnColor,
        known=_views,
        convert=lambda use, color, config: oiio.ImageBufAlgo.ociodisplay(
-           color, use.display, use.view, _space(use.from_, color.spec()), use.looks,
+           color, use.display, use.view, _end_of_view(use, color.spec()), use.looks,
            use.unpremult, use.inverse, use.key, use.value, config),
        display=(str, argument(help="Name of the display, or `default` for that of the config.", example="default")),
        view=(str, argument(help="Name of the view, or `default` for that of the display.", example="default")),

@@ -24,6 +24,7 @@ from ...engine.core.parameters import Parameter, declared, image, param
 from ...engine.core.window import Window
 from ...engine.deferred import oiio
 from ...engine.errors import ImageError, ParameterError, one_line
+from ...engine.io.cryptomatte import require_unmixed
 
 if TYPE_CHECKING:
     from ...engine.session import Session
@@ -38,6 +39,7 @@ class HostOp(Op):
 
     prefix: ClassVar[str] = "--"
     mixes: ClassVar[bool] = True  # it computes new values; otherwise it only moves or copies the source's
+    spares: ClassVar[bool] = False  # it copies channels that are not color, such as ids of Cryptomatte
     keeps: ClassVar[bool] = False  # parts that it does not work on are kept
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("image", Kind.PIXELS, "Result."),)
@@ -93,6 +95,8 @@ class HostOp(Op):
     def _worked(self, parts: Sequence[Part], facts: Facts, result: Callable[[Sequence[Part], Facts], Part]) -> Part:
         """The op's result; ids and coordinates keep their type, and an op that would mix them is refused."""
         part = parts[0]
+        if self.mixes and not self.spares:
+            require_unmixed(part, self.flag())
         if not part.exact:
             made, typed = result(parts, facts), next((one for one in parts if one.typed), None)
             return made if typed is None else dataclasses.replace(made, stored=typed.stored, typed=True)

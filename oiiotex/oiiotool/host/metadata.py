@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from ...engine.core.access import Pointwise
 from ...engine.core.attributes import set_attribute
-from ...engine.core.image import Image, Part
+from ...engine.core.image import Image, Part, copied
 from ...engine.core.parameters import argument, image, param
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
@@ -19,7 +19,7 @@ from ...engine.errors import ImageError, ParameterError
 from ...engine.io.documents import require_regular
 from ...engine.session.facts import Facts
 from .geometry_text import box_of, parse_box, parse_offset
-from .kinds import HostOp, Respec, op, worked
+from .kinds import HostOp, Respec, op
 
 _CLOCKWISE = (0, 6, 7, 8, 5, 2, 3, 4, 1)  # an Exif orientation after a quarter turn clockwise
 _PROFILE_LIMIT = 64 << 20
@@ -121,12 +121,12 @@ class PasteMetadata(HostOp, Pointwise):
             raise ParameterError(
                 str(error), parameter="pattern", value=self.pattern, expected="a basic regular expression"
             ) from None
-        computed = worked(pixels)
-        spec = computed.window.apply_to(merged.spec())
-        spec.set_format(computed.spec.format)
+        spec = pixels.window.apply_to(merged.spec())
+        spec.set_format(pixels.spec.format)
+        spec.channelformats = pixels.spec.channelformats
         place = next(n for n, part in enumerate(self.pixels.parts) if part is pixels)
         name = spec.get_string_attribute("oiio:subimagename") or f"part{place}"
-        return dataclasses.replace(computed, name=name, spec=spec)
+        return dataclasses.replace(copied(spec, pixels.fetch, pixels), name=name)
 
 
 # --- orientation and windows ---

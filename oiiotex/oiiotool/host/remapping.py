@@ -91,6 +91,14 @@ def require_kernel(width: int, height: int, facts: Facts) -> None:
     facts.require(width * height * 4, "a kernel", "use a smaller kernel")
 
 
+def require_pixels(*windows: Window) -> None:
+    """Refuse results without a pixel: the data and the display window."""
+    for window in windows:
+        if window.empty:
+            data = windows[0]
+            raise ImageError(f"the result would have {max(0, data.width)}x{max(0, data.height)} pixels")
+
+
 def remapped(
     op: HostOp,
     parts: Sequence[Part],
@@ -107,8 +115,7 @@ def remapped(
     a temporary file. Raises ImageError if the result has no pixel.
     """
     whole = Window.data(target)
-    if whole.empty or target.full_width < 1 or target.full_height < 1:
-        raise ImageError(f"the result would have {max(0, whole.width)}x{max(0, whole.height)} pixels")
+    require_pixels(whole, Window.display(target))
     bring = functools.partial(materialized, budget=facts.budget)
     near = [once(part, bring) if scattered else cached(part, facts.cache) for part in parts]
 

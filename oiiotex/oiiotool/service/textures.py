@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...engine.core.attributes import EDGES, TAG, WINDOW
+from ...engine.core.attributes import EDGES, WINDOW
 from ...engine.core.demand import assembled
 from ...engine.core.image import Image, Part, dtype_of, tagged
 from ...engine.core.window import Window
@@ -159,6 +159,6 @@ def _opened(path: str, file: TextureFile, session: Session) -> Image:
         if not file.colorspace:
             return image
         session.resources.color.resolve(file.colorspace)
-        return tagged(image, TAG, session.resources.color.known_name(file.colorspace))
+        return tagged(image, session.resources.color.known_name(file.colorspace))
 
     return session.resources.remembered(("photo", path, file.stamp, file.colorspace), read_and_tagged)

@@ -252,7 +252,7 @@ def photo_linear(photo: Image, space: str, resources: Resources) -> np.ndarray:
     pixels = values(photo)
     small = resized(pixels, max(1, round(CARD * pixels.shape[1] / pixels.shape[0])), CARD)
     space = space or photo.first.spec.get_string_attribute(TAG)
-    return linear_of(tagged(from_array(small), TAG, space).first, resources)
+    return linear_of(tagged(from_array(small), space).first, resources)
 
 
 def srgb_of(part: Part, resources: Resources, size: Sequence[int]) -> np.ndarray:

@@ -26,10 +26,12 @@ from ....engine.io.formats import Format
 from ....engine.io.writing import write
 from ....engine.run import as_provisional
 from ..language.parse import Option, without
-from ..language.sequences import Tile, names_tiles, tile_name
+from ..language.tiles import Tile, names_tiles, tile_name
 from ..stack import output_settings
 from ..stack.chain import Chain
 from ..stack.output_settings import pixel_type
+
+log = logging.getLogger("oiiotex")
 
 
 @dataclass(frozen=True)
@@ -135,11 +137,22 @@ def _write_one(chain: Chain, path: str, given: WriteModifiers) -> None:
         return
     if shares is not None:
         image = shares.joined(chain.session, image, inputs)
+    _warn_of_channels(image, path, how)
     chain.tell(f"Writing {path}")
     with chain.session.resources.stats.time("write"), chain.session.resources.checkpoints(path):
         write(_with_provenance(chain, image), path, how, chain.session.progress.advance)
     if chain.settings.get("--adjust-time"):
         _adjust_time(path, image)
+
+
+def _warn_of_channels(image: Image, path: str, how: Format) -> None:
+    """Warn of channels of -d CHANNEL=TYPE that the image does not have."""
+    keys = {name for part in image.parts for name in part.spec.channelnames}
+    keys |= {f"{part.name}.{name}" for part in image.parts for name in (*part.spec.channelnames, "*")}
+    keys |= {f"subimage{n:02}.{name}" for n, part in enumerate(image.parts) for name in (*part.spec.channelnames, "*")}
+    unknown = [name for name, kind in how.channel_types.items() if kind is not None and name not in keys]
+    if unknown:
+        log.warning("%s has no channel %s: its type of -d has no effect", path, ", ".join(unknown))
 
 
 def may_write(chain: Chain, image: Image, path: str, how: Format) -> bool:

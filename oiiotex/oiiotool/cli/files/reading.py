@@ -9,7 +9,8 @@ import logging
 from dataclasses import dataclass
 
 from ....engine.core.attributes import set_attribute
-from ....engine.core.image import Image, Part, from_buffer, in_memory, pixels_of, type_named
+from ....engine.core.demand import materialized
+from ....engine.core.image import Image, Part, from_buffer, pixels_of, type_named
 from ....engine.core.parameters import param
 from ....engine.core.window import Window
 from ....engine.deferred import np, oiio
@@ -63,7 +64,7 @@ def read_input(chain: Chain, path: str, given: ReadModifiers = _PLAIN) -> None:
     try:
         image = _opened(chain, path, given)
     except ImageError as error:
-        image = _substitute(chain, error)
+        image = _substitute(chain, path, error)
     chain.push(image)
     _prepare(chain, path, given)
 
@@ -91,8 +92,8 @@ def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
         size = sum(part.spec.width * part.spec.height * part.spec.nchannels * 4 for part in image.parts)
         chain.session.resources.require(size, "now=1", "read it piece by piece, without now=1")
     if given.now and not chain.dry:
-        parts = tuple(in_memory(part.name, part.buffer(part.window)) for part in image.parts)
-        image = Image(parts, image.source)
+        parts = (part if part.spec.deep else materialized(part, 4 * size + 4) for part in image.parts)
+        image = Image(tuple(parts), image.source)
     return image
 
 
@@ -109,10 +110,10 @@ def _of_channels(chain: Chain, image: Image, channels: str) -> Image:
         order = [channel.source for channel in op.chosen(own)]
         types = [own.channelformat(c) if isinstance(c, int) else oiio.TypeDesc("float") for c in order]
         spec = oiio.ImageSpec(result.spec)
-        spec.set_format(functools.reduce(merged_type, types))
         spec.channelformats = tuple(types) if any(kind != types[0] for kind in types) else ()
         spec.tile_width, spec.tile_height, spec.tile_depth = own.tile_width, own.tile_height, own.tile_depth
-        return Part(part.name, spec, result.fetch, spec.format, part.native, levels=tuple(map(chosen, part.levels)))
+        stored = functools.reduce(merged_type, types)
+        return Part(part.name, spec, result.fetch, stored, part.native, levels=tuple(map(chosen, part.levels)))
 
     return Image(tuple(map(chosen, image.parts)), image.source)
 
@@ -132,24 +133,30 @@ def _retyped(image: Image, kind: oiio.TypeDesc) -> Image:
     return Image(tuple(map(retyped, image.parts)), image.source)
 
 
-def _substitute(chain: Chain, error: ImageError) -> Image:
+def _substitute(chain: Chain, path: str, error: ImageError) -> Image:
     """The image that --missingfile substitutes for a file that cannot be read."""
     policy = chain.settings.get("--missingfile", "error")
     if policy == "error":
         raise error
     log.warning("%s; using %s instead", error, policy)
     spec = oiio.ImageSpec(1920, 1080, 4, oiio.FLOAT)
-    if chain.first.spec is not None:
-        spec.copy_dimensions(chain.first.spec)
-        spec.channelnames = chain.first.spec.channelnames
-        spec.alpha_channel, spec.z_channel = chain.first.spec.alpha_channel, chain.first.spec.z_channel
+    shared = dict(chain.frame.likes).get(path) if chain.frame else None
+    if shared is not None:
+        image = chain.opened(shared)
+        chain.first.learn(image)
+    like = image.first.spec if shared is not None else chain.first.spec
+    if like is not None:
+        spec.copy_dimensions(like)
+        spec.channelnames = like.channelnames
+        spec.alpha_channel, spec.z_channel = like.alpha_channel, like.z_channel
         spec.set_format(oiio.FLOAT)
         spec.tile_width = spec.tile_height = 0
     buffer = oiio.ImageBuf(spec)
     if policy == "checker":
         dark, light = (0.0, 0.0, 0.0, 1.0), (1.0, 1.0, 1.0, 1.0)
         oiio.ImageBufAlgo.checker(buffer, 64, 64, 1, dark, light)
-    return from_buffer(buffer)
+    made = from_buffer(buffer)
+    return Image((dataclasses.replace(made.first, stored=None),), made.source)  # of the type of the other images
 
 
 def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:

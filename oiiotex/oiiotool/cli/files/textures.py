@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ....engine.core.image import Image, type_named
+from ....engine.core.image import Image, Part, type_named
 from ....engine.core.parameters import Size, param
 from ....engine.deferred import oiio
 from ....engine.errors import ImageError, ParameterError, one_line
@@ -72,7 +73,19 @@ class TextureModifiers:
 
 
 _BOTH = {"highlightcomp": "hicomp", "filtername": "filter", "oiio_options": "oiio", "prman_options": "prman"}
-_ELSEWHERE = {"wrap", "swrap", "twrap", "type", "tile", "handed", "fileformatname", *_BOTH.values()}
+_ELSEWHERE = {
+    "incolorspace",
+    "outcolorspace",
+    "unpremult",
+    "wrap",
+    "swrap",
+    "twrap",
+    "type",
+    "tile",
+    "handed",
+    "fileformatname",
+    *_BOTH.values(),
+}
 
 
 def write_texture(mode: str) -> Any:
@@ -80,7 +93,7 @@ def write_texture(mode: str) -> Any:
 
     def run(chain: Chain, path: str, given: TextureModifiers) -> None:
         require_flat([chain.top])
-        part = chain.top.first
+        part = _converted(chain, given)
         size = part.spec.width * part.spec.height * part.spec.nchannels * 4
         chain.session.resources.require(3 * size, "a MIP-mapped texture")
         image, how = Image((part,), chain.top.source), Format(format_name=given.fileformatname)
@@ -95,7 +108,8 @@ def write_texture(mode: str) -> Any:
             config = _config(chain, part.stored, given)
             out = oiio.ImageOutput.create(given.fileformatname or str(temporary))
             format_name = out.format_name() if out is not None else ""
-            described = part.respecced(lambda spec: describe(spec, format_name)) if is_ours(part.spec) else part
+            says = is_ours(part.spec) or given.incolorspace or given.outcolorspace
+            described = part.respecced(lambda spec: describe(spec, format_name)) if says else part
             made = part_of(temporary, "texture")  # make_texture replaces the file with its lock
             if not oiio.ImageBufAlgo.make_texture(
                 getattr(oiio, mode), described.buffer(part.window), str(made), config
@@ -106,6 +120,21 @@ def write_texture(mode: str) -> Any:
             keep_readable(Path(path))
 
     return run
+
+
+def _converted(chain: Chain, given: TextureModifiers) -> Part:
+    """The top image in the color space of the texture; make_texture would tag it and average it unconverted."""
+    from ...host.color import ColorConvert, IsColorSpace
+
+    image, facts = chain.top, chain.session.resources
+    if given.incolorspace:
+        image = IsColorSpace(source=image, space=given.incolorspace).plan(facts).results
+    if given.outcolorspace:
+        convert = ColorConvert(
+            source=image, from_space="current", to_space=given.outcolorspace, unpremult=given.unpremult
+        )
+        image = convert.plan(facts).results
+    return dataclasses.replace(image.first, stored=chain.top.first.stored)
 
 
 def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers) -> oiio.ImageSpec:

@@ -25,6 +25,7 @@ from typing import NamedTuple
 from ....engine.errors import ParameterError
 from .each import has_each, lines_of
 from .parse import settings_of
+from .tiles import Groups, fitting, matching_names, names_tiles, tile_files, tile_name
 
 MOST_FRAMES = 100_000  # over an hour at 24 fps; each stores a command line
 MOST_DIGITS = 255  # of a padded number, the limit of file names
@@ -55,19 +56,6 @@ _LITERAL = "for a literal name, put --wildcardoff before it"
 _NO_TILES = "no input has UDIM tiles: <UDIM> and the like are taken literally"
 
 
-class Tile(NamedTuple):
-    """A UDIM tile, counted from 0 upwards and to the right."""
-
-    v: int  # first, so that tiles sort by number
-    u: int
-
-    @property
-    def number(self) -> int | None:
-        """1001 and up; None beyond UDIM's ten columns and four digits."""
-        number = 1001 + self.u + 10 * self.v
-        return number if self.u < 10 and number <= 9999 else None
-
-
 @dataclass(frozen=True)
 class Frame:
     """The command line of one frame."""
@@ -77,6 +65,7 @@ class Frame:
     padding: int = 0  # digits of FRAME_NUMBER_PAD by --framepadding; 0: none
     warning: str = ""  # for the user, in one line
     file: str = ""  # of --each
+    likes: tuple[tuple[str, str], ...] = ()  # for missing files an existing one of their sequence: (missing, existing)
 
 
 def frames(words: Sequence[str], takes: Callable[[str], int]) -> list[Frame]:
@@ -90,12 +79,27 @@ def frames(words: Sequence[str], takes: Callable[[str], int]) -> list[Frame]:
     if has_each(words):
         if survey.ranges or survey.places:
             raise ParameterError("--each cannot be combined with --frames, views or wildcards such as #")
-        _check_count(len(lines := [Frame(None, line, file=file) for file, line in lines_of(words)]), "--each")
-        return lines
+        files = lines_of(words)
+        _check_count(len(files), "--each")
+        likes = _likes_of_each([line for _, line in files]) if "--missingfile" in words else {}
+        return [
+            Frame(None, line, file=file, likes=tuple((line[n], like) for n, like in likes.items()))
+            for file, line in files
+        ]
     for frame in _sequence(tuple(words), survey):
         lines += _over_tiles(frame, survey, takes)
         _check_count(len(lines), "the command line")
     return lines
+
+
+def _likes_of_each(lines: Sequence[tuple[str, ...]]) -> dict[int, str]:
+    """For each word that --each changes the first existing file."""
+    likes = {}
+    for index, names in enumerate(zip(*lines, strict=True)):
+        existing = next((name for name in names if os.path.isfile(name)), None)
+        if len(set(names)) > 1 and existing is not None:
+            likes[index] = existing
+    return likes
 
 
 def frame_numbers(ranges: str) -> list[int]:
@@ -192,10 +196,12 @@ def _sequence(words: tuple[str, ...], survey: _Survey) -> Iterator[Frame]:
     numbers = frame_numbers(survey.ranges) if survey.ranges else []
     if columns and numbers and not columns[0]:
         raise ParameterError(f"{words[next(iter(survey.places))]!r} has no frames: expected {len(numbers)} (--frames)")
+    likes = _likes(words, survey, columns)
     for row in zip(*columns, strict=True):
         names = {index: name for index, (_, _, name) in zip(survey.places, row, strict=True)}
         line = tuple(names.get(index, word) for index, word in enumerate(words))
-        yield Frame(row[0].number, line, survey.padding)
+        missing = ((names[index], likes[index]) for index in likes if not os.path.exists(names[index]))
+        yield Frame(row[0].number, line, survey.padding, likes=tuple(missing))
     for number in numbers if not columns else ():  # a range without wildcards repeats the words
         yield Frame(number, words, padding=survey.padding)
     if not (columns[0] if columns else numbers):
@@ -222,6 +228,22 @@ def _columns(words: tuple[str, ...], survey: _Survey) -> list[list[_FrameName]]:
             counts = f"{words[next(iter(survey.places))]!r} has {len(columns[0])}, {words[index]!r} has {len(column)}"
             raise ParameterError(f"expected sequences of equal length: {counts}")
     return columns
+
+
+def _likes(words: tuple[str, ...], survey: _Survey, columns: list[list[_FrameName]]) -> dict[int, str]:
+    """For each input with a wildcard the first existing file of its sequence, in or out of the range.
+
+    The substitute of a missing file follows it: frames that are run alone, as on a farm, agree.
+    """
+    likes = {}
+    for (index, output), column in zip(survey.places.items(), columns, strict=True) if "--missingfile" in words else ():
+        pattern = _pattern(words[index], survey.name_padding)
+        views = survey.views if re.search(_VIEW, pattern.text) else (None,)
+        files = [file for view in views for _, file in _numbered(_seen(pattern.text, view)) or ()]
+        existing = [*files, *(one.name for one in column if os.path.exists(one.name))]
+        if existing and not output:
+            likes[index] = existing[0]
+    return likes
 
 
 class _Pattern(NamedTuple):
@@ -286,77 +308,11 @@ def _numbered(text: str) -> list[tuple[int, str]] | None:
     wildcard = re.search(_ZERO_PADDED, name)
     if not wildcard or not os.path.exists(directory):
         return None
-    before, after, groups = name[: wildcard.start()], name[wildcard.end() :], _Groups()
+    before, after, groups = name[: wildcard.start()], name[wildcard.end() :], Groups()
     # {n,} includes numbers longer than the padding; markers of tiles are kept, and expanded for each frame
-    fits = f"{_fitting(before, groups)}(?P<frame>[0-9]{{{wildcard[1]},}}){_fitting(after, groups)}"
-    digits = {match["frame"] for match in _matches(directory, fits)}
+    fits = f"{fitting(before, groups)}(?P<frame>[0-9]{{{wildcard[1]},}}){fitting(after, groups)}"
+    digits = {match["frame"] for match in matching_names(directory, fits)}
     return sorted((int(number or 0), os.path.join(directory, before + number + after)) for number in digits)
-
-
-def _matches(directory: str, fits: str) -> list[re.Match[str]]:
-    """Matches of a regular expression with the names of a directory's files, sorted by name."""
-    try:
-        with os.scandir(directory) as entries:
-            names = sorted(entry.name for entry in entries if entry.is_file())
-    except (OSError, ValueError):  # not readable, or an invalid name
-        return []
-    return [match for name in names if (match := re.fullmatch(fits, name, re.DOTALL))]
-
-
-# those of OIIO's texture system, except '_u##v##', in which oiiotool reads ## as a frame
-_MARKERS = {
-    **dict.fromkeys(("<UDIM>", "%(UDIM)d"), "{udim}"),
-    **{"<uvtile>": "u{u0}_v{v0}", "<u>": "u{u0}", "<v>": "v{v0}"},
-    **{"<UVTILE>": "u{u1}_v{v1}", "<U>": "u{u1}", "<V>": "v{v1}"},
-}
-_MARKER = re.compile(f"({'|'.join(map(re.escape, _MARKERS))})")
-
-
-class _Groups(dict[str, str]):
-    """Named groups of a regular expression; repeated names must match the same text."""
-
-    def __missing__(self, name: str) -> str:
-        self[name] = f"(?P={name})"
-        return f"(?P<{name}>[0-9]{'{4}' if name == 'udim' else '+'})"
-
-
-def _fitting(text: str, groups: _Groups) -> str:
-    """A regular expression for a name with markers of tiles."""
-    pieces = _MARKER.split(text)  # literal, marker, literal ...
-    return "".join(_MARKERS[piece].format_map(groups) if i % 2 else re.escape(piece) for i, piece in enumerate(pieces))
-
-
-def names_tiles(name: str) -> bool:
-    """Whether a name has markers of UDIM tiles: their number, or their column and row."""
-    fields = "".join(_MARKERS[marker] for marker in _MARKER.findall(name))
-    return "{udim}" in fields or ("{u" in fields and "{v" in fields)
-
-
-def tile_files(pattern: str) -> dict[Tile, str]:
-    """Return the existing files for a name with `<UDIM>`, `<UVTILE>`, `<U>` and `<V>` or the like, in tile order."""
-    directory, name = os.path.split(pattern)
-    if not names_tiles(name):
-        return {}
-    matches = _matches(directory or ".", _fitting(name, _Groups()))
-    files = {_tile(match): os.path.join(directory, match[0]) for match in matches}
-    kept = sorted(tile for tile in files if min(tile) >= 0)  # not 1000, nor u0 in names that count from 1
-    return {tile: files[tile] for tile in kept}
-
-
-def _tile(match: re.Match[str]) -> Tile:
-    numbers = {name: int(digits) for name, digits in match.groupdict().items()}
-    if "udim" in numbers:
-        return Tile(*divmod(numbers["udim"] - 1001, 10))
-    return Tile(*(numbers[f"{axis}0"] if f"{axis}0" in numbers else numbers[f"{axis}1"] - 1 for axis in "vu"))
-
-
-def tile_name(pattern: str, tile: Tile) -> str:
-    """Return the name of one tile; raises a `ParameterError` if the tile has no UDIM number for it."""
-    fields = {"udim": tile.number, "u0": tile.u, "v0": tile.v, "u1": tile.u + 1, "v1": tile.v + 1}
-    pieces = [_MARKERS[piece] if i % 2 else piece for i, piece in enumerate(_MARKER.split(pattern))]
-    if tile.number is None and "{udim}" in pieces[1::2]:
-        raise ParameterError(f"{pattern!r}: tile u{tile.u} v{tile.v} has no UDIM number")
-    return "".join(piece.format(**fields) if i % 2 else piece for i, piece in enumerate(pieces))
 
 
 def _over_tiles(frame: Frame, survey: _Survey, takes: Callable[[str], int]) -> list[Frame]:

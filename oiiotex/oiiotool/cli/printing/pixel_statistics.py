@@ -140,7 +140,7 @@ def _number(value: float, scale: int, whole: bool) -> str:
         return "nan" if math.isnan(value) else "inf"
     if scale == 0:
         return f"{value:f}"
-    scaled = float(np.float32(value) * np.float32(scale))
+    scaled = min(float(np.float32(value) * np.float32(scale)), float(scale))  # floats round 2^32 - 1 up
     if whole:
         return str(int(math.copysign(math.floor(abs(scaled) + 0.5), scaled)))
     return f"{scaled:.2f}"

@@ -182,8 +182,10 @@ class EchoModifiers:
 
 def echo(chain: Chain, text: str, given: EchoModifiers) -> None:
     """Print TEXT."""
+    line = unescaped(text) + "\n" * given.newline
+    chain.echoed.append(line)
     if chain.acts():
-        print(unescaped(text), end="\n" * given.newline, flush=True)
+        print(line, end="", flush=True)
 
 
 OPTIONS = (

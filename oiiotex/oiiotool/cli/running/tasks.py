@@ -56,15 +56,20 @@ def run_task(task: Task, session: Session, shares: Shares | None = None, command
 
 @contextlib.contextmanager
 def _named(frame: Frame) -> Iterator[None]:
-    """Begin warnings during a block with the frame's file or number."""
+    """Begin warnings during a block with the frame's file or number; each is given once."""
+    given: set[str] = set()
 
     def name(record: logging.LogRecord) -> bool:
         if record.levelno >= logging.WARNING:
-            record.msg, record.args = f"{_name_of(frame)}: {record.getMessage()}", ()
-        return True
+            text = record.getMessage()
+            record.msg, record.args = f"{_name_of(frame)}: {text}" if _name_of(frame) else text, ()
+        if record.levelno != logging.WARNING:
+            return True
+        again = record.msg in given
+        given.add(record.msg)
+        return not again
 
-    if _name_of(frame):
-        log.addFilter(name)
+    log.addFilter(name)
     try:
         yield
     finally:

@@ -56,6 +56,7 @@ class Chain:
         self.position = 0  # of the next step; control flow moves it
         self.skipping = False  # inside a condition that is false
         self.loops: list[Any] = []  # the open --if, --while and --for
+        self.echoed: list[str] = []  # by --echo
         self.unwritten = False  # an image has been made and not written
         self.used = False  # something was written or printed
         self.shares: Shares | None = None  # the part of the output to compute; None: all

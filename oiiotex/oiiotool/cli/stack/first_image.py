@@ -23,7 +23,7 @@ class First:
         """Update from an image that has been read: a wider type replaces the former one."""
         for part in image.parts:
             self.spec = self.spec or part.spec
-            own = part.spec.format
+            own = part.stored or part.spec.format
             merged = own if self.pixel_type is None else merged_type(self.pixel_type, own)
             self.pixel_type = merged
             self.bits = self.bits or part.spec.get_int_attribute("oiio:BitsPerSample")

@@ -8,7 +8,7 @@ import re
 from dataclasses import dataclass
 
 from ....engine.core.demand import cached
-from ....engine.core.image import Image, Part, derived_spec, in_memory
+from ....engine.core.image import Image, Part, copied, derived_spec, in_memory
 from ....engine.core.parameters import param
 from ....engine.core.window import Window
 from ....engine.deferred import oiio
@@ -136,10 +136,11 @@ def _layer(part: Part, begin: int, end: int, name: str) -> Part:
         spec.z_channel = next((n for n, c in enumerate(bare) if c.lower() in ("z", "depth")), -1)
         spec.attribute("oiio:subimagename", name)
 
-    changed = part.respecced(narrow)
-    return dataclasses.replace(
-        changed, name=name or part.name, fetch=lambda window: part.read(window)[..., begin:end], stored=None
-    )
+    own = part.spec.channelformats[begin:end]
+    changed = part.respecced(narrow).spec
+    changed.channelformats = own
+    layer = copied(changed, lambda window: part.read(window)[..., begin:end], part)
+    return dataclasses.replace(layer, name=name or part.name)
 
 
 def without_levels(chain: Chain) -> None:
@@ -151,12 +152,12 @@ def without_levels(chain: Chain) -> None:
 
 
 def _copied(part: Part) -> Part:
-    """The part as a computed one, in float and without a file."""
+    """The part as a computed one, without a file."""
     spec = oiio.ImageSpec(part.spec)
-    spec.set_format(part.working_type)
     for name in ("oiio:miplevels", "oiio:subimages"):
         spec.erase_attribute(name)
-    return Part(part.name, spec, part.buffer, ready=part.ready, depth=part.depth, title=part.title)
+    same = copied(spec, part.fetch, part)
+    return dataclasses.replace(same, ready=part.ready, depth=part.depth, title=part.title)
 
 
 def select_level(chain: Chain, text: str) -> None:

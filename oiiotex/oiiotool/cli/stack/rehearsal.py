@@ -77,6 +77,7 @@ class Rehearsals:
         except Error:
             if chain.settings.get("--no-error-exit"):
                 return Foresight(len(steps), files=tuple(chain.files))
+            print("".join(chain.echoed), end="", flush=True)  # what the run would have printed before
             raise
         return chain.foresight(steps)
 

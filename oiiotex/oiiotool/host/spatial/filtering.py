@@ -16,12 +16,12 @@ from ....engine.core.parameters import Numbers, argument, image, nearest, param
 from ....engine.core.window import Window
 from ....engine.deferred import oiio
 from ....engine.errors import ImageError, ParameterError
+from ....engine.io.cryptomatte import require_unmixed
 from ....engine.session import Session
 from ....engine.session.facts import Facts
 from ..geometry_text import parse_size
 from ..kinds import AtOnce, Hosted, checked, op, window_of
 from ..remapping import Area, remapped, require_kernel, with_edges
-from .placing import moved
 from .warping import FILTERS
 
 KERNELS = (*FILTERS, "binomial", "laplacian")
@@ -177,6 +177,7 @@ class FillHoles(Hosted, Whole):
     def plan(self, facts: Facts) -> Plan:
         """The union of data and display window."""
         part = self.source.first
+        require_unmixed(part, self.flag())
         whole = part.window | Window.display(part.spec)
         pixels = (part.spec.width * part.spec.height) * 4 + whole.width * whole.height
         facts.require(pixels * part.spec.nchannels * 4, self.flag())
@@ -220,6 +221,16 @@ def _decorrelated(source: oiio.ImageBuf, *values: Any) -> oiio.ImageBuf:
     return oiio.ImageBufAlgo.decorr_stretch(source, first, count, scale, sigma, mean, percentile, mode, nthreads=1)
 
 
+def _moved(buffer: oiio.ImageBuf, x: int, y: int) -> oiio.ImageBuf:
+    """The same pixels with both windows moved; a copy unless x and y are 0."""
+    if x == y == 0:
+        return buffer
+    copy = buffer.copy()
+    spec = copy.specmod()
+    spec.x, spec.y, spec.full_x, spec.full_y = spec.x + x, spec.y + y, spec.full_x + x, spec.full_y + y
+    return copy
+
+
 def _demosaic(
     source: oiio.ImageBuf, roi: oiio.ROI, pattern: str, algorithm: str, layout: str, mode: str, white: Numbers | None
 ) -> oiio.ImageBuf:
@@ -231,7 +242,7 @@ def _demosaic(
     there = window_of(roi).shifted(x, y).roi(3)
     balance: Any = white  # None is the function's default, which its type stub lacks
     values = (pattern, algorithm, layout, mode, balance)
-    return moved(checked(oiio.ImageBufAlgo.demosaic(moved(source, x, y), *values, there)), -x, -y)
+    return _moved(checked(oiio.ImageBufAlgo.demosaic(_moved(source, x, y), *values, there)), -x, -y)
 
 
 FILTERING = (

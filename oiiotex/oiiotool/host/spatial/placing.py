@@ -6,32 +6,34 @@ from __future__ import annotations
 import dataclasses
 import functools
 import operator
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ....engine.core.access import Gather, ScanThenMap
-from ....engine.core.demand import bands, cached, on_a_torus
-from ....engine.core.image import Image, Part, derived_spec
+from ....engine.core.demand import bands, cached, materialized, on_a_torus
+from ....engine.core.image import IDS, Image, Part, copied, cropped, derived_spec, dtype_of, pixels_of
 from ....engine.core.op import Plan
 from ....engine.core.parameters import Size, argument, image, param
 from ....engine.core.window import Window
-from ....engine.deferred import oiio
-from ....engine.errors import ParameterError
+from ....engine.deferred import np, oiio
+from ....engine.errors import ImageError, ParameterError
 from ....engine.session import Session
 from ....engine.session.facts import Facts
 from ..geometry_text import box_of, parse_box, parse_offset
-from ..kinds import Hosted, HostOp, op, window_of, worked
-from ..remapping import Remap, remapped
+from ..kinds import Hosted, HostOp, once, op, window_of
+from ..remapping import require_pixels
 from .scaling import Fit
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cropped(Remap):
+class Cropped(HostOp, Gather):
     """Another data window, padded with black."""
 
     mixes: ClassVar[bool] = False
     deep: ClassVar[bool] = True
+
+    source: Image = image(help="Input image.")
 
     def window(self, spec: oiio.ImageSpec) -> Window:
         """The new data window."""
@@ -41,17 +43,18 @@ class Cropped(Remap):
         """Whether no data window changes."""
         return all(self.window(part.spec) == part.window for part in parts)
 
-    def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
-        """The new data window."""
-        return self.window(specs[0]).apply_to(specs[0])
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
+        """The crop, not yet computed."""
+        part, window = parts[0], self.window(parts[0].spec)
+        require_pixels(window)
+        spec = window.apply_to(part.spec)
+        if not part.spec.deep:
+            return copied(spec, cropped(cached(part, facts.cache), window).fetch, part)
 
-    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
-        """The same window."""
-        return [window]
+        def fetch(wanted: Window) -> oiio.ImageBuf:
+            return oiio.ImageBufAlgo.crop(part.buffer(part.window), roi=wanted.roi(spec.nchannels))
 
-    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Cropped or padded."""
-        return oiio.ImageBufAlgo.crop(buffers[0], roi=Window.data(target).roi(target.nchannels))
+        return Part(part.name, spec, fetch)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,18 +82,14 @@ class Cut(Crop):
 
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The cut, not yet computed."""
-        x, y, *_ = origin = self.window(parts[0].spec)
-        target = origin.shifted(-x, -y).apply_to(parts[0].spec)
-        Window.data(target).show_in(target)
+        cut = super().result(parts, facts)
+        return cut.respecced(_begin_at_origin)
 
-        def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-            result = oiio.ImageBufAlgo.crop(buffer, roi=Window.data(spec).shifted(x, y).roi(spec.nchannels))
-            changed = result.specmod()
-            changed.x, changed.y = spec.x, spec.y
-            result.set_full(target.full_x, target.full_width, target.full_y, target.full_height, 0, 1)
-            return result
 
-        return remapped(self, parts, target, lambda window: [window.shifted(x, y)], apply, facts)
+def _begin_at_origin(spec: oiio.ImageSpec) -> None:
+    """Move the data window to the origin, and the display window onto it."""
+    spec.x = spec.y = 0
+    Window.data(spec).show_in(spec)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,14 +122,36 @@ def _nonzero(part: Part) -> Iterator[Window]:
             yield window_of(roi)
 
 
-def _pasted(spec: oiio.ImageSpec, window: Window, placed: Iterable[tuple[Part, int, int]]) -> oiio.ImageBuf:
-    """A window of an image pasted from others, later ones over earlier ones, each moved by (x, y)."""
-    buffer = oiio.ImageBuf(window.apply_to(spec))
-    for part, x, y in placed:
-        seen = window.shifted(-x, -y) & part.window
-        if not seen.empty:
-            oiio.ImageBufAlgo.paste(buffer, x, y, 0, 0, part.buffer(seen))
-    return buffer
+def _pasted(spec: oiio.ImageSpec, placed: Sequence[tuple[Part, int, int]]) -> Part:
+    """Parts pasted onto black, later ones over earlier ones, each moved by (x, y).
+
+    Parts of one type keep their bits; others are converted to the type of `spec`.
+    """
+    parts = [part for part, _, _ in placed]
+    kinds = {str(part.spec.format) for part in parts}
+    if len(kinds) == 1:
+        spec.set_format(parts[0].spec.format)
+    elif kinds & set(IDS):
+        raise ImageError(f"ids cannot be combined with pixels of another type ({', '.join(sorted(kinds))})",
+                         hint="read all images with -i:type=uint, or all with -i:type=float")  # fmt: skip
+
+    def fetch(window: Window) -> np.ndarray:
+        out = np.zeros((window.height, window.width, spec.nchannels), dtype_of(spec))
+        for part, x, y in placed:
+            seen = window.shifted(-x, -y) & part.window
+            if not seen.empty:
+                channels = min(spec.nchannels, part.spec.nchannels)
+                out[seen.shifted(x, y).inside(window)][..., :channels] = _typed(part, seen, spec)[..., :channels]
+        return out
+
+    return copied(spec, fetch, *parts)
+
+
+def _typed(part: Part, window: Window, spec: oiio.ImageSpec) -> np.ndarray:
+    """Pixels of a window in the type of `spec`."""
+    if part.spec.format == spec.format:
+        return part.read(window)
+    return pixels_of(part.buffer(window), spec.format)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,8 +183,7 @@ class Paste(Hosted, Gather):
         spec.set_format(back.working_type)
         display.show_in(spec)
         placed = [(back, 0, 0), *((part, x, y) for part in others)]
-        part = Part(back.name, spec, lambda window: _pasted(spec, window, placed))
-        return Plan(Image((part,), self.sources[-1].source))
+        return Plan(Image((_pasted(spec, placed),), self.sources[-1].source))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +227,7 @@ class Mosaic(Hosted, Gather):
         spec = whole.apply_to(oiio.ImageSpec(1, 1, channels, format))
         whole.show_in(spec)
         placed = [(part, n % columns * across, n // columns * down) for n, part in enumerate(parts)]
-        return Plan(Image((Part("mosaic", spec, lambda window: _pasted(spec, window, placed)),), "mosaic"))
+        return Plan(Image((dataclasses.replace(_pasted(spec, placed), name="mosaic"),), "mosaic"))
 
 
 CROPPING = (
@@ -224,12 +244,14 @@ CROPPING = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Turned(Remap):
+class Turned(HostOp, Gather):
     """Rows and columns swapped, or not, then mirrored within the display window."""
 
     mixes: ClassVar[bool] = False
     swaps: ClassVar[bool] = False
     mirrors: ClassVar[tuple[bool, bool]] = (False, False)  # columns, rows
+
+    source: Image = image(help="Input image.")
 
     def display(self, spec: oiio.ImageSpec) -> Window:
         """The display window of the result: a rotation keeps its corner, a transposition swaps x and y."""
@@ -238,27 +260,35 @@ class Turned(Remap):
             return shown
         return Window.sized(*((x, y) if any(self.mirrors) else (y, x)), shown.height, shown.width)
 
-    def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
-        """The spec with both windows turned."""
-        shown, display = Window.display(specs[0]), self.display(specs[0])
-        data = Window.data(specs[0]).shifted(-shown.left, -shown.top)
+    def target(self, spec: oiio.ImageSpec) -> oiio.ImageSpec:
+        """The spec with both windows turned; OpenImageIO drops the metadata of a transposed image."""
+        shown, display = Window.display(spec), self.display(spec)
+        data = Window.data(spec).shifted(-shown.left, -shown.top)
         data = _mirrored(_swapped(data, self.swaps), self.mirrors, display.size)
-        spec = data.shifted(display.left, display.top).apply_to(specs[0])
-        display.show_in(spec)
-        return spec
-
-    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
-        """The window that the pixels come from."""
-        shown, display = Window.display(specs[0]), self.display(specs[0])
-        back = _mirrored(window.shifted(-display.left, -display.top), self.mirrors, display.size)
-        return [_swapped(back, self.swaps).shifted(shown.left, shown.top)]
-
-    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """The turned window; ImageBufAlgo is correct only for a display window that begins at the origin."""
+        turned = data.shifted(display.left, display.top).apply_to(spec)
+        display.show_in(turned)
         if not any(self.mirrors):
-            return self.called(*buffers)
-        x, y = buffers[0].spec().full_x, buffers[0].spec().full_y
-        return moved(self.called(moved(buffers[0], -x, -y)), x, y)
+            turned.erase_attribute(".*")
+        return turned
+
+    def needs(self, window: Window, spec: oiio.ImageSpec) -> Window:
+        """The window that the pixels come from."""
+        shown, display = Window.display(spec), self.display(spec)
+        back = _mirrored(window.shifted(-display.left, -display.top), self.mirrors, display.size)
+        return _swapped(back, self.swaps).shifted(shown.left, shown.top)
+
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
+        """The turned part, not yet computed."""
+        part, spec = parts[0], self.target(parts[0].spec)
+        columns, rows = (-1 if mirror else 1 for mirror in self.mirrors)
+        bring = functools.partial(materialized, budget=facts.budget)
+        near = once(part, bring) if self.swaps else cached(part, facts.cache)
+
+        def fetch(window: Window) -> np.ndarray:
+            pixels = near.read(self.needs(window, part.spec))
+            return (pixels.swapaxes(0, 1) if self.swaps else pixels)[::rows, ::columns]
+
+        return copied(spec, fetch, part)
 
 
 def _swapped(window: Window, swaps: bool) -> Window:
@@ -273,17 +303,7 @@ def _mirrored(window: Window, mirrors: tuple[bool, bool], size: tuple[int, int])
     return Window(left, top, right, bottom)
 
 
-def moved(buffer: oiio.ImageBuf, x: int, y: int) -> oiio.ImageBuf:
-    """The same pixels with both windows moved; a copy unless x and y are 0."""
-    if x == y == 0:
-        return buffer
-    copy = buffer.copy()
-    spec = copy.specmod()
-    spec.x, spec.y, spec.full_x, spec.full_y = spec.x + x, spec.y + y, spec.full_x + x, spec.full_y + y
-    return copy
-
-
-_SWAPS = {"swaps": True, "scattered": True}
+_SWAPS = {"swaps": True}
 _TURNS = (
     op("flip", "Flip the image vertically (mirror top to bottom).", Turned, mirrors=(False, True)),
     op("flop", "Flop the image horizontally (mirror left to right).", Turned, mirrors=(True, False)),
@@ -316,12 +336,11 @@ class Reorient(Hosted, Gather):
         return Plan(Image(tuple(self._upright(part, facts) for part in parts), self.source.source))
 
     def _upright(self, part: Part, facts: Facts) -> Part:
-        turned = worked(part)
+        turned = part
         for step in _UPRIGHT.get(_orientation(part), ()):
             turn: Any = next(turn for turn in _TURNS if turn.name == step)
             turned = turn(source=self.source).result([turned], facts)
-        upright = turned.respecced(lambda spec: spec.attribute("Orientation", 1))
-        return dataclasses.replace(upright, stored=part.stored, exact=True) if part.exact else upright
+        return turned.respecced(lambda spec: spec.attribute("Orientation", 1))
 
 
 def _orientation(part: Part) -> int:
@@ -341,11 +360,8 @@ class CircularShift(HostOp, Gather):
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The shifted part; its windows are read from the source with wraparound."""
         x, y = parse_offset(self.shift)
-        source = worked(cached(parts[0], facts.cache))
-        corner = Window.sized(source.window.left, source.window.top, 1, 1)
-        spec = oiio.ImageBufAlgo.circular_shift(oiio.ImageBuf(corner.apply_to(source.spec)), 0, 0).spec()
-        target = source.window.apply_to(spec)
-        return Part(source.name, target, lambda window: on_a_torus(source, window.shifted(-x, -y)))
+        source = cached(parts[0], facts.cache)
+        return copied(source.spec, lambda window: on_a_torus(source, window.shifted(-x, -y)), source)
 
 
 TURNING = (*_TURNS, Reorient, CircularShift)

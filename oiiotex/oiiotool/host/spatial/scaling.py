@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ....engine.core.access import Gather
-from ....engine.core.image import Image, Part, cropped, in_memory
+from ....engine.core.image import Image, Part, copied, cropped, in_memory
 from ....engine.core.op import Plan, no_pixels
 from ....engine.core.parameters import argument, image, param
 from ....engine.core.window import Window
@@ -19,7 +19,7 @@ from ....engine.errors import ParameterError
 from ....engine.session import Session
 from ....engine.session.facts import Facts
 from ..geometry_text import Box, box_of, parse_box
-from ..kinds import Hosted, HostOp, checked, worked
+from ..kinds import Hosted, HostOp, checked
 from ..remapping import Remap, remapped
 from .warping import FILTERS, HIGHLIGHTS, blank, compressed, known_filter, warped
 
@@ -263,7 +263,7 @@ class Fit(HostOp, Gather):
             new.x, new.y = new.x + x, new.y + y
 
         if (wide, high) == (spec.full_width, spec.full_height) and (box.left, box.top) == (spec.full_x, spec.full_y):
-            return worked(part).respecced(place)
+            return copied(part.spec, part.fetch, part).respecced(place)
         target = Window.sized(box.left, box.top, max(1, wide), max(1, high)).apply_to(spec)
         Window.sized(box.left, box.top, wide, high).show_in(target)
         return scaled(self, part, target, self.filter, self.highlightcomp, facts).respecced(place)

@@ -148,7 +148,7 @@ def tag_photo(hub: Hub, name: str) -> None:
     source, color = hub.source, hub.session.resources.color
     assert source.image is not None
     space = color.resolve(name)
-    image, words = tagged(source.image, TAG, space), (*source.words, "--iscolorspace", name)
+    image, words = tagged(source.image, space), (*source.words, "--iscolorspace", name)
     hub.source = replace(source, image=image, words=words, space=space, asks=False)
     hub.document.change("photo", {"space": name})
     hub.document.change("view", dict(zip(("display", "view"), usual_view(color, space), strict=True)))
