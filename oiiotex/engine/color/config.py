@@ -7,7 +7,6 @@ import copy
 import functools
 import os
 from collections.abc import Callable, Iterable
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from ..core.image import Image, channels_of
 from ..core.parameters import nearest
 from ..deferred import np, ocio, oiio
 from ..errors import COLORSPACE, IS_DATA, ColorError, ImageError, either, one_line
+from ..shipped import shipped
 from .normal_maps import warn_of_normals
 from .transform_files import require_config, require_files
 
@@ -213,7 +213,7 @@ def _builtin() -> ocio.Config:
 
 @functools.cache
 def _lab_config() -> ocio.Config:
-    return ocio.Config.CreateFromStream((resources.files("oiiotex.ocio") / "oiiotex.ocio").read_text())
+    return ocio.Config.CreateFromStream((shipped("ocio", "ocio") / "oiiotex.ocio").read_text())
 
 
 def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:
