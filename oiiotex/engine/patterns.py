@@ -46,6 +46,6 @@ def _repeats(parsed: Iterable[tuple[Any, Any]], each: int = 1) -> int:
             count, inner = count + each, _MOST_REPEATS + 1
         elif str(kind) == "BRANCH" and each > 1:
             count += each
-        alternatives = argument[1] if str(kind) == "BRANCH" else argument if isinstance(argument, tuple) else ()
-        count += sum(_repeats(one, inner) for one in alternatives if isinstance(one, re._parser.SubPattern))  # type: ignore[attr-defined]
+        below = argument[1] if str(kind) == "BRANCH" else argument if isinstance(argument, tuple) else ()
+        count += sum(_repeats(one, inner) for one in below if hasattr(one, "data"))  # a subpattern
     return count

@@ -101,7 +101,7 @@ def test_each_takes_names_with_braces(tmp_path):
     assert done.returncode == 0, done.stderr
     assert {path.stem for path in tmp_path.glob("*.png")} == {"a", "b{c}", "{TOP.width}"}
     done = oiiotex("--each", "*.exr", "--echo", "{TOP.width}", "-o", "{name}.tif", cwd=tmp_path)
-    assert "braces begin expressions, which the line has, too; rename the file" in line_of(done)
+    assert "braces begin expressions, and the line has some; rename the file" in line_of(done)
 
 
 @pytest.mark.parametrize("peak", [1.0, 1e30, 3e38])

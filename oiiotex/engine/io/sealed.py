@@ -109,7 +109,7 @@ class SealedFolder:
     """The files that a library keeps in a folder of this program: damaged ones are removed before it reads them.
 
     A file without a seal was kept by a process that was killed, or still runs. It is complete, because libraries rename
-    what they have written, unless the machine has lost power since: then it is removed, too. A file is read again if
+    what they have written, unless the machine has lost power since: then it is also removed. A file is read again if
     it has changed since it was sealed, or the machine has started since.
     """
 

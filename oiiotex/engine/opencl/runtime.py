@@ -150,7 +150,7 @@ def load(threads: int = 0) -> ModuleType:
 
 
 def built_program(context: cl.Context, source: str, options: list[str]) -> cl.Program:
-    """A built program; from the cache folder if neither the runtime nor its driver has a cache of its own.
+    """A built program; from the cache folder if neither the runtime nor its driver has a cache.
 
     Raises
     ------

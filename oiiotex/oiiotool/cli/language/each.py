@@ -70,5 +70,5 @@ def _line(words: Sequence[str], place: int, file: str) -> tuple[str, ...]:
     if "{" not in file and "}" not in file:
         return line
     if any("{" in functools.reduce(lambda rest, token: rest.replace(token, ""), tokens, word) for word in words):
-        raise ParameterError(f"--each: {file!r}: braces begin expressions, which the line has, too; rename the file")
+        raise ParameterError(f"--each: {file!r}: braces begin expressions, and the line has some; rename the file")
     return ("--evaloff", *line)
