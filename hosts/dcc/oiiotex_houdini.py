@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import cast
 
 import hou
-from oiiotex_line import material_of, run, tile_line
+from oiiotex_line import literal, material_of, run, tile_line
 
 _INPUTS = {  # role: input of mtlxstandard_surface, signature of mtlximage
     "color": ("base_color", "color3"),
@@ -19,6 +19,7 @@ _INPUTS = {  # role: input of mtlxstandard_surface, signature of mtlximage
     "opacity": ("opacity", "color3"),
 }
 _LINEAR = "lin_rec709"
+_EVALUATED = "$`"  # in a string parameter
 
 
 def shelf():
@@ -28,10 +29,12 @@ def shelf():
         file_type=hou.fileType.Image,
         multiple_select=True,
     )
-    files = [hou.text.expandString(name.strip()) for name in chosen.split(";") if name.strip()]
-    if not files:
+    names = [name.strip() for name in chosen.split(";") if name.strip()]
+    if not names:
         return None
     try:
+        # $HIP is expanded; an expression in backticks would be run
+        files = [literal(hou.text.expandString(literal(name, "`")), _EVALUATED) for name in names]
         maps, name = material_of(files)
         with hou.InterruptableOperation("oiiotex: making tiles", open_interrupt_dialog=True):
             words, tiles = tile_line(maps, Path(files[0]).parent / f"{name}_tile")
@@ -61,6 +64,8 @@ def material(files, name, parent="/mat", relief=0.05, comment=""):
     -------
     hou.Node
     """
+    for path in files.values():
+        literal(path, _EVALUATED)
     network = hou.node(parent)
     if network is None:
         raise RuntimeError(f"{parent}: expected a material network, such as /mat")

@@ -16,6 +16,20 @@ _TX = "-otex:wrap=periodic"
 _LINEAR = "lin_rec709_scene"
 
 
+def literal(path, evaluated):
+    """A file name, unless it has a character that the program that runs this would evaluate.
+
+    Raises
+    ------
+    RuntimeError
+        With the character. A backslash before it is not the same in all places of these programs.
+    """
+    one = next((character for character in str(path) if character in evaluated), None)
+    if one is not None:
+        raise RuntimeError(f"{path}: {one} in a file name would be evaluated here; rename the file or its folder")
+    return str(path)
+
+
 def role_of(path):
     """The role of a map from the end of its name, such as `wall_roughness.png`; None if there is none."""
     words = Path(path).stem.lower().replace("-", "_").replace(".", "_").split("_")

@@ -7,8 +7,9 @@ import os
 from pathlib import Path
 
 import nuke
-from oiiotex_line import run, tile_line
+from oiiotex_line import literal, run, tile_line
 
+_EVALUATED = '[]$`\\"{}'  # in a text of a knob, which is Tcl
 _BLINK = Path(__file__).with_name("wang_plane.blink")
 
 
@@ -33,7 +34,7 @@ def make_tile():
     except RuntimeError as error:
         nuke.message(str(error))
         return None
-    tile = nuke.nodes.Read(file=files["color"], label="\n".join(words))
+    tile = nuke.nodes.Read(file=files["color"], label=_escaped("\n".join(words)))
     nuke.nodes.Tile(inputs=[tile], rows=3, columns=3)
     return apply_coordinates(read, f"{out}_st.exr")
 
@@ -44,7 +45,7 @@ def apply_coordinates(picture, path):
     The coordinates count from the top; STMap counts from the bottom. Neighboring coordinates can be far apart in the
     picture, so no filter may interpolate between them.
     """
-    coordinates = nuke.nodes.Read(file=path, raw=True)
+    coordinates = nuke.nodes.Read(file=literal(path, _EVALUATED), raw=True)
     flipped = nuke.nodes.Expression(inputs=[coordinates], expr0="r", expr1="1 - g")
     return nuke.nodes.STMap(inputs=[picture, flipped], uv="rgb", filter="Impulse")
 
@@ -65,7 +66,7 @@ def pick_labels():
 
 def wang_plane():
     """A plane of Wang tiles from an atlas and its index image, of `oiiotex-library wang`."""
-    index = nuke.getFilename("NAME_index.png", "*_index.png")
+    index = _literal(nuke.getFilename("NAME_index.png", "*_index.png"))
     if not index:
         return None
     atlas = nuke.nodes.Read(file=index.replace("_index.", "_color."))
@@ -82,7 +83,21 @@ def _file_of(node) -> str | None:
     path = nuke.filename(node, nuke.REPLACE)
     if not path:
         nuke.message("expected a Read node with a file")
-    return path or None
+    return _literal(path)
+
+
+def _literal(path) -> str | None:
+    """A file name that Nuke does not evaluate; None, after a message, for others, and without a file."""
+    try:
+        return literal(path, _EVALUATED) if path else None
+    except RuntimeError as error:
+        nuke.message(str(error))
+        return None
+
+
+def _escaped(text: str) -> str:
+    """A text of a knob that shows what was given: users type color spaces and seeds."""
+    return "".join(f"\\{character}" if character in _EVALUATED else character for character in text)
 
 
 def menu():

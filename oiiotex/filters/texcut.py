@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..synthesis.graphcut.placement import Layout
 
 _MASK_BYTES, _LAB_BYTES, _SEEN_BYTES = 3, 12, 28  # per pixel of the photo; _SEEN_BYTES where it is in memory
+_PATCHES_ALONG = 64  # most patches along the longer side, unless patch says more
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +52,7 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         ge=5,
         le=512,
         unit="px",
-        unset="shorter side of the exemplar / 5, at least 16 and at most 96",
+        unset="shorter side of the exemplar / 5, at least 16 and longer side / 64, at most 96",
         help="Side of a patch. Increase it to preserve larger structures.",
     )
     passes: int = param(
@@ -81,7 +82,8 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         from ..synthesis.graphcut.placement import Layout, bytes_needed  # scipy is not loaded before it is needed
 
         spec = self.exemplar.first.spec
-        patch = self.patch or min(96, max(16, min(spec.width, spec.height) // 5))
+        least = max(16, max(spec.width, spec.height) // _PATCHES_ALONG)  # else a long strip takes them by thousands
+        patch = self.patch or min(96, max(least, min(spec.width, spec.height) // 5))
         layout = Layout.tiling(*size, self.tiles, patch=patch, passes=self.passes, seed=self.seed)
         needed = bytes_needed(layout, (spec.height, spec.width), facts.budget, facts.thread_count)
         needed = max(needed, lattice_bytes(spec.height, spec.width) if self.lattice else 0)

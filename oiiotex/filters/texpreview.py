@@ -18,7 +18,16 @@ from ..engine.deferred import np
 from ..engine.errors import ImageError, ParameterError, present
 from ..engine.session import Session
 from ..engine.session.facts import Facts
-from ..surfaces.charts.tile_preview import PreviewPanel, bytes_needed, laid, look_through, plane, reduced
+from ..surfaces.charts.tile_preview import (
+    WIDEST,
+    PreviewPanel,
+    bytes_needed,
+    fitted,
+    laid,
+    look_through,
+    plane,
+    reduced,
+)
 
 PANELS = ("exemplar", "seamless", "2x2", "3x3", "plane")
 _OF_EXEMPLAR = ("exemplar", "seamless")
@@ -52,7 +61,9 @@ class Preview(Gather):
         example="2x2,plane",
         help=f"Panels to show, in order: {', '.join(PANELS)}.",
     )
-    panel: int = param(512, ge=16, le=16384, unit="px", help="Height of each panel.")
+    panel: int = param(
+        512, ge=16, le=16384, unit="px", help=f"Height of each panel. It is at most {WIDEST} times as wide."
+    )
 
     def plan(self, facts: Facts) -> Plan:
         """The names of the panels."""
@@ -64,7 +75,8 @@ class Preview(Gather):
         widest = max(part.spec.width for part in (tile, photo or tile))
         task = f"a preview of rows of {widest} px, {self.panel} px high,"
         shown = {name: ((photo if name in _OF_EXEMPLAR else tile) or tile).spec for name in names}
-        sheet = sum(self.panel * max(1.5, spec.width / spec.height) + _GAP for spec in shown.values())
+        across = (max(1.5, fitted((spec.width, spec.height), self.panel)[0] / self.panel) for spec in shown.values())
+        sheet = sum(self.panel * width + _GAP for width in across)
         values = channels * max(widest, round(sheet))  # in a row of an image and of the sheet
         facts.require(bytes_needed(values), task, "reduce panel")
         return Plan(work=names)

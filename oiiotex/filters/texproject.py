@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -93,8 +94,9 @@ class Project(Whole):
         if self.motion is None:
             corner = corner[0] - plate.spec.full_x, corner[1] - plate.spec.full_y
         with session.resources.stats.time("project"):
+            scale = _scale(values, surface)
             window, made, missing = rendered(
-                values[..., shared], region, surface, known, corner, plan.work,
+                values[..., shared] * scale, region, surface * scale, known, corner, plan.work,
                 tuple(shared.index(c) for c in colors.color), self.grain, self.frame or 0,
             )  # fmt: skip
         if missing:
@@ -103,7 +105,7 @@ class Project(Whole):
         place, dtype = window.shifted(display.left, display.top), np.dtype(dtype_of(part.spec))
         at = window.inside(Window(0, 0, *display.size))
         changed, stored = region[at] > 0, values[at].copy()
-        stored[..., shared] = made
+        stored[..., shared] = made / scale
         stored = in_type(stored, dtype)
 
         def fetch(wanted: Window) -> np.ndarray:
@@ -127,3 +129,9 @@ class Project(Whole):
             expected = f"a frame of {self.motion}, {min(shot)} to {max(shot)}"
             raise ParameterError(parameter="frame", value=... if number is None else number, expected=expected)
         return shot[number]
+
+
+def _scale(*images: np.ndarray) -> np.float32:
+    """A power of two that keeps squares of values within 32-bit floats: 1, but for values beyond 2^50."""
+    peaks = (np.abs(values[np.isfinite(values)]).max(initial=0.0) for values in images)
+    return np.float32(2.0 ** min(0, 50 - math.frexp(float(max(peaks)))[1]))

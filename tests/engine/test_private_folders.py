@@ -96,8 +96,8 @@ def spoil_cache(home: Path) -> None:
 
 
 def spoil_kernels(home: Path) -> None:
-    (home / ".cache" / "pocl" / "kcache").mkdir(parents=True)
-    (home / ".cache" / "pocl" / "kcache").chmod(0o777)
+    (home / ".cache" / "oiiotex" / "pocl").mkdir(parents=True)
+    (home / ".cache" / "oiiotex" / "pocl").chmod(0o777)
 
 
 @pytest.mark.parametrize(

@@ -83,7 +83,7 @@ def test_a_dry_run_prints_the_lines(folder, capsys):
         (["--each", "photos/a.png", "--frames", "1-2", "-o", "out/{name}.png"], "cannot be combined with --frames"),
         (["--each", "photos/a.png", "-o", "out/{name}.%04d.png"], "cannot be combined with --frames"),
         (["--each", "photos/a.png", "--each", "photos/a.png", "-o", "out/{name}.png"], "--each is given twice"),
-        (["--each", "a{b.png", "-o", "x.png"], "braces begin expressions"),
+        (["--each", "a{b.png", "--echo", "{TOP.width}", "-o", "x.png"], "braces begin expressions"),
         (["--each", "a:b.png", "--texpreview:panels={name}", "-o", "x.png"], "cannot be part of '--texpreview"),
     ],
 )  # fmt: skip

@@ -6,7 +6,7 @@ from __future__ import annotations
 import copy
 import functools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,9 @@ from ..core.image import Image, channels_of
 from ..core.parameters import nearest
 from ..deferred import np, ocio, oiio
 from ..errors import COLORSPACE, IS_DATA, ColorError, ImageError, either, one_line
-from ..io.documents import require_regular
 from ..shipped import shipped
 from .normal_maps import warn_of_normals
+from .transform_files import require_config, require_files
 
 # OpenImageIO embeds another OpenColorIO than PyOpenColorIO, so 'ocio://default' would mean two configs.
 DEFAULT_CONFIG = "ocio://cg-config-v4.0.0_aces-v2.0_ocio-v2.5"
@@ -46,7 +46,7 @@ class ColorConfig:
 
     def __init__(self, path: str | None = None, interchange: tuple[str, str] | None = None):
         self.path = path or os.environ.get("OCIO") or DEFAULT_CONFIG
-        require_regular(self.path)
+        require_config(self.path)
         try:
             self._config = ocio.Config.CreateFromFile(self.path)
             if os.path.exists(self.path) and not self.path.endswith(".ocioz"):
@@ -55,12 +55,18 @@ class ColorConfig:
                 )  # otherwise the bindings fail later, at the first name that is not UTF-8
         except (ocio.Exception, ocio.ExceptionMissingFile, UnicodeDecodeError) as error:
             raise ColorError(f"{self.path}: cannot load the color config: {one_line(str(error))}") from error
+        self.require_files()
         self._names = oiio.ColorConfig(self.path)  # knows the names that OpenImageIO tags files with
         if interchange is not None and interchange[1] not in INTERCHANGE_SPACES:
             expected = f"one of {', '.join(INTERCHANGE_SPACES)}"
             raise ColorError(f"unknown interchange space '{interchange[1]}'", expected=expected)
         self._doubted: set[str] | None = set()
         self._interchange = (self.resolve(interchange[0]), interchange[1]) if interchange else None
+
+    def require_files(self, variables: dict[str, str] | None = None, names: Iterable[str] = ()) -> None:
+        """Refuse files that OpenColorIO would open, as in `transform_files`."""
+        if not self.path.startswith("ocio://") or names:  # built-in configs name no files
+            require_files(self._config, variables or {}, names)
 
     def resolve(self, name: str) -> str:
         """The config's name of a color space, given its name, role or alias, or a name from OCIO's built-in configs.

@@ -30,6 +30,7 @@ _STEM = 100  # bytes of the target's name in a hidden one: file systems limit na
 _OLD = 24 * 3600  # s without a change, after which a file without a usable lock is a leftover
 _MARK = re.compile(r"\..*\.oiiotex-(\w+)-\d+-[0-9a-f]{16}", re.DOTALL)  # of a writer; group 1 is its host
 _REST = re.compile(r"(\.kept|\.texture)?(\.[0-9a-f]{8}\.temp)?(\.[^.]*)?", re.DOTALL)  # maketx adds eight digits
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF)  # of file systems without fsync
 
 OUTSIDE = "is not in the product's folder: expected $output, $report or $folder/NAME"
@@ -63,7 +64,7 @@ def temporary_beside(path: Path, cache: bool = False) -> Iterator[Path]:
     Raises
     ------
     ImageError
-        `path` is not a regular file, or its folder is not writable.
+        `path` is not a regular file, its folder is not writable, or the disk is full.
     OutsideError
         `path` is outside of the folder of `writing_only_below`.
     """
@@ -72,7 +73,12 @@ def temporary_beside(path: Path, cache: bool = False) -> Iterator[Path]:
     durable = not cache and os.environ.get("OIIOTEX_FSYNC") != "0"
     temporary = _claimed(path, 0o666 if mode is None else mode, cache)
     try:
-        yield temporary
+        try:
+            yield temporary
+        except OSError as error:  # a write has no file name
+            if error.errno not in _FULL:
+                raise
+            raise ImageError(f"{path}: {error.strerror}") from error
         try:
             if durable:
                 _sync(temporary)

@@ -15,7 +15,6 @@ log = logging.getLogger("oiiotex")
 
 _notices: list[tuple[int, str]] = []  # pending log messages about caches
 _ROOM = 16 << 20  # bytes that compiled kernels of a run need at most; PoCL aborts on a full disk
-_CACHES = ("oiiotex", "pocl", "pyopencl", "pytools")  # in the user's cache folder: code is run from each
 
 
 def require_private(folder: Path, others: int = 0o022) -> None:
@@ -66,7 +65,7 @@ def _is_own_group(group: int) -> bool:
 def cache_folder() -> Path:
     """The program's cache folder: the user's, or a temporary one if that is not safe or not writable.
 
-    It also redirects the caches of OpenCL runtimes and pyopencl, which hold code, and is called before they are loaded.
+    PoCL keeps its kernels there, too, unless $POCL_CACHE_DIR names another folder; it is called before PoCL is loaded.
     """
     import platformdirs
 
@@ -78,13 +77,13 @@ def cache_folder() -> Path:
 
 @functools.cache
 def settled_caches(*environment: str | None) -> None:
-    """Place all caches in private folders; once per process and environment."""
+    """Place all caches in private folders, because code is run from them; once per process and environment."""
     import platformdirs
 
     own = Path(platformdirs.user_cache_dir("oiiotex"))
     named = [Path(os.environ["POCL_CACHE_DIR"])] if os.environ.get("POCL_CACHE_DIR") else []
     try:
-        for folder in (*named, *(own.parent / name for name in _CACHES)):
+        for folder in (*named, own):
             if folder.exists():
                 for one in (folder, *(entry for entry in folder.iterdir() if entry.is_dir())):
                     require_private(one)
@@ -103,7 +102,7 @@ def settled_caches(*environment: str | None) -> None:
                 hint="free some space, or set XDG_CACHE_HOME",
             ) from None
         os.environ["XDG_CACHE_HOME"] = temporary
-        os.environ["POCL_CACHE_DIR"] = os.path.join(temporary, "pocl")
+        os.environ["POCL_CACHE_DIR"] = os.path.join(temporary, "oiiotex", "pocl")
         os.mkdir(os.path.join(temporary, "oiiotex"), 0o700)
         why = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) else str(error)
         level = logging.INFO if isinstance(error, OSError) else logging.WARNING

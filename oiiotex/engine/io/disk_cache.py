@@ -1,33 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """Disk cache of expensive arrays between runs, keyed by a hash of their inputs.
 
-A file holds the SHA-256 of its contents, in 64 characters, followed by the arrays as .npy. It is written atomically
-and read as a memory map; a corrupt file is recomputed. The folder is limited to `MOST_BYTES`, with the least recently
-used files evicted first. Any number of processes may read, write and evict at the same time.
+A file is sealed (`sealed`), written atomically, and read as a memory map; a damaged one is recomputed. The folder is
+limited to `MOST_BYTES`, with the least recently used files evicted first. Any number of processes may read, write and
+evict at the same time.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import io
-import mmap
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeAlias
 
 from ..core.scratch import RowStore
 from ..deferred import np
 from ..errors import Error
 from .atomic import temporary_beside
+from .sealed import Arrays, read_arrays, write_arrays
 
 MOST_BYTES = 2 << 30  # per folder
 _ROWS = 256  # rows of an array that are hashed at once
 _SUFFIX = ".arrays"
-_DIGEST = 64  # characters; keeps the arrays aligned
-
-Arrays: TypeAlias = "tuple[np.ndarray, ...]"
 
 
 def hash_of(*facts: object) -> str:
@@ -44,7 +39,7 @@ def hash_of(*facts: object) -> str:
 
 
 def cached_arrays(folder: Path | None, name: str, make: Callable[[], Arrays]) -> Arrays:
-    """The arrays of this name in a folder; made and stored if they are missing or corrupt.
+    """The arrays of this name in a folder; made and stored if they are missing or damaged.
 
     Parameters
     ----------
@@ -58,8 +53,8 @@ def cached_arrays(folder: Path | None, name: str, make: Callable[[], Arrays]) ->
     if folder is None:
         return make()
     path = folder / f"{name}{_SUFFIX}"
-    with contextlib.suppress(OSError, ValueError):  # missing or corrupt
-        arrays = _read(path)
+    with contextlib.suppress(OSError, ValueError):  # missing or damaged
+        arrays = read_arrays(path)
         os.utime(path)
         return arrays
     arrays = make()
@@ -67,41 +62,9 @@ def cached_arrays(folder: Path | None, name: str, make: Callable[[], Arrays]) ->
         with contextlib.suppress(OSError, Error):  # a run must not fail for lack of a cache
             folder.mkdir(parents=True, exist_ok=True)
             with temporary_beside(path, cache=True) as temporary:
-                _write(temporary, arrays)
+                write_arrays(temporary, arrays)
             _sweep(folder, path)
     return arrays
-
-
-def _write(path: Path, arrays: Arrays) -> None:
-    digest = hashlib.sha256()
-    with open(path, "wb") as file:
-        file.write(b" " * _DIGEST)
-        for array in map(np.ascontiguousarray, arrays):
-            header = io.BytesIO()
-            np.lib.format.write_array_header_1_0(header, np.lib.format.header_data_from_array_1_0(array))
-            for piece in (header.getvalue(), array.data):
-                digest.update(piece)
-                file.write(piece)
-        file.seek(0)
-        file.write(digest.hexdigest().encode())
-
-
-def _read(path: Path) -> Arrays:
-    """Read-only memory maps; ValueError if the file is corrupt."""
-    with open(path, "rb") as file:
-        mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    with memoryview(mapped) as whole:
-        if hashlib.sha256(whole[_DIGEST:]).hexdigest().encode() != bytes(whole[:_DIGEST]):
-            raise ValueError(f"{path}: corrupt")
-    arrays = []
-    mapped.seek(_DIGEST)
-    while mapped.tell() < len(mapped):
-        np.lib.format.read_magic(mapped)
-        shape, _, dtype = np.lib.format.read_array_header_1_0(mapped)
-        array = np.ndarray(shape, dtype, mapped, mapped.tell())
-        mapped.seek(array.nbytes, os.SEEK_CUR)
-        arrays.append(array)
-    return tuple(arrays)
 
 
 def _sweep(folder: Path, spared: Path) -> None:

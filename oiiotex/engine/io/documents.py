@@ -21,19 +21,22 @@ _MOST_BYTES = 16 << 20  # per document
 _MOST_NUMBER = 2**53  # exact in a float64, and so in any reader of JSON
 
 
-def require_regular(path: str | os.PathLike[str]) -> None:
-    """Refuse an existing path that is not a regular file: opening a fifo waits for a writer.
+def require_regular(path: str | os.PathLike[str], most: int | None = None) -> None:
+    """Refuse an existing path that is not a regular file: opening a fifo waits for a writer. `most`: bytes.
 
     Raises
     ------
     ImageError
     """
     try:
-        mode = os.stat(path).st_mode
+        status = os.stat(path)
     except (OSError, ValueError):
         return  # opening it reports the error
+    mode = status.st_mode
     if not stat.S_ISREG(mode):
         raise ImageError(f"{path}: {'a folder' if stat.S_ISDIR(mode) else 'not a regular file'}")
+    if most is not None and status.st_size > most:
+        raise ImageError(f"{path}: file too large: expected at most {most >> 20} MB")
 
 
 def read_text(path: Path) -> str:

@@ -95,6 +95,8 @@ def _prepared(
     specs = specs_of(image, out, how)
     for part, levels in zip(image.parts, specs, strict=True):
         _keep_mattes(out, path, part, levels[0])
+    for spec in (spec for levels in specs for spec in levels):
+        _require_limits(spec, path)
     _require_types(out, temporary, path, image, specs, how)
     return out, image, specs
 
@@ -264,6 +266,22 @@ def _put(out: oiio.ImageOutput, spec: oiio.ImageSpec, window: Window, pixels: np
     return out.write_scanlines(window.top, window.bottom, 0, pixels)
 
 
+def _require_limits(spec: oiio.ImageSpec, path: Path) -> None:
+    """Refuse an image beyond the limits of OpenImageIO's readers: its file could be written, and not read again."""
+    for limit, value, unit in (
+        ("channels", spec.nchannels, "channels"),
+        ("resolution", max(spec.width, spec.height), "px along a side"),
+        ("imagesize_MB", spec.image_bytes() >> 20, "MB"),
+    ):
+        most = oiio.get_int_attribute(f"limits:{limit}")
+        if most and value > most:
+            raise ImageError(
+                f"{path}: has {value} {unit}, and could not be read again",
+                expected=f"at most {most}, the limit of OpenImageIO",
+                hint=f"raise its attribute limits:{limit}",
+            )
+
+
 def _require_types(
     out: oiio.ImageOutput, temporary: Path, path: Path, image: Image, specs: list[list[oiio.ImageSpec]], how: Format
 ) -> None:
@@ -323,7 +341,8 @@ def require_arrived(temporary: Path, path: Path, image: Image, format_name: str)
             last = level.window.bottom - 1
             level.buffer(Window(level.window.left, last, level.window.right, last + 1))
     except (ImageError, OSError, ValueError) as error:
-        raise ImageError(f"{path}: {_NOT_WHOLE}") from error
+        said = f" ({str(error).replace(str(temporary), path.name)})" if isinstance(error, ImageError) else ""
+        raise ImageError(f"{path}: {_NOT_WHOLE}{said}") from error
     warn_of_loss(path, format_name, [part.spec for part in image.parts], [part.spec for part in arrived])
 
 

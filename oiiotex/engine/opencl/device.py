@@ -232,20 +232,35 @@ class Program:
     """A built .cl file. Call it with a kernel's name without the file's: `program("score", shape, *arguments)`."""
 
     def __init__(self, device: Device, stem: str, macros: dict[str, int]):
-        cl = device._cl
-        self._device, self._stem = device, stem
-        options = ["-w", f"-DLANES={device.lanes}", *(f"-D{k}={v}" for k, v in macros.items())]
-        if device.info.rounds_correctly:
-            options.append("-cl-fp32-correctly-rounded-divide-sqrt")
-        try:
-            with warnings.catch_warnings(action="ignore", category=cl.CompilerWarning):
-                built = cl.Program(device._context, kernel_source(stem)).build(options)
-        except cl.Error as error:
-            words = runtime.compilers_words(str(error))
-            raise BuildError(f"{device.info.name} cannot build {stem}.cl: {words}") from error
-        self._kernels = {k.function_name: k for k in built.all_kernels()}
+        self._device, self._stem, self._macros = device, stem, macros
+        self._kernels = self._built()
+        if not self._kernels:
+            self._kernels = self._built(fresh=True)
         self._types: dict[str, tuple[str | None, ...]] = {}  # of a kernel's arguments: untyped numbers cost 6 us each
         self._launching = threading.Lock()  # a kernel keeps its arguments: two threads would mix theirs
+
+    def _built(self, fresh: bool = False) -> dict[str, cl.Kernel]:
+        """The kernels by name, built, or from a cache. `fresh`: with a kernel more, so that no cache has it.
+
+        Raises
+        ------
+        BuildError
+            The compiler refuses the source, and that is not the fault of a damaged cache.
+        """
+        cl, info = self._device._cl, self._device.info
+        options = ["-w", f"-DLANES={self._device.lanes}", *(f"-D{k}={v}" for k, v in self._macros.items())]
+        if info.rounds_correctly:
+            options.append("-cl-fp32-correctly-rounded-divide-sqrt")
+        source = kernel_source(self._stem) + ("__kernel void fresh() {}" if fresh else "")
+        try:
+            with warnings.catch_warnings(action="ignore", category=cl.CompilerWarning):
+                built = runtime.built_program(self._device._context, source, options)
+            return {kernel.function_name: kernel for kernel in built.all_kernels()}
+        except cl.Error as error:
+            if not fresh:
+                return self._built(fresh=True)
+            words = runtime.compilers_words(str(error))
+            raise BuildError(f"{info.name} cannot build {self._stem}.cl: {words}") from error
 
     def __call__(
         self, name: str, shape: tuple[int, ...], *arguments: object, group: int = _GROUP, team: bool = False
@@ -258,6 +273,8 @@ class Program:
         if team and self._device.team > 1:
             shape, group = (self._device.team * shape[0], *shape[1:]), self._device.team
         name = f"{self._stem}_{name}"
+        if name not in self._kernels:
+            self._kernels, self._types = self._built(fresh=True), {}
         kernel = self._kernels[name]
         local = _work_group(shape, group)
         global_size = tuple(-(-n // k) * k for n, k in zip(shape, local, strict=True))

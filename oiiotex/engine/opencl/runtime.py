@@ -32,7 +32,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from ... import __version__
-from ..errors import DeviceError
+from ..errors import DeviceError, Error
 from ..machine import forget_current_folder, program, search_path, start_python, usable_threads
 from . import cpu as opencl_cpu
 
@@ -92,10 +92,26 @@ def _prepared(threads: int) -> None:
     count = str(threads or usable_threads())
     os.environ.setdefault("POCL_MAX_PTHREAD_COUNT", count)
     os.environ.setdefault("DPCPP_CPU_NUM_CUS", count)
-    os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")  # pyopencl reads it when its cache fails
+    os.environ["PYOPENCL_NO_CACHE"] = "1"  # its pickles are not checked; see `Program`
+    _check_kernels()
     intel = _intel_library()
     if intel is not None and "OCL_ICD_VENDORS" not in os.environ:
         os.environ["OCL_ICD_VENDORS"] = _vendors_with(intel)
+
+
+def _check_kernels() -> None:
+    """Name PoCL a folder for its kernels, without damaged ones, and seal those that it has when this process ends.
+
+    PoCL takes an empty program for a program without kernels, and crashes on half a kernel.
+    """
+    import atexit
+
+    from ..io.sealed import SealedFolder
+
+    folder = os.environ.setdefault("POCL_CACHE_DIR", str(cache_folder() / "pocl"))
+    kernels, process = SealedFolder(Path(folder)), os.getpid()
+    kernels.remove_damaged()
+    atexit.register(lambda: kernels.seal() if os.getpid() == process else None)
 
 
 def _intel_library() -> Path | None:
@@ -110,8 +126,7 @@ def _vendors_with(library: Path) -> str:
     files |= {path.name: path.read_text() for path in sorted(_VENDORS.glob("*.icd"))}
     folder = cache_folder() / f"vendors-{hashlib.sha256(repr(files).encode()).hexdigest()[:16]}"
     for name, text in files.items():
-        if not (folder / name).exists():
-            _write(folder / name, text)
+        _write_if_other(folder / name, text)
     return str(folder)
 
 
@@ -132,6 +147,35 @@ def load(threads: int = 0) -> ModuleType:
         raise DeviceError(f"cannot import pyopencl: {error}") from error
     include_no_headers_of(pyopencl)
     return pyopencl
+
+
+def built_program(context: cl.Context, source: str, options: list[str]) -> cl.Program:
+    """A built program; from the cache folder if neither the runtime nor its driver has a cache.
+
+    Raises
+    ------
+    pyopencl.Error
+        The compiler refuses the source.
+    """
+    import pyopencl
+    from pyopencl.characterize import has_src_build_cache
+
+    from ..io.atomic import temporary_beside
+    from ..io.sealed import read_sealed, write_sealed
+
+    (device,) = context.devices
+    if has_src_build_cache(device):
+        return pyopencl.Program(context, source).build(options)
+    facts = [source, *options, device.platform.version, device.name, device.version, device.driver_version]
+    path = cache_folder() / "programs" / hashlib.sha256(repr(facts).encode()).hexdigest()
+    with contextlib.suppress(OSError, ValueError, pyopencl.Error):  # missing, damaged, or not accepted
+        return pyopencl.Program(context, [device], [read_sealed(path).read()]).build(options)
+    program = pyopencl.Program(context, source).build(options)
+    with contextlib.suppress(OSError, Error):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary_beside(path, cache=True) as temporary:
+            write_sealed(temporary, program.get_info(pyopencl.program_info.BINARIES))
+    return program
 
 
 # --- probing ---
@@ -155,8 +199,12 @@ def keep(device: cl.Device, trial: Trial) -> None:
 
     Cache a failure only if another device works: otherwise a repair of the machine would go unnoticed.
     """
-    with contextlib.suppress(OSError):  # then every process probes again
-        _write(_answer_file(device), json.dumps(asdict(trial)))
+    from ..io.atomic import temporary_beside
+    from ..io.sealed import write_sealed
+
+    path = _answer_file(device)
+    with contextlib.suppress(OSError, Error), temporary_beside(path, cache=True) as temporary:  # or all probe again
+        write_sealed(temporary, [json.dumps(asdict(trial)).encode()])
 
 
 def use(device: cl.Device) -> None:
@@ -260,8 +308,7 @@ def _path_with_lld() -> str:
     """$PATH, preceded by a folder with a program `ld` that runs LLD; the program is written if necessary."""
     wrapper = _lld_folder() / "ld"
     text = _LLD_WRAPPER.format(zig=shlex.quote(str(_zig())))
-    if not wrapper.exists() or wrapper.read_text() != text:
-        _write(wrapper, text, mode=0o755)
+    _write_if_other(wrapper, text, mode=0o755)
     return f"{wrapper.parent}{os.pathsep}{_path()}"
 
 
@@ -285,11 +332,13 @@ def cache_folder() -> Path:
 
 
 def _kept(device: cl.Device) -> Trial | None:
+    from ..io.sealed import read_sealed
+
     try:
-        facts = json.loads(_answer_file(device).read_text())
+        facts = json.loads(read_sealed(_answer_file(device)).read())
         works = Attempt(**facts["works"]) if facts["works"] else None
         return Trial(works, int(facts["lanes"]), tuple((Attempt(**a), str(words)) for a, words in facts["failures"]))
-    except (OSError, ValueError, TypeError, KeyError):  # missing, or not ours
+    except (OSError, ValueError):  # missing or damaged
         return None
 
 
@@ -318,8 +367,11 @@ _READ_BY_RUNTIMES = {
 }  # fmt: skip
 
 
-def _write(path: Path, text: str, mode: int = 0o644) -> None:
-    """Write through a temporary name, because another process may read at any time."""
+def _write_if_other(path: Path, text: str, mode: int = 0o644) -> None:
+    """Write a text that is not there, through a temporary name, because another process may read at any time."""
+    with contextlib.suppress(OSError, ValueError):  # missing or damaged
+        if path.read_text() == text:
+            return
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}")
     part.write_text(text)

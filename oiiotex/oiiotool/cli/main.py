@@ -9,6 +9,8 @@ from collections.abc import Callable
 
 from .running.stopping import Stopped, end_unwound, ignore_interrupts, raise_if_stopped, stop_on_signals, watch_signals
 
+_LEAST_ADDRESS_SPACE = 512 << 20  # bytes, for libraries alone
+
 
 def main(words: list[str] | None = None) -> None:
     """Run the command line and exit: 0 success, 1 error, 3 measure beyond a limit, 128 + N after signal N."""
@@ -55,6 +57,7 @@ def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
     from .running.streams import drop
 
     try:
+        _require_address_space()
         if os.environ.get("OCIO"):  # OpenImageIO opens it with the first image, even a pipe
             from ...engine.io.documents import require_regular
 
@@ -78,6 +81,23 @@ def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
     except OSError as error:
         return _failed(words, f"cannot write to standard output: {error.strerror}")
     return status
+
+
+def _require_address_space() -> None:
+    """Refuse a limit on memory under which libraries end the process as they are loaded, without a message."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    from ...engine.errors import Error
+
+    most = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if most != resource.RLIM_INFINITY and most < _LEAST_ADDRESS_SPACE:
+        raise Error(
+            f"this process may take {most >> 20} MB of address space",
+            expected=f"at least {_LEAST_ADDRESS_SPACE >> 20} MB",
+            hint="raise the limit (ulimit -v)",
+        )
 
 
 def _failed(words: list[str], text: str) -> int:

@@ -14,7 +14,6 @@ from ...engine.core.image import Image, Part, channels_of
 from ...engine.core.parameters import Numbers, argument, image, param
 from ...engine.deferred import np, oiio
 from ...engine.errors import ColorError, ImageError, ParameterError
-from ...engine.io.documents import require_regular
 from ...engine.session.facts import Facts
 from .kinds import HostOp, Respec, checked, op, pointwise, worked
 
@@ -65,6 +64,10 @@ class OnColor(HostOp, Pointwise):
         """The color space of the result, of which OpenImageIO says `tag`."""
         return tag
 
+    def opened(self) -> Sequence[str]:
+        """Files that the op names, for the config's search path."""
+        return ()
+
     def known(self, names: oiio.ColorConfig) -> Sequence[str]:
         """Names of this kind in the config, listed in the error if the conversion fails."""
         return ()
@@ -72,6 +75,8 @@ class OnColor(HostOp, Pointwise):
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed. A conversion that does not exist is an error now."""
         path = facts.color.path
+        variables = zip(*(getattr(self, name, "").split(",") for name in ("key", "value")), strict=False)
+        facts.color.require_files(dict(variables), self.opened())
 
         def convert(color: oiio.ImageBuf) -> oiio.ImageBuf:
             try:
@@ -227,9 +232,9 @@ class FileTransform(OnColor):
     )
     inverse: bool = param(False, help="Apply the inverse transform.")
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_regular(self.file)
+    def opened(self) -> Sequence[str]:
+        """The file of the transform."""
+        return (self.file,)
 
     def convert(self, color: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """The colors after the transform."""

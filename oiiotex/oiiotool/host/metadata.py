@@ -16,7 +16,8 @@ from ...engine.core.parameters import argument, image, param
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
 from ...engine.errors import ImageError, ParameterError
-from ...engine.io.documents import require_regular
+from ...engine.io.documents import read_text, require_regular
+from ...engine.patterns import pattern_of
 from ...engine.session.facts import Facts
 from .geometry_text import box_of, parse_box, parse_offset
 from .kinds import HostOp, Respec, op
@@ -43,10 +44,11 @@ def _erase(spec: oiio.ImageSpec, pattern: str, fromfile: bool) -> None:
     patterns = [pattern]
     if fromfile:
         try:
-            patterns = Path(pattern).read_text(encoding="utf-8").splitlines()
-        except (OSError, UnicodeDecodeError) as error:
-            raise ParameterError(f"{pattern}: cannot read patterns: {error}") from None
+            patterns = read_text(Path(pattern)).splitlines()
+        except ImageError as error:
+            raise ParameterError(f"cannot read patterns: {error}") from None
     for each in filter(None, patterns):
+        pattern_of(each)
         spec.erase_attribute(each)
 
 

@@ -23,6 +23,7 @@ from ...engine.errors import BrokenValues
 
 TILES_ACROSS = 2.0  # at the near edge of the plane
 HORIZON = 1.0 / 8.0  # of the picture's height, from the top
+WIDEST = 4  # most width of a panel, relative to its height
 _NEAREST_HORIZON = 1e-3  # px below it, end of a row that reaches it
 AT_ONCE = BAND_BYTES // 32  # values of a band, and of rows of a panel: several arrays of doubles
 _BYTES = 120  # per value, measured
@@ -145,9 +146,15 @@ class PreviewPanel:
     integrals: RowIntegrals | None = None
 
 
+def fitted(size: tuple[int, int], height: int) -> tuple[int, int]:
+    """(width, height) of an image scaled to a height, or, where it is very wide, to the width of the widest panel."""
+    high = max(1, min(height, round(WIDEST * height * size[1] / size[0])))
+    return max(1, min(WIDEST * height, round(high * size[0] / size[1]))), high
+
+
 def laid(size: tuple[int, int], channels: int, times: int, height: int, in_memory: bool) -> PreviewPanel:
-    """An image of (width, height) repeated `times` x `times`, as in `repeated`."""
-    width = max(1, round(height * size[0] / size[1]))
+    """An image of (width, height) repeated `times` x `times`, as in `repeated`; below a very wide one it is black."""
+    width, height = fitted(size, height)
     down, right = np.linspace(0, times * size[1], height + 1), np.linspace(0, times * size[0], width + 1)
     integrals = RowIntegrals(down, (size[1], size[0], channels), in_memory)
 
@@ -156,7 +163,7 @@ def laid(size: tuple[int, int], channels: int, times: int, height: int, in_memor
         means /= np.diff(down[first : last + 1])[:, None, None]
         return area_means(means.swapaxes(0, 1), right[:-1], right[1:]).swapaxes(0, 1)
 
-    return PreviewPanel(width, _few_at_once(rows, size[0] * channels), integrals)
+    return PreviewPanel(width, _black_below(height, _few_at_once(rows, size[0] * channels)), integrals)
 
 
 def plane(size: tuple[int, int], channels: int, width: int, height: int, in_memory: bool) -> PreviewPanel:
@@ -182,7 +189,7 @@ def plane(size: tuple[int, int], channels: int, width: int, height: int, in_memo
 def reduced(photo: Part, height: int) -> PreviewPanel:
     """A photo scaled to a height, as in `core.image.resized`."""
     whole, channels = photo.window, photo.spec.nchannels
-    width = max(1, round(height * whole.width / whole.height))
+    width, height = fitted(whole.size, height)
     scale = whole.width / width, whole.height / height
     reach = [math.ceil(max(1.0, n)) + 3 for n in scale]  # of a triangle filter
 
@@ -208,7 +215,9 @@ def reduced(photo: Part, height: int) -> PreviewPanel:
         cells = Window(0, first, width, last).cells(across, last - first)
         return np.concatenate([cell(window) for window in cells], 1)
 
-    return PreviewPanel(width, _few_at_once(rows, round(whole.width * channels * max(1.0, scale[1]))))
+    return PreviewPanel(
+        width, _black_below(height, _few_at_once(rows, round(whole.width * channels * max(1.0, scale[1]))))
+    )
 
 
 def look_through(tile: Part, panels: Iterable[PreviewPanel], name: str, seamless: bool = False) -> None:
@@ -243,3 +252,16 @@ def _few_at_once(rows: RowMaker, values: int) -> RowMaker:
         return np.concatenate([rows(y, min(y + count, last)) for y in range(first, last, count)])
 
     return in_pieces
+
+
+def _black_below(height: int, rows: RowMaker) -> RowMaker:
+    """The same, for rows of an image of that height and black ones below."""
+
+    def with_black(first: int, last: int) -> np.ndarray:
+        drawn = rows(min(first, height - 1), max(min(last, height), min(first, height - 1) + 1))
+        picture = np.zeros((last - first, *drawn.shape[1:]), drawn.dtype)
+        count = max(0, min(last, height) - first)
+        picture[:count] = drawn[:count]
+        return picture
+
+    return with_black

@@ -100,13 +100,16 @@ class Photo:
         y, x = np.arange(rows)[:, None] * factor + first // factor, np.arange(columns) * factor + first % factor
         return y, x
 
-    def nth_usable(self, number: int) -> tuple[int, int]:
-        """Row and column of the usable pixel with that number in raster order, modulo their count."""
+    def usable_from(self, number: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns, (count,) each, of the usable pixels from that number on, in raster order and cyclic."""
         ends = self._usable_by_row.cumsum()
-        number %= int(ends[-1])
-        row = int(np.searchsorted(ends, number, "right"))
-        before = int(ends[row - 1]) if row else 0
-        return row, int(np.flatnonzero(self._usable_rows(row, row + 1)[0])[number - before])
+        numbers = (number + np.arange(count)) % int(ends[-1])
+        rows = np.searchsorted(ends, numbers, "right")
+        columns = np.empty(count, np.int64)
+        for row in np.unique(rows).tolist():
+            here, before = rows == row, int(ends[row - 1]) if row else 0
+            columns[here] = np.flatnonzero(self._usable_rows(row, row + 1)[0])[numbers[here] - before]
+        return rows, columns
 
     @functools.cached_property
     def _usable_by_row(self) -> np.ndarray:

@@ -216,18 +216,34 @@ class _Canvas:
         self._put(seen, patch, cut(self._source, seen.places, seen.filled, patch, covers))
 
     def close_holes(self) -> None:
-        """Place patches around uncovered pixels until there are none."""
+        """Place patches around uncovered pixels, at most as many as there are sites, then single pixels.
+
+        In an exemplar of a few pixels, or one pixel wide, a patch covers so little that there is no end of them.
+        """
         side, number = self._layout.patch, 0x100000
         half, hole = side // 2, self.laid.first_hole(0)
+        most = number + len(self._layout.sites())
         while hole is not None:
             y, x = hole
+            if number == most:
+                self._continue_rows(y)
+                return
             number += 1
             self.lay(y - half, x - half, side, number)
             hole = self.laid.first_hole(y)
             if hole == (y, x):  # no fitting patch has an allowed pixel there: take any that has
-                at_y, at_x = self._photo.nth_usable(self._chance(0x401E, number))
-                self.lay(y - half, x - half, side, number, (at_y - half, at_x - half))
+                (at_y,), (at_x,) = self._photo.usable_from(self._chance(0x401E, number), 1)
+                self.lay(y - half, x - half, side, number, (int(at_y) - half, int(at_x) - half))
                 hole = self.laid.first_hole(y)
+
+    def _continue_rows(self, top: int) -> None:
+        """Fill uncovered pixels from row `top` with usable pixels in raster order, each row from another one on."""
+        columns = np.arange(self._layout.width)
+        for y in range(top, self._layout.height):
+            rows = np.array([y])
+            laid = self.laid.window(rows, columns).packed
+            places = SourceMap.of(*self._photo.usable_from(self._chance(0x5CA7, y), len(columns))).packed
+            self.laid.put(rows, columns, SourceMap(np.where(laid == NONE, places, laid)))
 
     def improve(self, y: int, x: int, side: int, number: int) -> None:
         """Place another patch over (y, x) if it makes the seams cheaper."""

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable
+
 import numpy as np
 from scipy import fft
 
@@ -15,6 +18,7 @@ TOLERANCE = 1.3  # maximum cost of a placement, relative to the best one
 ENOUGH = 0.6  # minimum number of new pixels, relative to the most that any placement brings
 SEARCHED = 256  # px; larger exemplars are first searched at 1/2, 1/4 ... of their size, then locally
 _SAMPLES = 2048  # pixels compared in the local search
+_NEARBY = 32  # steps to each side in the local search: photos of more than 8,192 px are searched in two passes
 _UNIT = 4  # grid steps per integer step of a search: 1/2 Lab
 
 
@@ -78,16 +82,24 @@ class OffsetSearch:
         if not len(rows):
             return y, x
         wanted, f = source.at(*places[:, rows, columns]).astype(np.float64), self._factor
-        best, chosen, reach = np.inf, (y, x), np.arange(-f, f + 1)
-        prices = np.zeros((len(reach),) * 2)
+        ys, xs = (  # offsets beyond these leave no compared pixel in the photo
+            range(min(0, max(-f, 1 - corner - last)), max(0, min(f, size - corner - begin)) + 1)
+            for corner, begin, last, size in (
+                (y, int(rows[0]), int(rows[-1]), self._photo.shape[0]),
+                (x, int(columns.min()), int(columns.max()), self._photo.shape[1]),
+            )
+        )
+        prices = np.zeros((len(ys), len(xs)))
         if self._offset_prices is not None:
-            prices = _UNIT**2 * self._offset_prices.at(at[1], at[0], x + reach, y + reach)
-        colors, usable = self._around(source, y - 1 - f, x - 1 - f, *(n + 2 * f for n in compared.shape))
-        width, colors = compared.shape[1] + 2 * f, colors.reshape(-1, 3)
-        first = rows * width + columns  # at the smallest offset
-        for dy in reach.tolist():
-            for dx in reach.tolist():
-                pixels = first + ((dy + f) * width + dx + f)
+            prices = _UNIT**2 * self._offset_prices.at(at[1], at[0], x + np.array(xs), y + np.array(ys))
+        height, width = (n + len(reach) - 1 for n, reach in zip(compared.shape, (ys, xs), strict=True))
+        colors, usable = self._around(source, y - 1 + ys[0], x - 1 + xs[0], height, width)
+        colors, first = colors.reshape(-1, 3), rows * width + columns  # at the smallest offset
+
+        def cheapest(some_ys: Iterable[int], some_xs: Iterable[int]) -> tuple[int, int]:
+            best, chosen = np.inf, (0, 0)
+            for dy, dx in itertools.product(some_ys, some_xs):
+                pixels = first + ((dy - ys[0]) * width + dx - xs[0])
                 inside = usable[pixels]
                 count = np.count_nonzero(inside)
                 if 2 * count < len(rows) and (dy or dx):
@@ -97,10 +109,17 @@ class OffsetSearch:
                 if count < len(rows):
                     apart *= inside[:, None]
                 # integers, exact in doubles: the order of summation does not matter
-                mean = np.vdot(apart, apart) / max(1, count) + prices[dy + f, dx + f]
+                mean = np.vdot(apart, apart) / max(1, count) + prices[dy - ys[0], dx - xs[0]]
                 if mean < best:
-                    best, chosen = mean, (y + dy, x + dx)
-        return chosen
+                    best, chosen = mean, (dy, dx)
+            return chosen
+
+        step = -(-f // _NEARBY)
+        dy, dx = cheapest(*([n for n in reach if n % step == 0] for reach in (ys, xs)))
+        if step > 1:
+            near = ([n for n in reach if abs(n - mid) < step] for reach, mid in ((ys, dy), (xs, dx)))
+            dy, dx = cheapest(*near)
+        return y + dy, x + dx
 
     def _around(self, source: SeamPhoto, y: int, x: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
         """Colors of the exemplar's pixels from (y, x), in doubles, and a mask of usable ones, (height * width,)."""

@@ -18,7 +18,8 @@ from pathlib import Path
 
 from ...engine.deferred import np
 from ...engine.errors import DeviceError
-from ...engine.io.disk_cache import Arrays, cached_arrays, hash_of
+from ...engine.io.disk_cache import cached_arrays, hash_of
+from ...engine.io.sealed import Arrays
 from ...engine.opencl.buffers import Buffers
 from ...engine.opencl.device import Device
 from .superexemplar import Levels

@@ -19,7 +19,7 @@ from ..api.files import require_plain
 
 MOST_PAGES = 16
 MOST_TASKS = 64  # unfinished requests of all pages
-MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error)
+MALFORMED = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError, struct.error)
 _WAITING = 1024  # queued messages; a slower page is disconnected
 
 log = logging.getLogger("oiiotex")

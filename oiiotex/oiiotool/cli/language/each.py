@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import glob
 import os
 from collections.abc import Sequence
@@ -53,8 +54,6 @@ def _place_of(words: Sequence[str]) -> int | None:
 
 
 def _line(words: Sequence[str], place: int, file: str) -> tuple[str, ...]:
-    if "{" in file or "}" in file:
-        raise ParameterError(f"--each: {file!r}: braces begin expressions; rename the file")
     folder, name = os.path.split(file)
     stem, extension = os.path.splitext(name)
     tokens = {"{name}": stem, "{dir}": folder or ".", "{ext}": extension[1:]}
@@ -67,4 +66,9 @@ def _line(words: Sequence[str], place: int, file: str) -> tuple[str, ...]:
         return word
 
     own = f"./{file}" if file.startswith("-") else file
-    return (*map(filled, words[:place]), own, *map(filled, words[place + 2 :]))
+    line = (*map(filled, words[:place]), own, *map(filled, words[place + 2 :]))
+    if "{" not in file and "}" not in file:
+        return line
+    if any("{" in functools.reduce(lambda rest, token: rest.replace(token, ""), tokens, word) for word in words):
+        raise ParameterError(f"--each: {file!r}: braces begin expressions, and the line has some; rename the file")
+    return ("--evaloff", *line)

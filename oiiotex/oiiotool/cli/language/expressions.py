@@ -44,6 +44,8 @@ from .expression_values import (
 )
 from .sequences import Frame
 
+_LONGEST = 1 << 20  # characters of a word: a variable that is doubled in a loop would take all memory
+
 
 class Scope(Protocol):
     """The parts of a chain that expressions read: images, by index, label and file, and its variables."""
@@ -70,6 +72,8 @@ def substituted(text: str, chain: Scope) -> str:
         expression = text[opening + 1 : end - 1]
         with within(f"{{{expression}}}"):
             value = _Evaluation(expression, chain).value()
+            if len(result) + len(value) > _LONGEST:
+                raise ParameterError(f"the word becomes longer than {_LONGEST:,} characters")
         result, at = result + text[at:opening] + value, end
     return result + text[at:]
 

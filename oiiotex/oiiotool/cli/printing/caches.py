@@ -10,6 +10,8 @@ from ....engine.io.cache_folders import cache_folder
 
 _KINDS = {
     "probe": "results of OpenCL device tests",
+    "pocl": "kernels that PoCL has compiled",
+    "programs": "programs for OpenCL runtimes without a cache",
     "linker": "linker for OpenCL runtimes that lack one",
     "candidates": "analyzed exemplars of --texsynth and --texzoom",
     "sigmas": "scales of --texsigmas and :evenness=",

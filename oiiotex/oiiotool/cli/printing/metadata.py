@@ -15,7 +15,7 @@ from ....engine.core.image import Image, Part, dtype_of
 from ....engine.core.parameters import param
 from ....engine.core.window import Window
 from ....engine.deferred import np, oiio
-from ....engine.errors import ParameterError
+from ....engine.patterns import pattern_of
 from .pixel_statistics import as_floats, full_rows, part_statistics_text
 
 _NAME_WIDTH = 20
@@ -54,12 +54,12 @@ class Asked:
     @functools.cached_property
     def wanted(self) -> re.Pattern[str]:
         """The pattern of the names of metadata to print."""
-        return _pattern(self.match)
+        return pattern_of(self.match)
 
     def passes(self, line: str) -> bool:
         """Whether a line of metadata is printed."""
         name = line.partition(": ")[0]
-        return not (self.no_match and _pattern(self.no_match).search(name)) and bool(self.wanted.search(name))
+        return not (self.no_match and pattern_of(self.no_match).search(name)) and bool(self.wanted.search(name))
 
     @property
     def prefix(self) -> str:
@@ -80,16 +80,6 @@ def description(image: Image, asked: Asked, filename: str = "") -> Iterator[str]
             yield from dumped(part, asked.dump)
         if asked.statistics and asked.wanted.search("stats"):
             yield from _statistics(part, asked)
-
-
-def _pattern(text: str) -> re.Pattern[str]:
-    """A POSIX extended regular expression that ignores case."""
-    classes = {"alpha": "a-zA-Z", "digit": "0-9", "alnum": "a-zA-Z0-9", "space": r"\s", "upper": "A-Z", "lower": "a-z"}
-    translated = re.sub(r"\[:(\w+):\]", lambda match: classes.get(match[1], match[0]), text)
-    try:
-        return re.compile(translated, re.IGNORECASE)
-    except re.error as error:
-        raise ParameterError(f"'{text}': expected a regular expression: {error}") from None
 
 
 def _metadata(image: Image, number: int, asked: Asked, filename: str) -> str:
