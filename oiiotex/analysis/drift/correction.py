@@ -44,31 +44,36 @@ class Correction:
     limits: tuple[float, float]
     in_lab: bool
 
-    def apply(self, values: np.ndarray, window: Window) -> np.ndarray:
-        """Correct (height, width, 4) float32 in place. `window`: the position of these pixels.
+    def apply(self, values: np.ndarray, window: Window) -> None:
+        """Correct (height, width, 4) float32 in place. `window`: the position of these pixels."""
+        self._corrected(values, self.field.values(window))
 
-        Returns
-        -------
-        (height, width, 6) float32
-            Gains, then offsets: what was done to each pixel's first three values.
-        """
-        field, before = self.field.values(window), values[..., :3].copy()
-        change = np.ones((*before.shape[:2], 6), np.float32)
+    def change(self, values: np.ndarray, window: Window) -> np.ndarray:
+        """What `apply` does to the first three values of each pixel: gains, then offsets, (height, width, 6) float32."""
+        field, after = self.field.values(window), values.copy()
+        self._corrected(after, field)
+        gains = np.ones((*values.shape[:2], 3), np.float32)
         if self.in_lab:
-            change[..., 0], change[..., 1:3] = field[..., 0], self._relit(values, field)[..., None] * field[..., 3:5]
+            own, light = (np.maximum(v[..., 0], 0) + np.float32(_BLACK) for v in (values, after))
+            gains[..., 0], gains[..., 1:] = field[..., 0], (light / own)[..., None] * field[..., 3:5]
         else:
             count = field.shape[-1] // 2
-            change[..., :count] = field[..., :count]
+            gains[..., :count] = field[..., :count]
+        return np.concatenate([gains, after[..., :3] - gains * values[..., :3]], -1)
+
+    def _corrected(self, values: np.ndarray, field: np.ndarray) -> None:
+        if self.in_lab:
+            self._relit(values, field)
+        else:
+            count = field.shape[-1] // 2
             values[..., :count] = self._within(values[..., :count], field[..., :count], field[..., count:])
-        change[..., 3:] = values[..., :3] - change[..., :3] * before
-        return change
 
     def _within(self, own: np.ndarray, gain: np.ndarray, offset: np.ndarray) -> np.ndarray:
         low, high = map(np.float32, self.limits)
         return np.clip(own * gain + offset, np.minimum(own, low), np.maximum(own, high))
 
-    def _relit(self, values: np.ndarray, field: np.ndarray) -> np.ndarray:
-        """Correct Lab in place, and return the factor of f(Y), (height, width): that of a and b in white light."""
+    def _relit(self, values: np.ndarray, field: np.ndarray) -> None:
+        """Correct Lab in place."""
         gain, offset, ratio, *chroma = np.moveaxis(field, -1, 0)
         own = np.maximum(values[..., 0], np.float32(0))  # negative values of HDR images are kept
         f_y, f_xz = _f_of_lab(own, values[..., 1], values[..., 2])
@@ -85,7 +90,6 @@ class Correction:
         values[..., 0] += light - own
         values[..., 1] = (new_xz[0] - new_y) * np.float32(500)
         values[..., 2] = (new_y - new_xz[1]) * np.float32(200)
-        return new_y / f_y
 
 
 def _f_of_lab(light: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

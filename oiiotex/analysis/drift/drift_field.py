@@ -193,14 +193,16 @@ def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: 
         total = sums[..., 1 + c] / SUM_STEPS
         plane = fit.means(total)
         level[..., c] = plane + disc.medians(total / safe - plane) if robust else plane
-    if robust and scale.in_lab and not left_out.any():
-        means = sums[..., 1 : 1 + count] / SUM_STEPS / safe[..., None]
-        around = np.stack([near.medians(means[..., c]) for c in range(count)], -1)
-        found = objects(around, np.median(level[inside], axis=0), inside)
-        if found.any():
-            left_out[:], sums[found] = found, 0.0
-            return _drift(cells, scratch, radius, robust, scale)
     if robust:
+        means = sums[..., 1 : 1 + count] / SUM_STEPS / safe[..., None]
+        rest = np.stack([near.medians(means[..., c] - level[..., c]) for c in range(count)], -1)
+        if scale.in_lab and not left_out.any():
+            found = objects(level + rest, np.median(level[inside], axis=0), inside)
+            if found.any():
+                left_out[:], sums[found] = found, 0.0
+                return _drift(cells, scratch, radius, robust, scale)
+        stained[:] = stains(rest, inside)
+        level += stained[..., None] * rest  # it follows the stains
         _add_contrast(level, contrast, stained, sums, disc, near)
     overall_level, overall_contrast = (np.median(plane[inside], axis=0) for plane in (level, contrast))
     level[fit.weight <= 0] = overall_level
@@ -216,13 +218,9 @@ def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: 
 def _add_contrast(
     level: np.ndarray, contrast: np.ndarray, stained: np.ndarray, sums: np.ndarray, disc: _Disc, near: _Disc
 ) -> None:
-    """Fill `stained` and `contrast`, and let `level` follow the stains. Arrays as in `Drift`."""
+    """Fill `contrast`. Arrays as in `Drift`."""
     number, count = sums[..., 0], level.shape[-1]
-    inside, safe = number > 0, np.maximum(number, 1.0)
-    means = sums[..., 1 : 1 + count] / SUM_STEPS / safe[..., None]
-    rest = np.stack([near.medians(means[..., c] - level[..., c]) for c in range(count)], -1)
-    stained[:] = stains(rest, inside)
-    level += stained[..., None] * rest
+    safe = np.maximum(number, 1.0)
     for c in range(count):
         total, squares, own = sums[..., 1 + c] / SUM_STEPS, sums[..., 1 + count + c] / SUM_STEPS**2, level[..., c]
         # sum of squares after subtracting the local level, constant in a cell, from every value

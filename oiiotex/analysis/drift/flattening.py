@@ -102,7 +102,7 @@ class Flattening:
 
         def changed(rows: np.ndarray, window: Window) -> np.ndarray:
             values, opaque = lens.values(rows)
-            done = change.apply(values, window)
+            done = change.change(values, window)
             return done if opaque is None else np.where(opaque[..., None], done, np.float32(_UNCHANGED))
 
         field = correction_part(mapped(part, changed, resources, spec_beside(part.spec, _CHANNELS)), part)
