@@ -85,13 +85,15 @@ def with_spots(places: tuple[tuple[int, int], ...], absorbed: tuple[float, ...])
 
 
 @pytest.mark.parametrize(
-    ("places", "absorbed", "least", "most"), [(FEW, MILD, -0.25, 0.25), (FEW, STRONG, 0.75, 1.25), (MANY, MILD, 0.6, 1.1)]
+    ("places", "absorbed", "least", "most"),
+    [(FEW, MILD, -0.25, 0.25), (FEW, STRONG, 0.75, 1.25), (MANY, MILD, 0.6, 1.1)],
 )
 def test_one_small_stain_is_removed_and_objects_stay(places, absorbed, least, most):
     clean, photo = with_spots(places, absorbed)
     (y, x), light = places[0], np.s_[:, :, 0]
     spot = np.s_[y - 15 : y + 15, x - 15 : x + 15]
-    made, before, clean = (lab_of(v)[light][spot].mean() for v in (pixels(filters.flatten(linear(photo))), photo, clean))
+    images = pixels(filters.flatten(linear(photo))), photo, clean
+    made, before, clean = (lab_of(image)[light][spot].mean() for image in images)
     assert least < (made - clean) / (before - clean) < most
 
 

@@ -49,7 +49,7 @@ class Correction:
         self._corrected(values, self.field.values(window))
 
     def change(self, values: np.ndarray, window: Window) -> np.ndarray:
-        """What `apply` does to the first three values of each pixel: gains, then offsets, (height, width, 6) float32."""
+        """Gains, then offsets, by which `apply` changes the first three values of each pixel: (height, width, 6)."""
         field, after = self.field.values(window), values.copy()
         self._corrected(after, field)
         gains = np.ones((*values.shape[:2], 3), np.float32)
@@ -153,9 +153,7 @@ def _light_field(drift: Drift, gain: np.ndarray, amount: float, target: np.ndarr
     ratio = np.clip(np.maximum(goal, 1.0) / np.maximum(own, 1.0), 1.0 / _MOST_RATIO, _MOST_RATIO)
     sure = np.maximum(_sure_tint(drift), drift.stains)
     new_y = (np.maximum(goal, 0.0) + _BLACK) / 116.0
-    local, common, wanted = (
-        _chroma(np.broadcast_to(lab, level.shape), new_y) for lab in (level, overall, target)
-    )
+    local, common, wanted = (_chroma(np.broadcast_to(lab, level.shape), new_y) for lab in (level, overall, target))
     gains = 1.0 + sure * (np.minimum(np.moveaxis(gain[..., 1:], -1, 0), 1.0) - 1.0)  # of chroma: it is not amplified
     chroma = local + amount * (sure * (common - local) + wanted - common) - new_y - gains * (local - new_y)
     return np.stack([gain[..., 0], offset, ratio, *gains, *chroma / np.maximum(new_y - _FOOT, _FOOT)], -1)

@@ -211,8 +211,8 @@ def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: 
         level[..., measured] = np.clip(level[..., measured], *scale.limits)  # a plane leaves them
     for name in _FIELDS:
         close_margins(scratch[name], wraps)
-    fields = (scratch[name] for name in _FIELDS)
-    return Drift(cells, *fields, overall_level, overall_contrast, scale)
+    fields = {name: scratch[name] for name in _FIELDS}
+    return Drift(cells, **fields, overall_level=overall_level, overall_contrast=overall_contrast, scale=scale)
 
 
 def _add_contrast(

@@ -20,7 +20,7 @@ log = logging.getLogger("oiiotex")
 DRIFT = Output(
     "drift",
     Kind.MEASURE,
-    "Correction: Lab x gain + offset. Channels: gain.L, gain.a, gain.b, offset.L, offset.a, offset.b.",
+    "Correction of each pixel: Lab x gain + offset. Channels: gain.L, gain.a, gain.b, offset.L, offset.a, offset.b.",
     asked_by="drift",
 )
 DRIFT_HELP = (
@@ -103,7 +103,7 @@ class Flattening:
         def changed(rows: np.ndarray, window: Window) -> np.ndarray:
             values, opaque = lens.values(rows)
             done = change.change(values, window)
-            return done if opaque is None else np.where(opaque[..., None], done, np.float32(_UNCHANGED))
+            return done if opaque is None else np.where(opaque[..., None], done, np.array(_UNCHANGED, np.float32))
 
         field = correction_part(mapped(part, changed, resources, spec_beside(part.spec, _CHANNELS)), part)
         return mapped(part, work, resources), field, drift.stained()
@@ -113,7 +113,7 @@ def correction_part(changed: Part | None, part: Part) -> Part:
     """The part `drift` over `part`: gains, then offsets, of each pixel. None: gain 1 and offset 0."""
 
     def fetch(window: Window) -> np.ndarray:
-        return np.broadcast_to(np.float32(_UNCHANGED), (window.height, window.width, 6)).copy()
+        return np.broadcast_to(np.array(_UNCHANGED, np.float32), (window.height, window.width, 6)).copy()
 
     if changed is None:
         return Part("drift", spec_beside(part.spec, _CHANNELS), fetch, ready=True)
