@@ -6,7 +6,8 @@ python -m benchmarks.tiles.shadows [--side 384] [--half tune|judge] [--out FOLDE
 A texture is lit by a lamp and by a bluish sky (Guo, Dai and Hoiem 2011, equation 1): I = (k D + E) R per channel of
 linear RGB, for the texture R, the lamp D, the sky E and the visible share k of the lamp, from 0 to 1 across the
 penumbra. The right result is known: k = 1 everywhere. A result is right up to one exposure, so it is scaled to the
-median of the texture outside the shadow. Textures are those of drifts.py, in the same halves: tune on one, report the other.
+median of the texture outside the shadow. Textures are those of drifts.py, in the same halves: tune on one, report the
+other.
 
 Inside is k < .02, the border .02 to .98, outside the rest. Delta E is CIE76 of what is slower than L/96, band energies
 are those of drifts.py. --out receives photo and result of each case side by side.
