@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cast shadows of known shape and color on even textures: what --texflatten leaves of them, and what it changes.
+"""Cast shadows of known shape and color on even textures, before and after --texflatten.
 
 python -m benchmarks.tiles.shadows [--side 384] [--half tune|judge] [--out FOLDER]
 

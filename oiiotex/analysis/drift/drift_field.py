@@ -27,7 +27,7 @@ _LIMIT = 2048 * SUM_STEPS  # values beyond are clamped: so the squares in a cell
 _CELLS_PER_RADIUS = 8  # the rim of a stain is followed to within one cell
 _PLANE = 2.0  # sigma of the plane fit, in radii
 _SMALL = 0.4  # radius of the disc for stains and objects, relative to the radius
-_LEAST_ALPHA = 1 / 32  # pixels below it are no evidence: their color is a quotient of small numbers
+_LEAST_ALPHA = 1 / 32  # pixels below it do not count: their color is a quotient of small numbers
 _AT_ONCE = 1 << 13  # values of discs sorted at a time, or as many as there are cells
 _PLANES = 28  # maximum number of arrays of cells between the sums and the results
 _FIELDS = "level", "contrast", "stains", "objects"  # of `Drift`
@@ -37,7 +37,7 @@ _RIDGE = 0.02  # regularization of the slope fit, relative to sigma^2
 
 @dataclass(frozen=True)
 class Scale:
-    """What the values of an image are: `limits`, lowest and highest value of L or data; `in_lab`, or data."""
+    """Kind and range of values: `limits` are the lowest and highest value of L or data; not `in_lab`: data."""
 
     limits: tuple[float, float]
     in_lab: bool
