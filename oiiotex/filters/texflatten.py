@@ -23,9 +23,9 @@ from ..synthesis.exemplar.exemplar_op import MASK
 class Flatten(ScanThenMap):
     """Remove low-frequency variation (gradients of light, stains) from an image.
 
-    Local level and local contrast in Lab, as medians over a disc, are matched to those of the whole image. Structures
-    smaller than the disc are kept; larger stains are removed, including their rims. The result is the image times a
-    smooth gain, from 1/2 to 2, plus a smooth offset in Lab. Memory does not grow with the image.
+    Local level and local contrast of lightness, as medians over a disc, are matched to those of the whole image. Color
+    follows as light changes it. Structures smaller than the disc are kept; larger stains are removed, including their
+    rims. Different materials keep their colors. Memory does not grow with the image.
     """
 
     example: ClassVar[str] = '>>> flat = filters.flatten("photo.png", flattening=0.5)'

@@ -56,13 +56,59 @@ def flattened(
     overall = [np.median([field[at] for at in seen], axis=0) for field in (level, local)]
     gain = {at: np.clip(((overall[1] + 1) / (local[at] + 1)) ** contrast, 0.5, 2) for at in planes}
     gain = {at: 1 + amount * (g - 1) for at, g in gain.items()}
-    goal = overall[0] if target is None else target
-    offset = {at: amount * goal + (1 - amount) * level[at] - level[at] * gain[at] for at in planes}
+    overall, target = overall[0], overall[0] if target is None else target
+    darkest, brightest = values[opaque][:, 0].min(), values[opaque][:, 0].max()
+    sure = min(1.0, max(0.0, (20 - max(tint(level[at], overall) for at in seen)) / (20 - 12)))
+    level = {at: np.array([np.clip(v[0], darkest, brightest), *v[1:]]) for at, v in level.items()}
+
+    def change(at: tuple[int, int]) -> list[float]:
+        """Gain and offset of L, ratio of levels, gains and offsets of color."""
+        own = level[at]
+        goal = own[0] + amount * (np.clip(overall[0] - own[0], -40, 40) + target[0] - overall[0])
+        f = (max(goal, 0) + 16) / 116
+        here, common, wanted = (relit(lab, goal)[[0, 2]] for lab in (own, overall, target))
+        less = 1 + sure * (np.minimum(gain[at][1:], 1) - 1)
+        moved = here + amount * (sure * (common - here) + wanted - common) - f - less * (here - f)
+        ratio = np.clip(max(goal, 1) / max(own[0], 1), 0.25, 4)
+        return [gain[at][0], goal - own[0] * gain[at][0], ratio, *less, *moved / max(f - 4 / 29, 4 / 29)]
+
     y, x = np.meshgrid(*((np.arange(n) + 0.5) / side + 1.5 for n in (height, width)), indexing="ij")
 
-    def surface(field: dict[tuple[int, int], np.ndarray]) -> np.ndarray:
-        grid = np.array([[field[j, i] for i in range(-2, across + 2)] for j in range(-2, down + 2)])
-        planes = (map_coordinates(grid[..., c], [y, x], order=3, prefilter=False) for c in range(3))
-        return np.stack(list(planes), -1)
+    grid = np.array([[change((j, i)) for i in range(-2, across + 2)] for j in range(-2, down + 2)])
+    fields = np.stack([map_coordinates(grid[..., c], [y, x], order=3, prefilter=False) for c in range(7)], -1)
+    brightest *= max(1.0, target[0] / max(overall[0], 1.0))
+    pixels = zip(lab.reshape(-1, 3).astype(np.float64), fields.reshape(-1, 7), strict=True)
+    return np.array([corrected(*one, brightest) for one in pixels]).reshape(lab.shape)
 
-    return lab * surface(gain) + surface(offset)
+
+def corrected(lab: np.ndarray, field: np.ndarray, brightest: float) -> np.ndarray:
+    """One pixel, (3,) Lab with L >= 0, by its gains and offsets."""
+    gain, offset, ratio = field[:3]
+    f = of_lab(lab)
+    light = np.clip(lab[0] * gain + offset, lab[0] * min(ratio, 1) / 2, lab[0] * max(ratio, 1) * 2)
+    least_room = max(1.0, (brightest + 16) / 116 / f.max())
+    light = min(light, max(lab[0], brightest), 116 * f[1] * least_room - 16)
+    new = relit(lab, light)
+    color = new[1] + field[3:5] * (new[[0, 2]] - new[1]) + field[5:7] * (new[1] - 4 / 29)
+    x, z = np.maximum(color, np.minimum(new[[0, 2]], (new[[0, 2]] + 4 / 29) / 2))
+    return np.array([light, 500 * (x - new[1]), 200 * (new[1] - z)])
+
+
+def of_lab(lab: np.ndarray) -> np.ndarray:
+    """f of X, Y, Z (CIE 15)."""
+    y = (max(lab[0], 0) + 16) / 116
+    return np.array([y + lab[1] / 500, y, y - lab[2] / 200])
+
+
+def relit(lab: np.ndarray, light: float) -> np.ndarray:
+    """f of X, Y, Z in the light that gives a color the lightness `light`."""
+    f = of_lab(lab)
+    xyz, y = (np.where(v > 6 / 29, v**3, (v - 4 / 29) * 108 / 841) for v in (f, (max(light, 0) + 16) / 116))
+    xyz = xyz * y / max(xyz[1], 1e-9)
+    return np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz * 841 / 108 + 4 / 29)
+
+
+def tint(level: np.ndarray, overall: np.ndarray) -> float:
+    """Difference in a, b that neither light nor an offset explains."""
+    relit = level[1:] / (level[0] + 16) * (overall[0] + 16)
+    return min(np.hypot(*(relit - overall[1:])), np.hypot(*(level[1:] - overall[1:])))

@@ -9,9 +9,8 @@ gradients exact up to the border, where a median alone would be biased inwards.
 
 from __future__ import annotations
 
-import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...engine.color.lab_grid import SUM_STEPS
 from ...engine.color.lens import Lens
@@ -21,48 +20,69 @@ from ...engine.deferred import np
 from ...engine.scan import scan
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
-from ..stationarity.grid_statistics import MARGIN, Cells, SplineSurface, close_margins, correlated, smoothing_taps
+from ..stationarity.grid_statistics import MARGIN, Cells, close_margins, correlated, smoothing_taps
+from .compact_regions import objects, stains
 
 _LIMIT = 2048 * SUM_STEPS  # values beyond are clamped: so the squares in a cell are summed exactly in doubles
 _CELLS_PER_RADIUS = 8  # the rim of a stain is followed to within one cell
 _PLANE = 2.0  # sigma of the plane fit, in radii
-_SPOT = 0.4  # radius of the disc for smaller stains, relative to the radius
-_NEAR, _FAR = 3.0, 8.0  # in deviations of the texture's own variation: end of a stain, and minimum peak of one
-_MOST_SPOTS, _LARGEST_SPOTS = 2, 0.15  # maximum number of stains, and share of the photo they may cover
-_MOST_CELLS = 1 << 14  # of the search for stains: sufficient for a photo 16 radii wide
+_SMALL = 0.4  # radius of the disc for stains and objects, relative to the radius
+_LEAST_ALPHA = 1 / 32  # pixels below it do not count: their color is a quotient of small numbers
 _AT_ONCE = 1 << 13  # values of discs sorted at a time, or as many as there are cells
 _PLANES = 28  # maximum number of arrays of cells between the sums and the results
-_NOISE = 1.0  # Lab; contrast below it is treated as noise and hardly amplified
-_LEAST_IN_SPOTS = 1 / 16  # minimum gain of contrast there: a stain adds its color to every element
+_FIELDS = "level", "contrast", "stains", "objects"  # of `Drift`
 MOST_GAIN = 2.0  # contrast is at most doubled and at least halved
 _RIDGE = 0.02  # regularization of the slope fit, relative to sigma^2
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Kind and range of values: `limits` are the lowest and highest value of L or data; not `in_lab`: data."""
+
+    limits: tuple[float, float]
+    in_lab: bool
 
 
 @dataclass(frozen=True)
 class Drift:
     """Local and global statistics of an image.
 
-    `level` (down + 4, across + 4, channels) float: local level at the cells' centers, with the margin
-    `grid_statistics.MARGIN`; `spots` (down + 4, across + 4) float: mask of stains smaller than the disc, 0 to
-    1, where contrast may change more than in the texture.
+    Fields have values at the cells' centers, with the margin `grid_statistics.MARGIN`.
+
+    Attributes
+    ----------
+    cells : Cells
+    level : (down + 4, across + 4, channels) float
+        Local level.
+    contrast : (down + 4, across + 4, channels) float
+        Median over the disc of the standard deviation in a cell, after subtracting the local level.
+    stains : (down + 4, across + 4) float
+        Stains smaller than the disc, 0 to 1, where contrast may change more than in the texture.
+    objects : (down + 4, across + 4) float
+        1 in regions of another material. `level` and `contrast` there are those of their surroundings.
+    overall_level, overall_contrast : (channels,) float
+        Medians over the image.
+    scale : Scale
     """
 
     cells: Cells
     level: np.ndarray
-    contrast: np.ndarray  # median over the disc of the standard deviation in a cell, after subtracting the local level
-    overall_level: np.ndarray  # (channels,) float: median of the level over the image
+    contrast: np.ndarray
+    stains: np.ndarray
+    objects: np.ndarray
+    overall_level: np.ndarray
     overall_contrast: np.ndarray
-    spots: np.ndarray
+    scale: Scale
 
     def stained(self) -> np.ndarray | None:
-        """Pixels of the stains in `spots`, (height, width) bool; None: there are none.
+        """Pixels of `stains` and `objects`, (height, width) bool; None: there are none.
 
         A correction slower than sigma cannot restore them: a stain tints light elements more than dark ones.
         """
-        spots = self.spots[MARGIN:-MARGIN, MARGIN:-MARGIN] > 0
-        if not spots.any():
+        regions = ((self.stains > 0) | (self.objects > 0))[MARGIN:-MARGIN, MARGIN:-MARGIN]
+        if not regions.any():
             return None
-        return spots[self.cells.lines][:, self.cells.columns]
+        return regions[self.cells.lines][:, self.cells.columns]
 
 
 def drift_of(
@@ -84,7 +104,7 @@ def drift_of(
     wraps : (bool, bool)
         The image is a torus along y, along x.
     usable : (height, width) bool, optional
-        Pixels that count. Default: all with nonzero alpha.
+        Pixels that count. Default: all. Pixels whose alpha is below 1/32 never count.
     robust : bool
         Use medians. Otherwise the level is a Gaussian mean with half the radius as sigma, and contrast is 0.
 
@@ -98,28 +118,39 @@ def drift_of(
     ImageError
         NaN or Inf, or the cells do not fit the budget.
     """
-    whole, count = image.first.window, lens.count
+    whole, count, lens = image.first.window, lens.count, replace(lens, least_alpha=_LEAST_ALPHA)
     cells = Cells.for_sigma(whole, radius, _CELLS_PER_RADIUS, wraps)
     places = cells.down + 2 * MARGIN, cells.across + 2 * MARGIN
-    layout = dict.fromkeys(("level", "contrast"), ((*places, count), np.float64)) | {"spots": (places, np.float64)}
+    in_lab = lens.space is not None
+    shapes = (*places, count), (*places, count), places, places
+    layout = {name: (shape, np.float64) for name, shape in zip(_FIELDS, shapes, strict=True)}
     layout["sums"] = ((*places, 1 + 2 * count), np.float64)
     beside = 8 * _PLANES * max(math.prod(places), _AT_ONCE // 4)
     scratch = resources.scratch(layout, f"radius={radius:g}", "increase the radius", beside)
     sums = scratch["sums"][MARGIN:-MARGIN, MARGIN:-MARGIN]
 
-    def look(values: np.ndarray, opaque: np.ndarray | None, piece: Window) -> list[np.ndarray]:
+    limits = [(math.inf, -math.inf)]
+
+    def look(values: np.ndarray, opaque: np.ndarray | None, piece: Window) -> tuple[list[np.ndarray], float, float]:
         if usable is not None:
             mask = usable[piece.top - whole.top : piece.bottom - whole.top]
             opaque = mask if opaque is None else mask & opaque
         rows = [row.inside(piece) for row in cells.rows(piece)]
-        return [cell_sums(values[at][..., :count], None if opaque is None else opaque[at], cells) for at in rows]
+        sums = [cell_sums(values[at][..., :count], None if opaque is None else opaque[at], cells) for at in rows]
+        seen = values[..., : 1 if in_lab else count]
+        seen = seen if opaque is None else seen[opaque]
+        return sums, float(seen.min(initial=math.inf)), float(seen.max(initial=-math.inf))
 
-    keep = functools.partial(cells.add, sums)
+    def keep(piece: Window, found: tuple[list[np.ndarray], float, float]) -> None:
+        cells.add(sums, piece, found[0])
+        limits.append(found[1:])
+
     cell = 0 if wraps[0] else cells.side  # around a torus the heights of rows of cells differ by up to a pixel
     scan(image.first, lens, resources, look, keep, cell=cell, larger=2, advance=progress.advance)
     if not sums[..., 0].any():
         return None
-    return _drift(cells, scratch, radius, robust)
+    lowest, highest = zip(*limits, strict=True)
+    return _drift(cells, scratch, radius, robust, Scale((min(lowest), max(highest)), in_lab))
 
 
 def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np.ndarray:
@@ -147,76 +178,56 @@ def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np
     return out
 
 
-def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: bool) -> Drift:
+def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: bool, scale: Scale) -> Drift:
     """Compute the statistics from sums into preallocated arrays, channel by channel to limit temporaries."""
     wraps = cells.wraps
     torus = tuple(slice(MARGIN, -MARGIN) if around else slice(None) for around in wraps)  # wrapped axes without margin
-    sums, level, contrast = (scratch[name][torus] for name in ("sums", "level", "contrast"))
+    sums, level, contrast, stained, left_out = (scratch[name][torus] for name in ("sums", *_FIELDS))
     number, count = sums[..., 0], level.shape[-1]
     sigma = _PLANE * radius if robust else radius / 2
     taps_y, taps_x = (smoothing_taps(sigma, step) for step in cells.steps)
     fit = _LocalFit(number, taps_y, taps_x, wraps)
     inside, safe = number > 0, np.maximum(number, 1.0)
-    disc, near = (_Disc(inside, [share * radius / step for step in cells.steps], wraps) for share in (1.0, _SPOT))
+    disc, near = (_Disc(inside, [share * radius / step for step in cells.steps], wraps) for share in (1.0, _SMALL))
     for c in range(count):
         total = sums[..., 1 + c] / SUM_STEPS
         plane = fit.means(total)
         level[..., c] = plane + disc.medians(total / safe - plane) if robust else plane
     if robust:
-        _add_contrast(level, contrast, scratch["spots"][torus], sums, disc, near)
+        means = sums[..., 1 : 1 + count] / SUM_STEPS / safe[..., None]
+        rest = np.stack([near.medians(means[..., c] - level[..., c]) for c in range(count)], -1)
+        if scale.in_lab and not left_out.any():
+            found = objects(level + rest, np.median(level[inside], axis=0), inside)
+            if found.any():
+                left_out[:], sums[found] = found, 0.0
+                return _drift(cells, scratch, radius, robust, scale)
+        stained[:] = stains(rest, inside)
+        level += stained[..., None] * rest  # it follows the stains
+        _add_contrast(level, contrast, stained, sums, disc, near)
     overall_level, overall_contrast = (np.median(plane[inside], axis=0) for plane in (level, contrast))
     level[fit.weight <= 0] = overall_level
-    for name in ("level", "contrast", "spots"):
+    if robust:
+        measured = slice(1 if scale.in_lab else count)
+        level[..., measured] = np.clip(level[..., measured], *scale.limits)  # a plane leaves them
+    for name in _FIELDS:
         close_margins(scratch[name], wraps)
-    return Drift(cells, scratch["level"], scratch["contrast"], overall_level, overall_contrast, scratch["spots"])
+    fields = {name: scratch[name] for name in _FIELDS}
+    return Drift(cells, **fields, overall_level=overall_level, overall_contrast=overall_contrast, scale=scale)
 
 
 def _add_contrast(
-    level: np.ndarray, contrast: np.ndarray, spots: np.ndarray, sums: np.ndarray, disc: _Disc, near: _Disc
+    level: np.ndarray, contrast: np.ndarray, stained: np.ndarray, sums: np.ndarray, disc: _Disc, near: _Disc
 ) -> None:
-    """Fill `spots` and `contrast`, and let `level` follow the stains in `spots`. Arrays as in `Drift`."""
+    """Fill `contrast`. Arrays as in `Drift`."""
     number, count = sums[..., 0], level.shape[-1]
-    inside, safe = number > 0, np.maximum(number, 1.0)
-    means = sums[..., 1 : 1 + count] / SUM_STEPS / safe[..., None]
-    rest = np.stack([near.medians(means[..., c] - level[..., c]) for c in range(count)], -1)
-    spots[:] = _spots(rest, inside)
-    level += spots[..., None] * rest
+    safe = np.maximum(number, 1.0)
     for c in range(count):
         total, squares, own = sums[..., 1 + c] / SUM_STEPS, sums[..., 1 + count + c] / SUM_STEPS**2, level[..., c]
         # sum of squares after subtracting the local level, constant in a cell, from every value
         spread = np.sqrt(np.maximum(squares - 2.0 * own * total + own**2 * number, 0.0) / safe)
         contrast[..., c] = disc.medians(spread)
-        if spots.any():
-            contrast[..., c] += spots * (near.medians(spread) - contrast[..., c])
-
-
-def _spots(rest: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Mask of stains smaller than the disc, 0 to 1: one or two compact areas far from the texture's own variation.
-
-    More of them are objects, such as windows in a wall, or the texture itself.
-    """
-    typical = np.maximum(_NOISE, 1.4826 * np.median(np.abs(rest[inside]), axis=0))  # deviation
-    away = np.where(inside, (np.abs(rest) / typical).max(-1), 0.0)
-    if inside.size > _MOST_CELLS or not (away > _FAR).any():
-        return np.zeros(inside.shape)
-    places = _connected(away > _NEAR)
-    found = np.unique(places[away > _FAR])
-    spots = np.isin(places, found)
-    if len(found) > _MOST_SPOTS or np.count_nonzero(spots) > _LARGEST_SPOTS * np.count_nonzero(inside):
-        return np.zeros(inside.shape)
-    return spots * np.clip((away - _NEAR) / _NEAR, 0.0, 1.0)
-
-
-def _connected(marked: np.ndarray) -> np.ndarray:
-    """Labels of connected components, 0 elsewhere, on a few thousand cells. scipy.ndimage is slow to import."""
-    places = np.where(marked, np.arange(1, marked.size + 1).reshape(marked.shape), 0)
-    while True:
-        wide = np.pad(places, 1)
-        around = np.maximum.reduce([wide[1:-1, :-2], wide[1:-1, 2:], wide[:-2, 1:-1], wide[2:, 1:-1], places])
-        around[~marked] = 0
-        if (around == places).all():
-            return places
-        places = around
+        if stained.any():
+            contrast[..., c] += stained * (near.medians(spread) - contrast[..., c])
 
 
 class _Disc:
@@ -288,38 +299,3 @@ def _moments(taps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Taps, and their products with the distance in cells and with its square."""
     away = np.arange(len(taps)) - len(taps) // 2
     return taps, taps * away, taps * away**2
-
-
-@dataclass(frozen=True)
-class Correction:
-    """The correction that removes low-frequency variation: value * gain + offset, per channel."""
-
-    field: SplineSurface  # four gains, then four offsets, for the four values of `Lens.values`
-
-    def apply(self, values: np.ndarray, window: Window) -> None:
-        """Correct (height, width, 4) float32 in place. `window`: the position of these pixels."""
-        for line, y in zip(values, range(window.top, window.bottom), strict=True):
-            field = self.field.row(y, window.left, window.right)
-            line *= field[:, :4]
-            line += field[:, 4:]
-
-
-def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray) -> Correction:
-    """Correct local levels to `target` and local contrast to that of the whole image.
-
-    The gain is ((G + 1) / (g + 1)) ^ contrast for an overall contrast G and a local contrast g in Lab units, between
-    1/2 and 2: noise in areas without detail must not be amplified. A stain may add its color to every element, so
-    contrast is reduced to as little as 1/16 there. Pixels outside a mask are corrected by their surroundings.
-
-    `target` (channels,) float.
-    """
-    count = drift.level.shape[-1]
-    gain = ((drift.overall_contrast + _NOISE) / (drift.contrast + _NOISE)) ** contrast
-    least = 1.0 / MOST_GAIN + drift.spots[..., None] * (_LEAST_IN_SPOTS - 1.0 / MOST_GAIN)
-    gain = 1.0 + amount * (np.clip(gain, least, MOST_GAIN) - 1.0)
-    field = np.zeros((*drift.level.shape[:2], 8), np.float32)
-    field[..., :4] = 1.0
-    field[..., :count] = gain
-    # amount 1: (value - level) * gain + target
-    field[..., 4 : 4 + count] = amount * target + (1.0 - amount) * drift.level - drift.level * gain
-    return Correction(SplineSurface(field, drift.cells))

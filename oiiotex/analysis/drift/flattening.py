@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 from ...engine.color.lab import lens_of
 from ...engine.core.access import mapped
@@ -16,15 +15,12 @@ from ...engine.deferred import np
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
 
-if TYPE_CHECKING:
-    from .drift_field import Correction
-
 log = logging.getLogger("oiiotex")
 
 DRIFT = Output(
     "drift",
     Kind.MEASURE,
-    "Correction: Lab x gain + offset. Channels: gain.L, gain.a, gain.b, offset.L, offset.a, offset.b.",
+    "Correction of each pixel: Lab x gain + offset. Channels: gain.L, gain.a, gain.b, offset.L, offset.a, offset.b.",
     asked_by="drift",
 )
 DRIFT_HELP = (
@@ -32,6 +28,8 @@ DRIFT_HELP = (
 )
 DEFAULT_RADIUS = 0.2  # of the longer side: a smaller one removes the texture's own variation at 1/24 of it
 _CENTER = (50.0, 0.0, 0.0)  # of Lab; data are scaled to 0 .. 100
+_CHANNELS = tuple(f"{kind}.{channel}" for kind in ("gain", "offset") for channel in "Lab")
+_UNCHANGED = (1.0,) * 3 + (0.0,) * 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,9 +77,10 @@ class Flattening:
             NaN or Inf, or the field does not fit the budget.
         """
         from ..stationarity.grid_statistics import MARGIN
-        from .drift_field import correction, drift_of  # not needed for help
+        from .correction import correction
+        from .drift_field import drift_of  # not needed for help
 
-        part, change = source.first, None
+        part = source.first
         lens = lens_of(source, resources, space)
         radius = self.radius or max(1.0, DEFAULT_RADIUS * max(part.window.size))
         drift = None if self.amount == 0 else drift_of(source, lens, radius, resources, progress, self.wraps, usable)
@@ -97,18 +96,25 @@ class Flattening:
         def work(rows: np.ndarray, window: Window) -> np.ndarray:
             values, opaque = lens.values(rows)
             change.apply(values, window)
-            return lens.replaced(rows, values, opaque)
+            made = lens.replaced(rows, values, opaque)
+            # a tint may leave the gamut: what was not negative does not become so
+            return np.maximum(made, np.minimum(rows, 0)) if lens.space and made.dtype.kind == "f" else made
 
-        return mapped(part, work, resources), correction_part(change, part), drift.stained()
+        def changed(rows: np.ndarray, window: Window) -> np.ndarray:
+            values, opaque = lens.values(rows)
+            done = change.change(values, window)
+            return done if opaque is None else np.where(opaque[..., None], done, np.array(_UNCHANGED, np.float32))
+
+        field = correction_part(mapped(part, changed, resources, spec_beside(part.spec, _CHANNELS)), part)
+        return mapped(part, work, resources), field, drift.stained()
 
 
-def correction_part(change: Correction | None, part: Part) -> Part:
-    """A correction as an image over `part`: gains, then offsets. None: gain 1 and offset 0."""
-    names = tuple(f"{kind}.{channel}" for kind in ("gain", "offset") for channel in "Lab")
+def correction_part(changed: Part | None, part: Part) -> Part:
+    """The part `drift` over `part`: gains, then offsets, of each pixel. None: gain 1 and offset 0."""
 
     def fetch(window: Window) -> np.ndarray:
-        if change is None:
-            return np.broadcast_to(np.repeat(np.array([1, 0], np.float32), 3), (window.height, window.width, 6)).copy()
-        return change.field.values(window)[..., [0, 1, 2, 4, 5, 6]]
+        return np.broadcast_to(np.array(_UNCHANGED, np.float32), (window.height, window.width, 6)).copy()
 
-    return Part("drift", spec_beside(part.spec, names), fetch, ready=True)
+    if changed is None:
+        return Part("drift", spec_beside(part.spec, _CHANNELS), fetch, ready=True)
+    return replace(changed, name="drift")

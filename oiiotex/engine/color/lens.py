@@ -34,6 +34,8 @@ class Lens:
         From `ColorConfig`; None for data.
     low, scale : float
         Data are mapped to (value - low) * scale.
+    least_alpha : float
+        Pixels whose alpha is smaller are not opaque.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Lens:
     from_lab: Callable[[np.ndarray], None] | None = None
     low: float = 0.0
     scale: float = 1.0
+    least_alpha: float = 0.0
 
     @property
     def count(self) -> int:
@@ -63,7 +66,7 @@ class Lens:
             Lab of unpremultiplied color, or scaled data, and a fourth value that must not be changed. Gray is repeated
             three times; for two channels of data the third value is 0.
         opaque : (height, width) bool or None
-            Where alpha is not 0; None: everywhere.
+            Where alpha is neither 0 nor below `least_alpha`; None: everywhere.
 
         Raises
         ------
@@ -79,8 +82,10 @@ class Lens:
             color = values[..., : 3 if len(self.channels.color) == 1 else len(self.channels.color)]
             color -= np.float32(self.low)
             color *= np.float32(self.scale)
-        opaque = None if alpha is None or alpha.all() else alpha != 0
-        return values, opaque
+        if alpha is None:
+            return values, None
+        opaque = (alpha != 0) & (alpha >= np.float32(self.least_alpha))
+        return values, None if opaque.all() else opaque
 
     def replaced(self, rows: np.ndarray, values: np.ndarray, opaque: np.ndarray | None) -> np.ndarray:
         """A copy of `rows` with the color of `values`, premultiplied again; pixels with alpha 0 do not change.
