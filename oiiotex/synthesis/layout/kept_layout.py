@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A tile that keeps the photo's layout: joined where the photo's end and its start look alike (KSE03).
+
+First along x, then, with the result as a strip that is closed along x, along y. Every pixel is a copy.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+from ...engine.core.demand import SomeRows
+from ...engine.core.source_map import SourceMap
+from ...engine.deferred import np
+from ...engine.errors import ImageError
+from .periods import MOST, Jumps, cheapest_jumps, rise_of
+from .seam import Joint, starts
+from .strip import Strip
+
+log = logging.getLogger("oiiotex")
+
+_LEAST_JUMP = 8  # px: shorter ones have no room for a seam
+
+
+@dataclass(frozen=True)
+class KeptLayout:
+    """A tile as source pixels, with its seams.
+
+    Attributes
+    ----------
+    source : SourceMap
+        (height, width).
+    periods : (Jumps or None, Jumps or None)
+        Along x and along y; None: the tile does not wrap there.
+    """
+
+    source: SourceMap
+    periods: tuple[Jumps | None, Jumps | None]
+
+    @property
+    def cost(self) -> float:
+        """Cost of the worse seam per pixel, in variances of the photo."""
+        return max((jumps.cost for jumps in self.periods if jumps is not None), default=0.0)
+
+    def __str__(self) -> str:
+        """A one-line summary."""
+        sides = self.source.packed.shape[::-1]
+        seams = ", ".join(f"{jumps.cost:.2f} along {axis}" for axis, jumps in zip("xy", self.periods) if jumps)
+        return f"layout kept: {sides[0]}x{sides[1]} px; cost of the seams in variances of the photo: {seams}"
+
+
+def kept_layout(
+    values: SomeRows, usable: np.ndarray | None, size: tuple[int | None, int | None], wraps: tuple[bool, bool]
+) -> KeptLayout:
+    """The tile of a photo.
+
+    Parameters
+    ----------
+    values : (height, width, channels) float32
+        CIE Lab, and further maps on its scale.
+    usable : (height, width) bool or None
+        Valid source pixels. Seams avoid the others. None: all.
+    size : (int or None, int or None)
+        Width and height of the tile, px. None: the best period.
+    wraps : (bool, bool)
+        Whether the tile wraps along x, along y.
+
+    Raises
+    ------
+    ImageError
+        The photo is too small.
+    """
+    height, width = values.shape[:2]
+    whole = SourceMap.of(np.arange(height)[:, None], np.arange(width))
+    strip, periods = Strip(whole, False, values, usable), list[Jumps | None]()
+    for length, is_wrapping in zip(size, wraps, strict=True):
+        strip = strip.turned(bool(periods) and wraps[0])
+        strip, jumps = _joined(strip, length, is_wrapping)
+        periods.append(jumps)
+    return KeptLayout(strip.source, (periods[0], periods[1]))
+
+
+def _joined(strip: Strip, length: int | None, wraps: bool) -> tuple[Strip, Jumps | None]:
+    """The strip as long as requested, and its jumps; None if it is only cropped."""
+    if not wraps and (length is None or length <= strip.length):
+        at = 0 if length is None else (strip.length - length) // 2
+        return strip.part(slice(at, strip.length if length is None else at + length)), None
+    if int(MOST * strip.length) < _LEAST_JUMP:
+        raise ImageError(f"the photo is {strip.length} px long: expected at least {int(_LEAST_JUMP / MOST) + 1} px")
+    strip = strip.leveled(*rise_of(strip))
+    jumps = cheapest_jumps(strip, length)
+    return _tile(strip, jumps.lengths), jumps
+
+
+def _tile(strip: Strip, jumps: tuple[int, ...]) -> Strip:
+    """The strip joined at every jump."""
+    joints = _joints(strip.length, jumps)
+    packed = np.empty((sum(jumps), strip.width), np.uint32)
+    origin = 0
+    for before, joint in zip((joints[-1], *joints), joints, strict=False):
+        # a piece begins after the rows of the joint before it, and ends with those of its own
+        first, last = before.first + before.rows, joint.first + joint.jump
+        rows = np.arange(first, last)
+        packed[(origin + rows) % len(packed)] = strip.source.packed[rows]
+        own = np.arange(joint.first, joint.first + joint.rows)
+        pieces = strip.source.packed[own], strip.source.packed[own + joint.jump]
+        packed[(origin + own + joint.jump) % len(packed)] = np.where(starts(strip, joint), *pieces)
+        origin += joint.jump
+    return Strip(SourceMap(packed), strip.closed, strip.values, strip.usable)
+
+
+def _joints(length: int, jumps: tuple[int, ...]) -> list[Joint]:
+    """Where each jump happens: anywhere for a single one; several in different parts, so that pieces differ."""
+    joints = []
+    for number, jump in enumerate(jumps):
+        room, most = length - jump, min(length - jump, min(jumps) - 1)
+        if len(jumps) > 1:
+            most = max(1, min(most, room // 2))
+        first = (room - most) * (number % 2) if len(jumps) > 1 else (room - most) // 2
+        joints.append(Joint(jump, first, most))
+    return joints
