@@ -19,10 +19,11 @@ LEAST_ALONE = 0.6  # the same for the only jump of a tile: it shows more of the 
 MOST_RISE = 1 / 16  # of the jump: the tilt of a photo taken by hand
 _LOSS = 4  # a jump that shows nothing new would cost 1/4 more
 _TILT = 8  # one that needs the greatest rise, 1/8 more
-_REFINED = 2  # px by which a jump may change on a finer level
+_REFINED = 1  # px by which a jump may change on a finer level
+_EDGES = 2  # weight of the differences of lightness between neighbors: joints count as much as colors
 _INVALID = 1 << 24  # cost of a pixel that is not usable
 _ENDLESS = 1 << 50
-_SMOOTHED = 1  # px around a pixel that are compared with it
+_SMOOTHED = 3  # px around a pixel that are compared with it: joints at the seam, too, must meet
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,11 @@ def cheapest_jumps(strip: Strip, length: int | None) -> Jumps:
 
 @dataclass(frozen=True)
 class _Level:
-    """A strip at a smaller size: `colors` (length, width, channels) int32, `invalid` (length, width) bool."""
+    """A strip at a smaller size.
+
+    `colors` (length, width, channels) int32: with the differences of lightness along and across; `invalid`
+    (length, width) bool.
+    """
 
     colors: np.ndarray
     invalid: np.ndarray
@@ -83,7 +88,9 @@ class _Level:
         scale = min(1.0, COARSEST * 2**number / max(strip.length, strip.width))
         length, width = (max(1, round(n * scale)) for n in (strip.length, strip.width))
         colors, share = strip.reduced(length, min(width, WIDEST))
-        return cls(colors, share < 0.5, strip.closed)
+        light = np.pad(colors[..., 0], 1, mode="edge")
+        edges = light[2:, 1:-1] - light[:-2, 1:-1], light[1:-1, 2:] - light[1:-1, :-2]
+        return cls(np.dstack([colors, *(_EDGES * edge for edge in edges)]), share < 0.5, strip.closed)
 
     @property
     def variance(self) -> float:

@@ -14,7 +14,7 @@ from ...engine.deferred import np
 from ..graphcut.seams import MOST_COST, NEIGHBORS, SeamPhoto, edges, minimum_cut
 from .strip import Strip
 
-_DECIDED = 1 << 16  # px that one cut decides on
+_DECIDED = 1 << 14  # px that one cut decides on
 _LEAST_AROUND = 6  # px around the path
 _INVALID = 4 * MOST_COST  # cost of showing a pixel that is not usable
 
