@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from ...engine.color.config import as_float
-from ...engine.core.demand import MadeRows, first_channels
+from ...engine.core.demand import MadeRows, SomeRows, first_channels
 from ...engine.core.image import Part, channels_of
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
@@ -32,15 +32,20 @@ SET_OF_TILES = "Tiles must be several times larger than the photo's elements: tr
 _LEAST = 48  # px; shorter sides are not tested for tiling
 
 
-def fidelity_of(seen: ExemplarPixels, source: SourceMap, recipe: Recipe) -> Fidelity | None:
-    """Fidelity of a result that is copied from those pixels; None if it is too small to measure."""
+def fidelity_of(
+    seen: ExemplarPixels, source: SourceMap, recipe: Recipe, original: SomeRows | None = None
+) -> Fidelity | None:
+    """Fidelity of a result that is copied from those pixels; None if it is too small to measure.
+
+    `original`: Lab of the photo before flattening, (height, width, 3).
+    """
     photo = first_channels(seen.values, 3)
 
     def rows(first: int, last: int) -> np.ndarray:
         return source[first:last].gather(photo)
 
     result = MadeRows((*source.packed.shape, 3), np.float32, rows)
-    return fidelity(photo, seen.usable, result, (recipe.wrap_y, recipe.wrap_x))
+    return fidelity(photo, seen.usable, result, (recipe.wrap_y, recipe.wrap_x), source, original)
 
 
 def better_of(
@@ -52,21 +57,22 @@ def better_of(
     seen: ExemplarPixels,
     stats: Stats,
     progress: Progress,
+    original: SomeRows | None = None,
 ) -> tuple[Synthesis, Fidelity | None, Recipe]:
     """The result of the first recipe, or of the other one if the first is not good and the other is better.
 
-    `progress` is that of one run.
+    `progress` is that of one run; `original` as of `fidelity_of`.
     """
     first = run(recipe, constraints)
     with stats.time("fidelity"):
-        kept = fidelity_of(seen, first.source, recipe)
+        kept = fidelity_of(seen, first.source, recipe, original)
     if other is None or kept is None or kept.value >= GOOD:
         return first, kept, recipe
     log.info("%s: %s with %s; trying %s", flag, kept, recipe.scales, other.scales)
     progress.lengthen(1)
     second = run(other, constraints)
     with stats.time("fidelity"):
-        better = fidelity_of(seen, second.source, other)
+        better = fidelity_of(seen, second.source, other, original)
     if better is None or better.value <= kept.value:
         return first, kept, recipe
     return second, better, other

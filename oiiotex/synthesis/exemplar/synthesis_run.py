@@ -219,8 +219,9 @@ class SynthesisRun:
             share, patch = self._plan.second
             other = replace(recipe, sigma=max(recipe.size) / share, patch=patch)
         synthesis, kept, recipe = better_of(
-            op.flag(), self._run, self._constraints, recipe, other, self._seen, resources.stats, self._progress
-        )
+            op.flag(), self._run, self._constraints, recipe, other, self._seen, resources.stats, self._progress,
+            self._own_lab(),
+        )  # fmt: skip
         self._judging.advance(1, 1)
         source, lost = synthesis.source, synthesis.lost
         quality = replace(quality, sigma=recipe.sigma)
@@ -288,7 +289,7 @@ class SynthesisRun:
         plane = packed(sources) if op.variants in COUNTS else sources[0]
         if self._plan.second is not None and op.variants in COUNTS:
             with self._resources.stats.time("fidelity"):
-                kept = fidelity_of(self._seen, plane, replace(recipe, wrap_x=True, wrap_y=True))
+                kept = fidelity_of(self._seen, plane, replace(recipe, wrap_x=True, wrap_y=True), self._own_lab())
             say_fidelity(op.flag(), kept, recipe, warn=True, advice=SET_OF_TILES)
         self._resources.device.collect(self._resources.stats)
         op.say_what_stays()
