@@ -68,6 +68,8 @@ class SynthesisPlan:
         The preset whose values the op has; empty: none.
     dominant : bool
         Whether the preset takes source pixels only from the dominant texture.
+    layout : bool
+        Whether the tile keeps the photo's layout.
     """
 
     op: PatchSynthesis
@@ -82,6 +84,7 @@ class SynthesisPlan:
     second: tuple[float, int] | None = None
     preset: str = ""
     dominant: bool = False
+    layout: bool = False
 
     @property
     def is_size_given(self) -> bool:

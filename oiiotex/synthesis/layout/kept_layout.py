@@ -6,21 +6,14 @@ First along x, then, with the result as a strip that is closed along x, along y.
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 
 from ...engine.core.demand import SomeRows
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
-from ...engine.errors import ImageError
-from .periods import MOST, Jumps, cheapest_jumps, rise_of
+from .periods import Jumps, cheapest_jumps, rise_of
 from .seam import Joint, starts
 from .strip import Strip
-
-log = logging.getLogger("oiiotex")
-
-_LEAST_JUMP = 8  # px: shorter ones have no room for a seam
-
 
 @dataclass(frozen=True)
 class KeptLayout:
@@ -64,11 +57,6 @@ def kept_layout(
         Width and height of the tile, px. None: the best period.
     wraps : (bool, bool)
         Whether the tile wraps along x, along y.
-
-    Raises
-    ------
-    ImageError
-        The photo is too small.
     """
     height, width = values.shape[:2]
     whole = SourceMap.of(np.arange(height)[:, None], np.arange(width))
@@ -85,8 +73,6 @@ def _joined(strip: Strip, length: int | None, wraps: bool) -> tuple[Strip, Jumps
     if not wraps and (length is None or length <= strip.length):
         at = 0 if length is None else (strip.length - length) // 2
         return strip.part(slice(at, strip.length if length is None else at + length)), None
-    if int(MOST * strip.length) < _LEAST_JUMP:
-        raise ImageError(f"the photo is {strip.length} px long: expected at least {int(_LEAST_JUMP / MOST) + 1} px")
     strip = strip.leveled(*rise_of(strip))
     jumps = cheapest_jumps(strip, length)
     return _tile(strip, jumps.lengths), jumps
