@@ -15,6 +15,7 @@ from .periods import Jumps, cheapest_jumps, rise_of
 from .seam import Joint, starts
 from .strip import Strip
 
+
 @dataclass(frozen=True)
 class KeptLayout:
     """A tile as source pixels, with its seams.
@@ -59,13 +60,15 @@ def kept_layout(
         Whether the tile wraps along x, along y.
     """
     height, width = values.shape[:2]
-    whole = SourceMap.of(np.arange(height)[:, None], np.arange(width))
-    strip, periods = Strip(whole, False, values, usable), list[Jumps | None]()
-    for length, is_wrapping in zip(size, wraps, strict=True):
-        strip = strip.turned(bool(periods) and wraps[0])
-        strip, jumps = _joined(strip, length, is_wrapping)
-        periods.append(jumps)
-    return KeptLayout(strip.source, (periods[0], periods[1]))
+    strip = Strip(SourceMap.of(np.arange(height)[:, None], np.arange(width)), False, values, usable)
+    periods: list[Jumps | None] = [None, None]
+    first = 0 if wraps[0] else 1  # leveling costs lines of the other axis, so what is only cropped is second
+    is_along_x = False
+    for axis in (first, 1 - first):
+        if is_along_x != (axis == 0):
+            strip, is_along_x = strip.turned(wraps[first] and axis != first), axis == 0
+        strip, periods[axis] = _joined(strip, size[axis], wraps[axis])
+    return KeptLayout((strip.turned(False) if is_along_x else strip).source, (periods[0], periods[1]))
 
 
 def _joined(strip: Strip, length: int | None, wraps: bool) -> tuple[Strip, Jumps | None]:
