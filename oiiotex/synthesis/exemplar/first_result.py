@@ -18,6 +18,7 @@ from ...engine.errors import ImageError, present
 from ...engine.stats import Stats
 from ..patchmatch.optimization import Synthesis
 from ..patchmatch.recipe import Recipe
+from ..patchmatch.use_prices import SLACK
 from ..quality.fidelity import GOOD, Fidelity, fidelity
 from ..quality.seam_measures import seam_ratio
 from .exemplar_op import ExemplarPixels
@@ -97,6 +98,9 @@ def best_of(
             if number == 0:
                 raise
             log.info("%s: %s: %s", flag, one.spelled, error)
+            continue
+        if number > 0 and synthesis.lost is not None and synthesis.lost.share > SLACK:
+            log.info("%s: %s loses %.0f %% of the texture", flag, one.spelled, 100 * synthesis.lost.share)
             continue
         with stats.time("fidelity"):
             kept = fidelity_of(seen, synthesis.source, recipe, original)

@@ -27,7 +27,7 @@ from ..layout.limits import fits_layout
 from ..layout.mending import mended
 from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
-from ..patchmatch.optimization import Synthesis, synthesize
+from ..patchmatch.optimization import Synthesis, synthesize, texture_lost
 from ..patchmatch.recipe import Recipe
 from ..quality.lost_structure import regularity_of, say_what_was_lost
 from ..quality.report import Look, Quality
@@ -278,7 +278,7 @@ class SynthesisRun:
 
         source = mended(layout.source, seen.usable, filled)
         self._progress.advance(1, 1)
-        return Synthesis(source, source), recipe
+        return Synthesis(source, source, texture_lost(seen.values, seen.usable, source, recipe)), recipe
 
     def _tiles(self, source: SourceMap) -> tuple[dict[str, Part], ...]:
         """All maps copied from the same source pixels; the first tile has the source coordinates."""
