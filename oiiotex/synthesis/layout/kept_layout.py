@@ -39,7 +39,9 @@ class KeptLayout:
     def __str__(self) -> str:
         """A one-line summary."""
         sides = self.source.packed.shape[::-1]
-        seams = ", ".join(f"{jumps.cost:.2f} along {axis}" for axis, jumps in zip("xy", self.periods) if jumps)
+        seams = ", ".join(
+            f"{jumps.cost:.2f} along {axis}" for axis, jumps in zip("xy", self.periods, strict=True) if jumps
+        )
         return f"layout kept: {sides[0]}x{sides[1]} px; cost of the seams in variances of the photo: {seams}"
 
 

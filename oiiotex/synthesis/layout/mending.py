@@ -40,7 +40,8 @@ def mended(source: SourceMap, usable: np.ndarray | None, synthesized: Synthesize
         return source
     if share > _MOST:
         raise ImageError(
-            f"{100 * share:.0f} % of the photo's layout is excluded or transparent: expected at most {100 * _MOST:.0f} %",
+            f"{100 * share:.0f} % of the photo's layout is excluded or transparent: expected at most"
+            f" {100 * _MOST:.0f} %",
             hint="use another preset",
         )
     return synthesized(Constraints(fixed=FixedPixels(kept, source)))

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 from ...engine.deferred import np
+from ..patchmatch.field import box_sums
 from .strip import Strip
 
 COARSEST = 96  # px, longer side on the level where all jumps are compared
@@ -186,5 +187,4 @@ def _smoothed(cost: np.ndarray, closed: bool) -> np.ndarray:
     """Sums over the box around every pixel, of the same shape."""
     padded = np.pad(cost, ((_SMOOTHED, _SMOOTHED), (0, 0)), mode="edge")
     padded = np.pad(padded, ((0, 0), (_SMOOTHED, _SMOOTHED)), mode="wrap" if closed else "edge")
-    rows = sum(padded[k : k + len(cost)] for k in range(2 * _SMOOTHED + 1))
-    return sum(rows[:, k : k + cost.shape[1]] for k in range(2 * _SMOOTHED + 1))
+    return box_sums(padded, 2 * _SMOOTHED + 1)

@@ -46,11 +46,9 @@ def starts(strip: Strip, joint: Joint) -> np.ndarray:
     # the row above shows the end and the one below the start, so its copies there do not matter
     sources = [strip.source[np.clip(n, 0, strip.length - 1), columns] for n in (start, end)]
     places = [np.stack(one.yx).reshape(2, -1) for one in sources]
-    free = _decided(strip, joint)
-    taken = np.zeros((joint.rows + 2, strip.width), bool)
-    taken[-1] = True
-    free, taken[1:-1] = np.pad(free[0], ((1, 1), (0, 0))), free[1]
-    return _cut(strip, places, free, taken)[1:-1]
+    decided, below = _decided(strip, joint)
+    taken = np.pad(below, ((1, 1), (0, 0)), constant_values=((False, True), (False, False)))
+    return _cut(strip, places, np.pad(decided, ((1, 1), (0, 0))), taken)[1:-1]
 
 
 def _cut(strip: Strip, places: list[np.ndarray], free: np.ndarray, taken: np.ndarray) -> np.ndarray:

@@ -4,7 +4,8 @@
 MJH17 evens out the use of single patches (eq. 6), in proportion to their use. Two problems remain:
 
 - One stone appears ten times: a proportional penalty that ends this punishes all uses, also when there are few. Here
-  (departure) a region of `region_of(patch)` px pays nothing up to a number of uses, and the square of the excess above it.
+  (departure) a region of the size of objects (`region_of`) pays nothing up to a number of uses, and the square of the
+  excess above it.
 - If a part of the photo is flat, the mean of votes, being smoother than any texture, is nearest to flat patches, which
   win everywhere. Here (departure) the tile must not be flatter than the photo: for every activity bound, the share of
   the tile's patches below it must not exceed the photo's. These are linear constraints on the field. The multiplier of
