@@ -32,8 +32,8 @@ PRESET_HELP = (
     f"Values for modifiers that you do not set. large: large structures are preserved (sigma = longer side /"
     f" {LARGE_SIGMA_SHARE}, patch={LARGE_PATCH}). even: large structures are also evened out (sigma = longer side /"
     f" {EVEN_SIGMA_SHARE}, patch={SMALL_PATCH}). clean: objects are also removed (as even, with histogram=0 and a mask"
-    " from `dominant`). layout: the photo's own layout is kept, and joined at its best period along the seams that are"
-    " seen least. Every object stays whole, and the tile is smaller than the photo."
+    " from `dominant`). layout: the photo's own layout is kept, and joined at its best period along minimum-error"
+    " seams. Objects stay whole, and the tile is smaller than the photo."
 )
 
 

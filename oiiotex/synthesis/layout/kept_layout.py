@@ -89,7 +89,7 @@ def _tile(strip: Strip, jumps: tuple[int, ...]) -> Strip:
     packed = np.empty((sum(jumps), strip.width), np.uint32)
     origin = 0
     for before, joint in zip((joints[-1], *joints), joints, strict=False):
-        # a piece begins after the rows of the joint before it, and ends with those of its own
+        # a piece begins after the rows of the joint before it, and ends before the rows of this one
         first, last = before.first + before.rows, joint.first + joint.jump
         rows = np.arange(first, last)
         packed[(origin + rows) % len(packed)] = strip.source.packed[rows]
@@ -104,9 +104,8 @@ def _joints(length: int, jumps: tuple[int, ...]) -> list[Joint]:
     """Where each jump happens: anywhere for a single one; several in different parts, so that pieces differ."""
     joints = []
     for number, jump in enumerate(jumps):
-        room, most = length - jump, min(length - jump, min(jumps) - 1)
-        if len(jumps) > 1:
-            most = max(1, min(most, room // 2))
-        first = (room - most) * (number % 2) if len(jumps) > 1 else (room - most) // 2
-        joints.append(Joint(jump, first, most))
+        room = min(length - jump, max(1, min(jumps) - 1))  # joints do not overlap
+        rows = room if len(jumps) == 1 else max(1, room // 2)
+        first = (length - jump - rows) // 2 if len(jumps) == 1 else (room - rows) * (number % 2)
+        joints.append(Joint(jump, first, rows))
     return joints

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a kept layout needs, as far as the photo's size tells."""
+"""Limits of a kept layout that follow from the photo's size."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Jumps along a strip that are seen least: by the cost of the cheapest seam across the overlap, coarse to fine.
+"""Jumps along a strip with the cheapest minimum-error seams across the overlap, found coarse to fine.
 
 All costs are sums of integers, and of equal ones the first is taken.
 """

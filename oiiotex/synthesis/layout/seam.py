@@ -103,7 +103,7 @@ def _decided(strip: Strip, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
     around = max(_LEAST_AROUND, _DECIDED // (2 * strip.width))
     rows = np.arange(joint.rows)[:, None]
     low, high = path - around, path + around
-    if strip.closed:  # across the border, too
+    if strip.closed:  # also across the border
         low[[0, -1]], high[[0, -1]] = low[[0, -1]].min(), high[[0, -1]].max()
     return (rows >= low) & (rows <= high), rows > high
 
