@@ -64,6 +64,9 @@ CASES = {
         lambda: pictures.stained(pictures.pebbles(128, 128, 2)),
         ("--texstationarize:sigma=10:size=192x160:seed=2:patch=9",),
     ),
+    "stationarize_layout_bricks": Case(
+        lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texstationarize:preset=layout",)
+    ),
     "stationarize_moss_hdr": Case(
         lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),
         ("--texstationarize:paper=1",),

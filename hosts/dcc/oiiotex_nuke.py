@@ -21,7 +21,7 @@ def make_tile():
         return None
     panel = nuke.Panel("Make Tile")
     panel.addSingleLineInput("Seed", "0")
-    panel.addEnumerationPulldown("Preset", "automatic even clean large")
+    panel.addEnumerationPulldown("Preset", "automatic even clean large layout")
     panel.addSingleLineInput("Color space", "")
     if not panel.show():
         return None

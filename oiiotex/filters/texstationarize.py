@@ -25,6 +25,7 @@ from ..synthesis.exemplar.presets import (
     CONTRAST,
     LARGE_PATCH,
     LARGE_SIGMA_SHARE,
+    LAYOUT,
     PAPER_SIGMA_SHARE,
     PRESET_HELP,
     PRESETS,
@@ -32,6 +33,7 @@ from ..synthesis.exemplar.presets import (
     filled,
     masked,
 )
+from ..synthesis.layout.limits import require_layout
 from ..synthesis.patchmatch.recipe import Recipe
 
 PAPER_PATCH = 11
@@ -148,6 +150,8 @@ True
         scales = self.sigma, self.evenness, self.sigmamap, self.patch
         judged = preset == "" and not self.paper and all(one is None for one in scales)
         with whole_budget(facts.budget):
+            if preset == LAYOUT:
+                require_layout(self.exemplar.first.spec, facts)
             return op._planned(
                 facts,
                 finds_losses=self.variants == 1 and not self.paper,
@@ -158,6 +162,7 @@ True
                 second=(LARGE_SIGMA_SHARE, LARGE_PATCH) if judged else None,
                 preset=preset,
                 dominant=preset == CLEAN and self.mask is None,
+                layout=preset == LAYOUT,
             )
 
     def _check(self) -> None:
@@ -168,13 +173,23 @@ True
                     raise ParameterError("conflicts with sigmamap", parameter=name, value=value)
         if self.evenness is not None and self.sigma is not None:
             raise ParameterError(f"conflicts with sigma={self.sigma:g}", parameter="evenness", value=self.evenness)
+        if self.preset == LAYOUT:
+            self._check_layout()
+
+    def _check_layout(self) -> None:
+        """Refuse modifiers that have no meaning for a kept layout."""
+        for name in ("sigma", "evenness", "sigmamap", "weightmap"):
+            if getattr(self, name) is not None:
+                raise ParameterError(f"{name} conflicts with preset={LAYOUT}, which does not resynthesize the photo")
+        if self.variants > 1:
+            raise ParameterError(f"conflicts with preset={LAYOUT}", parameter="variants", value=self.variants)
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The tile; the mask of preset=clean is made first."""
         from ..synthesis.exemplar.synthesis_run import synthesized  # not needed for help
 
         how: SynthesisPlan = plan.work
-        if how.preset:
+        if how.preset and not how.layout:
             masking, session = session.stages(_DOMINANT_SHARE if how.dominant else 0, 1)
             op = masked(how, self, masking.resources, masking.progress)
             how = replace(how, op=op, quality=replace(how.quality, op=op))  # the report names the mask

@@ -14,6 +14,7 @@ from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.errors import ImageError
 from oiiotex.engine.opencl.buffers import Buffers
 from oiiotex.synthesis.patchmatch import use_prices
+from oiiotex.synthesis.patchmatch.exemplar_rows import region_of
 from oiiotex.synthesis.patchmatch.field import Geometry, allowed_patches
 from oiiotex.synthesis.patchmatch.matcher import Matcher
 from oiiotex.synthesis.patchmatch.optimization import synthesize
@@ -82,7 +83,7 @@ def test_what_is_used_too_much_is_dear(any_lanes):
         steps = np.where(over < 0, -size, size)
         duals = np.maximum(0, duals + np.trunc(size * over / 1200).astype(np.int64))
     assert duals.max() > 0
-    side = round(use_prices.REGION * 0.2)
+    side = round(region_of(g.patch) * 0.2)
     count = np.zeros(allowed.shape, np.int64)
     np.add.at(count, (y, x), 1)
     for r, c in np.ndindex(*allowed.shape):

@@ -1,22 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Check the first result against its photo: retry with larger structures, or warn."""
+"""Check the first result against its photo: try other ways to make the tile, or warn."""
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ...engine.color.config import as_float
-from ...engine.core.demand import MadeRows, first_channels
+from ...engine.core.demand import MadeRows, SomeRows, first_channels
 from ...engine.core.image import Part, channels_of
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
+from ...engine.errors import ImageError, present
 from ...engine.stats import Stats
-from ..patchmatch.constraints import Constraints
 from ..patchmatch.optimization import Synthesis
 from ..patchmatch.recipe import Recipe
+from ..patchmatch.use_prices import SLACK
 from ..quality.fidelity import GOOD, Fidelity, fidelity
 from ..quality.seam_measures import seam_ratio
 from .exemplar_op import ExemplarPixels
@@ -32,51 +34,88 @@ SET_OF_TILES = "Tiles must be several times larger than the photo's elements: tr
 _LEAST = 48  # px; shorter sides are not tested for tiling
 
 
-def fidelity_of(seen: ExemplarPixels, source: SourceMap, recipe: Recipe) -> Fidelity | None:
-    """Fidelity of a result that is copied from those pixels; None if it is too small to measure."""
+def fidelity_of(
+    seen: ExemplarPixels, source: SourceMap, recipe: Recipe, original: SomeRows | None = None
+) -> Fidelity | None:
+    """Fidelity of a result that is copied from those pixels; None if it is too small to measure.
+
+    `original`: Lab of the photo before flattening, (height, width, 3).
+    """
     photo = first_channels(seen.values, 3)
 
     def rows(first: int, last: int) -> np.ndarray:
         return source[first:last].gather(photo)
 
     result = MadeRows((*source.packed.shape, 3), np.float32, rows)
-    return fidelity(photo, seen.usable, result, (recipe.wrap_y, recipe.wrap_x))
+    return fidelity(photo, seen.usable, result, (recipe.wrap_y, recipe.wrap_x), source, original)
 
 
-def better_of(
-    flag: str,
-    run: Callable[..., Synthesis],
-    constraints: Constraints,
-    recipe: Recipe,
-    other: Recipe | None,
-    seen: ExemplarPixels,
-    stats: Stats,
-    progress: Progress,
-) -> tuple[Synthesis, Fidelity | None, Recipe]:
-    """The result of the first recipe, or of the other one if the first is not good and the other is better.
+@dataclass(frozen=True)
+class Try:
+    """One way to make the tile.
 
-    `progress` is that of one run.
+    Attributes
+    ----------
+    spelled : str
+        The modifiers that request it.
+    make : callable
+        Makes the tile, and returns it with the recipe of its size and scales.
+    time : float
+        Its time, relative to that of the first try.
     """
-    first = run(recipe, constraints)
-    with stats.time("fidelity"):
-        kept = fidelity_of(seen, first.source, recipe)
-    if other is None or kept is None or kept.value >= GOOD:
-        return first, kept, recipe
-    log.info("%s: %s with %s; trying %s", flag, kept, recipe.scales, other.scales)
-    progress.lengthen(1)
-    second = run(other, constraints)
-    with stats.time("fidelity"):
-        better = fidelity_of(seen, second.source, other)
-    if better is None or better.value <= kept.value:
-        return first, kept, recipe
-    return second, better, other
+
+    spelled: str
+    make: Callable[[], tuple[Synthesis, Recipe]]
+    time: float = 1.0
 
 
-def say_fidelity(flag: str, kept: Fidelity | None, recipe: Recipe, warn: bool, advice: str = ONE_TILE) -> None:
-    """Log the chosen scales; with `warn`, warn if the result is not good, with that advice."""
+@dataclass(frozen=True)
+class Result:
+    """A tile, its recipe, the modifiers that request it, and its fidelity; None if it is too small to measure."""
+
+    synthesis: Synthesis
+    recipe: Recipe
+    spelled: str
+    kept: Fidelity | None
+
+
+def best_of(
+    flag: str, tries: Sequence[Try], seen: ExemplarPixels, stats: Stats, progress: Progress,
+    original: SomeRows | None = None,
+) -> Result:  # fmt: skip
+    """The first tile that is good; if none is, the one with the highest fidelity.
+
+    `progress` is that of the first; `original` as of `fidelity_of`.
+    """
+    best: Result | None = None
+    for number, one in enumerate(tries):
+        if best is not None:
+            log.info("%s: %s with %s; trying %s", flag, best.kept, best.spelled, one.spelled)
+            progress.lengthen(one.time)
+        try:
+            synthesis, recipe = one.make()
+        except ImageError as error:
+            if number == 0:
+                raise
+            log.info("%s: %s: %s", flag, one.spelled, error)
+            continue
+        if number > 0 and synthesis.lost is not None and synthesis.lost.share > SLACK:
+            log.info("%s: %s loses %.0f %% of the texture", flag, one.spelled, 100 * synthesis.lost.share)
+            continue
+        with stats.time("fidelity"):
+            kept = fidelity_of(seen, synthesis.source, recipe, original)
+        if best is None or best.kept is None or (kept is not None and kept.value > best.kept.value):
+            best = Result(synthesis, recipe, one.spelled, kept)
+        if best.kept is None or best.kept.value >= GOOD:
+            break
+    return present(best)
+
+
+def say_fidelity(flag: str, kept: Fidelity | None, spelled: str, warn: bool, advice: str = ONE_TILE) -> None:
+    """Log the chosen modifiers; with `warn`, warn if the result is not good, with that advice."""
     if kept is None:
         return
-    log.info("%s: scales chosen: %s", flag, recipe.scales)
+    log.info("%s: scales chosen: %s", flag, spelled)
     if warn and kept.value < GOOD:
         log.warning("%s: %s. %s", flag, kept, advice)
 

@@ -71,6 +71,8 @@ class SynthesisPlan:
         The preset whose values the op has; empty: none.
     dominant : bool
         Whether the preset takes source pixels only from the dominant texture.
+    layout : bool
+        Whether the tile keeps the photo's layout.
     """
 
     op: PatchSynthesis
@@ -85,6 +87,7 @@ class SynthesisPlan:
     second: tuple[float, int] | None = None
     preset: str = ""
     dominant: bool = False
+    layout: bool = False
 
     @property
     def is_size_given(self) -> bool:

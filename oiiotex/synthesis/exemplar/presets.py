@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""preset= of --texstationarize: three treatments of structures, each a set of modifiers."""
+"""preset= of --texstationarize: treatments of structures, three of them sets of modifiers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .patch_synthesis import PatchSynthesis, SynthesisPlan
 
 _DOMINANT = "--texdominant"
-EVEN, CLEAN, LARGE = "even", "clean", "large"
+EVEN, CLEAN, LARGE, LAYOUT = "even", "clean", "large", "layout"
 CONTRAST = 0.7  # strength of histogram matching
 LARGE_PATCH, SMALL_PATCH = 21, 11  # px
 SIGMA_SHARE, PAPER_SIGMA_SHARE, LARGE_SIGMA_SHARE, EVEN_SIGMA_SHARE = 8, 32, 4, 32  # sigma is the longer side / share
@@ -26,12 +26,14 @@ PRESETS: dict[str, dict[str, float]] = {  # values of modifiers
     EVEN: {"histogram": CONTRAST, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},
     CLEAN: {"histogram": 0.0, "patch": SMALL_PATCH, "share": EVEN_SIGMA_SHARE},
     LARGE: {"histogram": CONTRAST, "patch": LARGE_PATCH, "share": LARGE_SIGMA_SHARE},
+    LAYOUT: AUTOMATIC,  # at that scale the tile is measured, and its holes are filled
 }
 PRESET_HELP = (
     f"Values for modifiers that you do not set. large: large structures are preserved (sigma = longer side /"
     f" {LARGE_SIGMA_SHARE}, patch={LARGE_PATCH}). even: large structures are also evened out (sigma = longer side /"
     f" {EVEN_SIGMA_SHARE}, patch={SMALL_PATCH}). clean: objects are also removed (as even, with histogram=0 and a mask"
-    " from `dominant`)."
+    " from `dominant`). layout: the photo's own layout is kept, and joined at its best period along minimum-error"
+    " seams. Objects stay whole, and the tile is smaller than the photo."
 )
 
 

@@ -22,9 +22,12 @@ from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 from ...engine.errors import present, spelled, texture_filter, whole_budget
 from ...engine.io.disk_cache import hash_of
+from ..layout.kept_layout import kept_layout
+from ..layout.limits import fits_layout
+from ..layout.mending import mended
 from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
-from ..patchmatch.optimization import Synthesis, synthesize
+from ..patchmatch.optimization import Synthesis, synthesize, texture_lost
 from ..patchmatch.recipe import Recipe
 from ..quality.lost_structure import regularity_of, say_what_was_lost
 from ..quality.report import Look, Quality
@@ -32,10 +35,11 @@ from ..wang.atlas import packed, shared_pixels
 from ..wang.tiles import COUNTS, runs_for, wang_tiles
 from .constraint_images import sigmas_of, weights_of
 from .exemplar_masks import mask_of
-from .first_result import SET_OF_TILES, better_of, fidelity_of, hint_that_it_tiles, say_fidelity
+from .first_result import SET_OF_TILES, Try, best_of, fidelity_of, hint_that_it_tiles, say_fidelity
 from .heights import Pairing, height_tile
 from .patch_synthesis import beside_drift
 from .photo_lattice import fitting_size, photo_structure
+from .presets import LAYOUT
 from .sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 
 if TYPE_CHECKING:
@@ -47,6 +51,8 @@ if TYPE_CHECKING:
 
 # time of a pixel of the photo: flattened, read, searched for a lattice; and of the tile: made, judged, measured
 _PHOTO, _TILE = (1, 3, 8), (30, 2, 4)
+_LAYOUT_TIME = 0.4  # of a kept layout, relative to a synthesis
+_HOLE_ITERATIONS = 4  # of each finer level: patches must fit pixels that do not change
 
 
 def synthesized(
@@ -221,25 +227,19 @@ class SynthesisRun:
 
     def one(self) -> tuple[dict[str, Any], ...]:
         """The tile, followed by the other maps of its material."""
-        op, resources, recipe, quality = self._op, self._resources, self._recipe, self._quality
+        op, resources = self._op, self._resources
         if op.tiles == "xy" and op.size is None and self._in_memory:
             hint_that_it_tiles(op.flag(), op.exemplar.first)
-        other = None
-        if self._plan.second is not None:
-            share, patch = self._plan.second
-            other = replace(recipe, sigma=max(recipe.size) / share, patch=patch)
-        synthesis, kept, recipe = better_of(
-            op.flag(), self._run, self._constraints, recipe, other, self._seen, resources.stats, self._progress
-        )
+        result = best_of(op.flag(), self._tries(), self._seen, resources.stats, self._progress, self._own_lab())
         self._judging.advance(1, 1)
-        source, lost = synthesis.source, synthesis.lost
-        quality = replace(quality, sigma=recipe.sigma)
-        say_fidelity(op.flag(), kept, recipe, warn=other is not None)
+        source, lost, recipe, kept = result.synthesis.source, result.synthesis.lost, result.recipe, result.kept
+        quality = _measures_of(self._quality, self._lattice, recipe)
+        say_fidelity(op.flag(), kept, result.spelled, warn=self._plan.second is not None)
         resources.device.collect(resources.stats)
         op.say_what_stays()
         first, *others = self._with_heights(self._tiles(source), source)
         if kept is not None:
-            facts = {"oiiotex:chosen": recipe.scales, "oiiotex:fidelity": f"{kept.value:.3f}"}
+            facts = {"oiiotex:chosen": result.spelled, "oiiotex:fidelity": f"{kept.value:.3f}"}
             first["tile"] = first["tile"].respecced(lambda spec: [spec.attribute(*fact) for fact in facts.items()])
         if self._progress.look is not None:
             self._progress.look(as_float(first["tile"].pixels()), True)
@@ -252,6 +252,43 @@ class SynthesisRun:
             return self._own_lab(), [quality.look_of_copies(first["tile"].name, self._lab(), source)]
 
         return (quality.add_to(first, looked_at, **more), *others)
+
+    def _tries(self) -> list[Try]:
+        """The ways to make the tile that are worth it, the usual one first."""
+        plan, recipe = self._plan, self._recipe
+        layout = Try(f"preset={LAYOUT}", self._in_own_layout, _LAYOUT_TIME)
+        if plan.layout:
+            return [layout]
+        tries = [Try(recipe.scales, lambda: (self._run(recipe, self._constraints), recipe))]
+        if plan.second is not None:
+            share, patch = plan.second
+            other = replace(recipe, sigma=max(recipe.size) / share, patch=patch)
+            if fits_layout(self._op.exemplar.first.spec, self._resources):
+                tries.append(layout)
+            tries.append(Try(other.scales, lambda: (self._run(other, self._constraints), other)))
+        return tries
+
+    def _in_own_layout(self) -> tuple[Synthesis, Recipe]:
+        """The tile that keeps the photo's layout, and the recipe with its size."""
+        seen, plan = self._seen, self._plan
+        size = plan.size if plan.is_size_given else (None, None)
+        with self._resources.stats.time("layout"):
+            layout = kept_layout(seen.values, seen.usable, size, self._wraps)
+        self._op.inform("%s", layout)
+        height, width = layout.source.packed.shape
+        recipe = replace(self._recipe, width=width, height=height)
+        if self._lattice is not None:
+            recipe = replace(recipe, in_step=InStep(self._lattice, self._lattice.on_torus(recipe), plan.lattice))
+        holes = replace(
+            recipe, sigma=None, contrast=0.0, flat=False, complete=False, in_step=None, fine=_HOLE_ITERATIONS
+        )
+
+        def filled(constraints: Constraints) -> SourceMap:
+            return SourceMap(np.array(self._run(holes, constraints).source.packed))
+
+        source = mended(layout.source, seen.usable, filled)
+        self._progress.advance(1, 1)
+        return Synthesis(source, source, texture_lost(seen.values, seen.usable, source, recipe)), recipe
 
     def _tiles(self, source: SourceMap) -> tuple[dict[str, Part], ...]:
         """All maps copied from the same source pixels; the first tile has the source coordinates."""
@@ -297,8 +334,8 @@ class SynthesisRun:
         plane = packed(sources) if op.variants in COUNTS else sources[0]
         if self._plan.second is not None and op.variants in COUNTS:
             with self._resources.stats.time("fidelity"):
-                kept = fidelity_of(self._seen, plane, replace(recipe, wrap_x=True, wrap_y=True))
-            say_fidelity(op.flag(), kept, recipe, warn=True, advice=SET_OF_TILES)
+                kept = fidelity_of(self._seen, plane, replace(recipe, wrap_x=True, wrap_y=True), self._own_lab())
+            say_fidelity(op.flag(), kept, recipe.scales, warn=True, advice=SET_OF_TILES)
         self._resources.device.collect(self._resources.stats)
         op.say_what_stays()
         shared = shared_pixels(plane, op.variants, recipe.patch) if op.relevel else None

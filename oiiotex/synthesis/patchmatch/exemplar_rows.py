@@ -21,12 +21,21 @@ RowRange = tuple[int, int]
 """Patches of the exemplar, by the rows that they begin in: (first, last)."""
 
 LEAST_ROWS = 16  # minimum height of a piece or a band
-REGION = 32  # px at full size, side of a region whose reuse is penalized (use_prices.py)
+_REGION, _SMALL, _GROWTH = 32, 13, 9  # px; larger patches keep larger objects, which many regions are part of
+
+
+def region_of(patch: int) -> int:
+    """Side of a region whose reuse is penalized, px at full size (use_prices.py): the size of objects, as of patches.
+
+    If regions are smaller than the photo's objects, a whole object pays for each of its regions that is also used
+    elsewhere, and one that is pieced together from several does not.
+    """
+    return _REGION + _GROWTH * max(0, patch - _SMALL)
 
 
 def piece_halo(patch: int) -> int:
     """Rows that buffers hold in addition to those of a piece: penalties depend on uses around them."""
-    return 2 * max(patch - 1, REGION)
+    return 2 * max(patch - 1, region_of(patch))
 
 
 class ExemplarRows:

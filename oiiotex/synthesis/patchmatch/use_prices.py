@@ -4,7 +4,8 @@
 MJH17 evens out the use of single patches (eq. 6), in proportion to their use. Two problems remain:
 
 - One stone appears ten times: a proportional penalty that ends this punishes all uses, also when there are few. Here
-  (departure) a region of `REGION` px pays nothing up to a number of uses, and the square of the excess above it.
+  (departure) a region of the size of objects (`region_of`) pays nothing up to a number of uses, and the square of the
+  excess above it.
 - If a part of the photo is flat, the mean of votes, being smoother than any texture, is nearest to flat patches, which
   win everywhere. Here (departure) the tile must not be flatter than the photo: for every activity bound, the share of
   the tile's patches below it must not exceed the photo's. These are linear constraints on the field. The multiplier of
@@ -21,7 +22,7 @@ from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 from ...engine.opencl.buffers import Buffers
 from ...engine.opencl.device import Device
-from .exemplar_rows import REGION, RowRange
+from .exemplar_rows import RowRange, region_of
 from .field import BAND, Geometry, bands_of, box_sums
 
 KINDS = 16  # classes of patches by activity
@@ -205,7 +206,7 @@ class UsePrices:
         if first:
             device.fill(buffers["kind_duals"], np.int32(0), KINDS)
             device.fill(buffers["kind_steps"], np.int32(self._steps[1]), KINDS)
-        self._side = max(1, min(round(REGION * scale), g.exemplar_columns, g.exemplar_rows))
+        self._side = max(1, min(round(region_of(g.patch) * scale), g.exemplar_columns, g.exemplar_rows))
         fair = patches / np.count_nonzero(allowed)
         self._most = int(max(REPEATS, FAIR * fair) * self._side**2)
 

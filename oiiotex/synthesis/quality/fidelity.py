@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a result still looks like its photo, by the photo's scales, shapes and colors that it preserves.
+"""The judge: whether a result looks like its photo, has its colors, keeps its objects whole, and repeats unseen.
 
-Destroyed structure has less energy in its coarse bands, broken shapes change the autocorrelation, and lost objects
-take their colors with them. Each component is 1 for a result that cannot be distinguished from another piece of the
-same texture, and the fidelity is the root of their product.
+Each measure has a value up to which people called tiles good, and one from which they called them unusable
+(benchmarks/results/judge.md). The worst measure is the verdict: what is cut is not mended by what is kept.
 """
 
 from __future__ import annotations
@@ -19,7 +18,10 @@ from ...analysis.regularity.autocorrelation import (
     wrapped_autocorrelation,
 )
 from ...engine.core.demand import MadeRows, SomeRows, resized
+from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
+from .repetition import salience, slow_waves
+from .wholeness import broken_patches
 
 SIDE = 256  # px; longer side at which a photo is measured, and its result at the same scale
 LEAST = 48  # px; smaller shorter sides cannot be measured
@@ -28,18 +30,27 @@ ENOUGH = 0.8  # of a band's energy, or its inverse: typical for another piece of
 ALIKE = 0.7  # the same for two autocorrelations, of pieces as large as the photo
 _LEAST_ALIKE = 0.2  # pieces that are less alike are too small to compare shapes
 _LARGE = 0.8  # of the photo: larger results are compared with it, smaller ones also with pieces of their size
-GOOD = 0.8  # a result below is tried again, warned about, or sent to review
+GOOD, FAIR = 0.8, 0.666  # a result below the first is tried again, warned about, or sent to review
 _NEAR, _FAR = 1 / 6, 0.4  # of the longer side: limit of shapes, and of long lines
 _ORDER = 1.5  # ratio to the correlation that chance explains: above it, the photo has long lines or a lattice
 _MOST = 2 * SIDE  # px of a result that are measured, in its middle
 _AREA = 48  # the longer side over the sigma of a salient area
-_LEAST_DEVIATION = 0.3  # Lab, at that sigma: smaller ones are invisible
 _COLORS = 8  # quantiles of a channel
+# a part, the last values that are good and fair, and what to say beyond the first
+_LIMITS = (
+    ("broken", 0.045, 0.055, "objects or patterns are cut"),
+    ("waves", 3.6, 14.0, "light and dark areas repeat visibly"),
+    ("salient", 7.0, 14.0, "a spot stands out in every tile"),
+    ("missing", 0.4, 0.55, "colors of the photo are missing"),
+    ("lost", 0.36, 0.6, "coarse structure is lost, or blotches were added"),
+    ("unlike", 0.36, 0.6, "shapes are broken"),
+    ("cut", 0.36, 0.6, "long lines are broken"),
+)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Fidelity:
-    """What a result preserves of its photo.
+    """What a result preserves of its photo, and what would be seen of it.
 
     Attributes
     ----------
@@ -47,12 +58,19 @@ class Fidelity:
         Energy of a Gaussian of the longer side / 96, 48 and 24, relative to the photo's. Below 1: structure is
         destroyed. Above 1: there are blotches.
     shapes : float
-        1 minus the difference of the autocorrelations, as a share of the photo's.
+        1 minus the difference of the autocorrelations, as a share of the photo's. It counts only if nothing is known
+        about `broken`: ripples of sand have other shapes everywhere, and no failure.
     lines : float
         Share of the photo's correlation over long distances (lines, courses, lattices) that the result has. 1 if
         the photo has no more of it than chance explains.
     missing : float
-        Share of the photo's colors missing from the result, 0 to 1.
+        Share of the original photo's colors missing from the result, 0 to 1.
+    broken : float or None
+        Share of the patches that are cut or merged. None: the sources of the pixels are unknown.
+    waves : float or None
+        Lab, of what repeats slowly with the tile. None: it does not tile in both directions.
+    salient : float
+        Distance of the most salient area from the typical color, in typical deviations.
 
     Of a result smaller than the photo, `shapes`, `lines` and `missing` are relative to pieces of the photo of that
     size, which also lack some of its shapes and colors.
@@ -62,45 +80,61 @@ class Fidelity:
     shapes: float
     lines: float
     missing: float
+    broken: float | None = None
+    waves: float | None = None
+    salient: float | None = None
 
     @property
     def texture(self) -> float:
         """The bands as one number, 0 to 1."""
         return sum(min(1.0, min(band, 1.0 / max(band, 1e-9)) / ENOUGH) for band in self.bands) / len(self.bands)
 
+    def _grades(self) -> Iterator[tuple[float, str]]:
+        """Each part, 1 at the limit of good and 2 at that of fair, and what to say about it."""
+        unlike, cut = (1.0 - min(1.0, max(0.0, part) / ALIKE) for part in (self.shapes, self.lines))
+        parts = {
+            "broken": self.broken, "waves": self.waves, "salient": self.salient, "missing": self.missing,
+            "lost": 1.0 - self.texture, "cut": cut, "unlike": unlike if self.broken is None else None,
+        }  # fmt: skip
+        for name, good, fair, said in _LIMITS:
+            value = parts[name]
+            if value is not None:
+                yield value / good if value <= good else 1.0 + (value - good) / (fair - good), said
+
     @property
     def value(self) -> float:
-        """The fidelity, 0 to 1, rounded to three digits so that last bits decide nothing."""
-        shapes, lines = (min(1.0, max(0.0, part) / ALIKE) for part in (self.shapes, self.lines))
-        return round(float(np.sqrt(self.texture * shapes * lines * (1.0 - self.missing))), 3)
+        """The fidelity, 0 to 1: the worst part decides. Rounded to three digits so that last bits decide nothing."""
+        return round(1.0 / (1.0 + max(grade for grade, _ in self._grades()) / 4.0), 3)
 
     def measures(self) -> dict[str, float]:
         """The measures by name, as in a report."""
         bands = {f"band_{scale}": band for scale, band in zip(SCALES, self.bands, strict=True)}
-        return {"fidelity": self.value, **bands, "shapes": self.shapes, "lines": self.lines, "missing": self.missing}
+        known = {name: getattr(self, name) for name in _PARTS if getattr(self, name) is not None}
+        return {"fidelity": self.value, **bands, **known}
 
     @classmethod
     def of_measures(cls, measures: Mapping[str, float]) -> Fidelity:
         """The inverse of `measures`."""
         bands = tuple(measures[f"band_{scale}"] for scale in SCALES)
-        return cls(bands, measures["shapes"], measures["lines"], measures["missing"])
+        return cls(bands=bands, **{name: measures[name] for name in _PARTS if name in measures})
 
     def __str__(self) -> str:
-        """A one-line summary."""
-        coarse = sum(self.bands) / len(self.bands)
-        said = "texture kept"
-        if self.texture < 0.9:
-            said = (
-                f"{100 * (1 - coarse):.0f} % of the coarse structure is lost" if coarse < 1 else "blotches were added"
-            )
-        if self.shapes < GOOD * ALIKE:
-            said += ", shapes are broken"
-        if self.lines < ALIKE:
-            said += ", long lines are broken"
-        return f"fidelity {self.value:.2f}: {said}; {100 * self.missing:.0f} % of the colors are missing"
+        """A one-line summary: what is beyond its limit, the worst first."""
+        wrong = [said for grade, said in sorted(self._grades(), reverse=True) if grade > 1.0]
+        return f"fidelity {self.value:.2f}: {', '.join(wrong) or 'whole, and its repetition is not obvious'}"
 
 
-def fidelity(photo: SomeRows, usable: np.ndarray | None, result: SomeRows, wraps: tuple[bool, bool]) -> Fidelity | None:
+_PARTS = "shapes", "lines", "missing", "broken", "waves", "salient"
+
+
+def fidelity(
+    photo: SomeRows,
+    usable: np.ndarray | None,
+    result: SomeRows,
+    wraps: tuple[bool, bool],
+    source: SourceMap | None = None,
+    original: SomeRows | None = None,
+) -> Fidelity | None:
     """How much a result preserves of its photo. None: either is too small to measure.
 
     Parameters
@@ -113,6 +147,10 @@ def fidelity(photo: SomeRows, usable: np.ndarray | None, result: SomeRows, wraps
         CIE Lab.
     wraps : (bool, bool)
         The result is a torus along y, along x.
+    source : SourceMap, optional
+        Where its pixels come from in the photo, if they are copies.
+    original : (height, width, 3) float32, optional
+        CIE Lab of the photo before anything was removed, for its colors. Default: `photo`.
     """
     factor = min(1.0, SIDE / max(photo.shape[:2]))
     own, seen = _reduced(photo, usable, factor)
@@ -129,47 +167,23 @@ def fidelity(photo: SomeRows, usable: np.ndarray | None, result: SomeRows, wraps
     of_photo = autocorrelation(before, seen)
     of_result = wrapped_autocorrelation(lab, longer) if all(wraps) else autocorrelation(after, everywhere)
     shapes, lines = _compared(of_photo, of_result, longer)
-    colors = own[seen]
+    shown = own if original is None or original is photo else _reduced(original, None, factor)[0]
+    colors = shown[seen]
     missing = _missing(colors, lab[everywhere])
     if pieces := list(_pieces(seen, *lab.shape[:2])):
         typical = [
-            (*_compared(of_photo, autocorrelation(before[at], seen[at]), longer), _missing(colors, own[at][seen[at]]))
+            (*_compared(of_photo, autocorrelation(before[at], seen[at]), longer), _missing(colors, shown[at][seen[at]]))
             for at in pieces
         ]
         usual_shapes, usual_lines, usual_missing = np.mean(typical, 0).tolist()
         shapes, lines = _relative(shapes, usual_shapes), _relative(lines, usual_lines)
         missing = max(0.0, missing - usual_missing) / (1.0 - usual_missing)
-    return Fidelity(bands, shapes, lines, missing)
-
-
-def salience(longer: int, result: SomeRows, wraps: tuple[bool, bool]) -> float | None:
-    """How far the most salient area of a texture is from its typical color, in typical deviations.
-
-    The fidelity compares statistics, and one small area that differs hardly changes them; but where a tile repeats, it
-    is the first thing that is seen.
-
-    Parameters
-    ----------
-    longer : int
-        Longer side of the photo, px. Areas are a Gaussian of 1/48 of it.
-    result : (height, width, 3) float32
-        CIE Lab.
-    wraps : (bool, bool)
-        The result is a torus along y, along x.
-
-    Returns
-    -------
-    float or None
-        None for a result too small to measure.
-    """
-    size = _size_at(min(1.0, SIDE / longer), result)
-    if min(size) < LEAST:
-        return None
-    lab = _middle_of(result, *size)
-    lab -= np.median(lab, (0, 1))
-    around = blurred(lab, min(longer, SIDE) / _AREA, wraps if max(size) <= _MOST else (False, False))
-    away = np.abs(around - np.median(around, (0, 1)))
-    return float((away.max((0, 1)) / np.maximum(_LEAST_DEVIATION, 1.4826 * np.median(away, (0, 1)))).max())
+    return Fidelity(
+        bands=bands, shapes=shapes, lines=lines, missing=missing,
+        broken=None if source is None else broken_patches(photo, source, wraps),
+        waves=slow_waves(lab) if all(wraps) else None,
+        salient=salience(blurred(lab - np.median(lab, (0, 1)), longer / _AREA, wraps)) if any(wraps) else None,
+    )  # fmt: skip
 
 
 def _pieces(seen: np.ndarray, height: int, width: int) -> Iterator[tuple[slice, slice]]:

@@ -300,7 +300,7 @@ class Quality:
 
     def _measures(self, photo: SomeRows, look: Look, known: dict[str, float]) -> dict[str, float]:
         """The `REPORT_MEASURES` of a result, by name; the fidelity only if it is not `known`."""
-        from .fidelity import fidelity, salience  # not needed for help
+        from .fidelity import fidelity  # not needed for help
 
         height, width = look.lab.shape[:2]
         if min(height, width, *photo.shape[:2]) < _LEAST:
@@ -321,12 +321,10 @@ class Quality:
                 measures[f"quieter_{letter}"] = wrap_percentile(light, axis)
         if any(self.wrap):
             measures["seam"] = max(measures[name] for name in ("seam_x", "seam_y") if name in measures)
-            salient = salience(max(photo.shape[:2]), look.lab, self.wrap[::-1])
-            measures |= {} if salient is None else {"salient": salient}
         exemplar = photo if look.exemplar is None else look.exemplar
         measures["loss"] = 1.0 - sharpness(light) / max(sharpness(channel(exemplar, 0)), 1e-12)
         if "fidelity" not in known:
-            kept = fidelity(exemplar, None, look.lab, self.wrap[::-1])
+            kept = fidelity(exemplar, None, look.lab, self.wrap[::-1], look.source, photo)
             measures |= {} if kept is None else kept.measures()
         if look.source is not None:
             present(self.progress).advance(2, 3)

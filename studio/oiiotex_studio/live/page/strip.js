@@ -4,7 +4,7 @@
 import { button, make } from "./controls.js";
 
 const SEEDS = 8;
-const PRESETS = [["", "Automatic"], ["even", "Even"], ["clean", "Clean"], ["large", "Large"]];
+const PRESETS = [["", "Automatic"], ["even", "Even"], ["clean", "Clean"], ["large", "Large"], ["layout", "Layout"]];
 // parameters that override a preset
 const DECIDED = { sigma: null, evenness: null, patch: null, histogram: null };
 

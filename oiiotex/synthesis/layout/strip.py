@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A photo, or what was joined of it, as a strip that is to be joined along its first axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...engine.color.lab_grid import COARSE_STEPS, to_grid
+from ...engine.core.demand import MadeRows, SomeRows, resized
+from ...engine.core.source_map import SourceMap
+from ...engine.deferred import np
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Source pixels in rows; joints run across them.
+
+    Attributes
+    ----------
+    source : SourceMap
+        (length, width).
+    closed : bool
+        The last column continues in the first one.
+    values : (h, w, channels) float32
+        Of the photo.
+    usable : (h, w) bool or None
+        Valid source pixels of the photo. None: all.
+    """
+
+    source: SourceMap
+    closed: bool
+    values: SomeRows
+    usable: np.ndarray | None = None
+
+    @property
+    def length(self) -> int:
+        """Number of rows, px."""
+        return self.source.packed.shape[0]
+
+    @property
+    def width(self) -> int:
+        """Number of columns, px."""
+        return self.source.packed.shape[1]
+
+    def colors(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Grid colors at pixels of the strip, (..., channels) int32."""
+        return self.photo_colors(*self.source[rows, columns].yx)
+
+    def photo_colors(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Grid colors at pixels of the photo, (..., channels) int32."""
+        return to_grid(SourceMap.of(y, x).gather(self.values), COARSE_STEPS).astype(np.int32)
+
+    def reduced(self, length: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+        """Grid colors at a smaller size, (length, width, channels) int32, and the share of valid pixels in each."""
+        colors = to_grid(resized(self._rows_of(self.values), width, length), COARSE_STEPS).astype(np.int32)
+        if self.usable is None:
+            return colors, np.ones((length, width), np.float32)
+        return colors, resized(self._rows_of(self.usable[..., None]), width, length)[..., 0]
+
+    def _rows_of(self, pixels: SomeRows) -> SomeRows:
+        shape = *self.source.packed.shape, pixels.shape[2]
+        return MadeRows(shape, np.float32, lambda first, last: self.source[first:last].gather(pixels))
+
+    def part(self, rows: slice) -> Strip:
+        """Some of its rows."""
+        return Strip(self.source[rows], self.closed, self.values, self.usable)
+
+    def leveled(self, rise: int, length: int) -> Strip:
+        """The strip with its columns shifted so that what rises by `rise` px over `length` rows is level.
+
+        The rows of a closed strip are rolled. Others lose the columns that would come from outside.
+        """
+        if rise == 0:
+            return self
+        shift = (2 * np.arange(self.length) * rise + length) // (2 * length)
+        columns = shift[:, None] + np.arange(self.width)
+        if not self.closed:
+            columns = columns[:, -int(shift.min()) : self.width - int(shift.max())]
+        source = self.source[np.arange(self.length)[:, None], columns % self.width]
+        return Strip(source, self.closed, self.values, self.usable)
+
+    def turned(self, closed: bool) -> Strip:
+        """The strip with rows and columns exchanged."""
+        return Strip(SourceMap(np.ascontiguousarray(self.source.packed.T)), closed, self.values, self.usable)

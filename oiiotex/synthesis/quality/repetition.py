@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What shows where a tile is laid out several times: slow waves of light and color, and salient spots."""
+
+from __future__ import annotations
+
+from ...engine.deferred import np
+
+_CYCLES = 3.2  # per side of the tile: slower waves are seen as a grid of tiles, faster ones as texture
+_LEAST_DEVIATION = 0.3  # Lab: smaller ones are invisible
+
+
+def slow_waves(tile: np.ndarray) -> float:
+    """Standard deviation, in Lab, of the waves of a tile that have at most `_CYCLES` periods per side.
+
+    `tile` (height, width, 3) float, a torus. Rounded to two digits, so that last bits decide nothing.
+    """
+    height, width = tile.shape[:2]
+    spectrum = np.fft.fft2(tile - tile.mean((0, 1)), axes=(0, 1)) / (height * width)
+    cycles = np.hypot(*np.meshgrid(np.fft.fftfreq(height, 1 / height), np.fft.fftfreq(width, 1 / width), indexing="ij"))
+    return round(float(np.sqrt((np.abs(spectrum[cycles < _CYCLES]) ** 2).sum())), 2)
+
+
+def salience(around: np.ndarray) -> float:
+    """How far the most salient area of a blurred texture is from its typical color, in typical deviations.
+
+    A measure of statistics hardly changes by one small area that differs; but where a tile repeats, it is the first
+    thing that is seen. `around` (height, width, 3) float.
+    """
+    away = np.abs(around - np.median(around, (0, 1)))
+    return round(float((away.max((0, 1)) / np.maximum(_LEAST_DEVIATION, 1.4826 * np.median(away, (0, 1)))).max()), 2)
