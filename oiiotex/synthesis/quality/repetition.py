@@ -6,7 +6,7 @@ from __future__ import annotations
 from ...engine.deferred import np
 
 _CYCLES = 3.2  # per side of the tile: slower waves are seen as a grid of tiles, faster ones as texture
-_LEAST_DEVIATION = 0.3  # Lab: smaller ones are invisible
+_LEAST_DEVIATION = 1.0  # Lab: a weed on gray stone is no spot
 
 
 def slow_waves(tile: np.ndarray) -> float:
