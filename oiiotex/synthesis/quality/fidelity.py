@@ -34,6 +34,7 @@ GOOD, FAIR = 0.8, 0.666  # a result below the first is tried again, warned about
 _NEAR, _FAR = 1 / 6, 0.4  # of the longer side: limit of shapes, and of long lines
 _ORDER = 1.5  # ratio to the correlation that chance explains: above it, the photo has long lines or a lattice
 _MOST = 2 * SIDE  # px of a result that are measured, in its middle
+_INVISIBLE = 0.1  # Lab: a band with less energy has none; a constant image has lost nothing
 _AREA = 48  # the longer side over the sigma of a salient area
 _COLORS = 20.0, 8.0, 8.0  # L, a, b: colors nearer than this are shared out among neighbors
 # a part, the last values that are good and fair, and what to say beyond the first
@@ -100,7 +101,7 @@ class Fidelity:
         for name, good, fair, said in _LIMITS:
             value = parts[name]
             if value is not None:
-                yield value / good if value <= good else 1.0 + (value - good) / (fair - good), said
+                yield (value / good if value <= good else 1.0 + (value - good) / (fair - good)), said
 
     @property
     def value(self) -> float:
@@ -119,10 +120,16 @@ class Fidelity:
         bands = tuple(measures[f"band_{scale}"] for scale in SCALES)
         return cls(bands=bands, **{name: measures[name] for name in _PARTS if name in measures})
 
+    @property
+    def beyond(self) -> tuple[str, ...]:
+        """What is beyond its limit, in words, the worst first."""
+        return tuple(said for grade, said in sorted(self._grades(), reverse=True) if grade > 1.0)
+
     def __str__(self) -> str:
-        """A one-line summary: what is beyond its limit, the worst first."""
-        wrong = [said for grade, said in sorted(self._grades(), reverse=True) if grade > 1.0]
-        return f"fidelity {self.value:.2f}: {', '.join(wrong) or 'whole, and its repetition is not obvious'}"
+        """A one-line summary: what is beyond its limit, and the figures."""
+        parts = {name: getattr(self, name) for name in ("broken", "waves", "salient", "missing")}
+        figures = ", ".join(f"{name} {value:.3g}" for name, value in parts.items() if value is not None)
+        return f"fidelity {self.value:.2f}: {', '.join(self.beyond) or 'nothing is beyond its limit'} ({figures})"
 
 
 _PARTS = "shapes", "lines", "missing", "broken", "waves", "salient"
@@ -163,7 +170,9 @@ def fidelity(
     longer = max(own.shape[:2])
     before, after = high_passed(own, seen), high_passed(lab, everywhere, wraps, longer)
     bands = tuple(
-        _energy(after, everywhere, longer / k, wraps) / max(_energy(before, seen, longer / k), 1e-6) for k in SCALES
+        max(_energy(after, everywhere, longer / k, wraps), _INVISIBLE)
+        / max(_energy(before, seen, longer / k), _INVISIBLE)
+        for k in SCALES
     )
     of_photo = autocorrelation(before, seen)
     of_result = wrapped_autocorrelation(lab, longer) if all(wraps) else autocorrelation(after, everywhere)

@@ -92,11 +92,7 @@ def _samples(
     Each is multiplied by the number of samples, so that subtracting the mean leaves integers.
     """
     y, x = centers[0][:, None, None] + around[:, None], centers[1][:, None, None] + around
-    if source is not None:
-        height, width = source.packed.shape
-        picked = source[y % height, x % width]
-    else:
-        picked = SourceMap.of(*np.broadcast_arrays(y, x), bits=32)
+    picked = SourceMap.of(y, x, bits=32) if source is None else _sources(source, y, x)
     values = np.rint(picked.gather(photo).astype(np.float64) * _STEPS).reshape(len(y), -1, 3)
     values = values * values.shape[1] - values.sum(1, keepdims=True)
     return values.reshape(len(y), -1)
@@ -110,7 +106,12 @@ def _continued(
     half: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where the patches' middles lie in the photo if the pixel at that offset is in its place."""
-    height, width = source.packed.shape
-    places = source[(centers[0] + offset[0]) % height, (centers[1] + offset[1]) % width].yx
+    places = _sources(source, centers[0] + offset[0], centers[1] + offset[1]).yx
     y, x = (np.clip(at - by, half, n - 1 - half) for at, by, n in zip(places, offset, shape, strict=False))
     return y, x
+
+
+def _sources(source: SourceMap, y: np.ndarray, x: np.ndarray) -> SourceMap:
+    """The sources of some pixels of a torus, which may be in a file."""
+    height, width = source.packed.shape
+    return SourceMap(SourceMap.of(y % height, x % width, bits=32).gather(source.packed), source.bits)
