@@ -2,7 +2,7 @@
 """The judge: whether a result looks like its photo, has its colors, keeps its objects whole, and repeats unseen.
 
 Each measure has a value up to which people called tiles good, and one from which they called them unusable
-(benchmarks/results/judge.md). The worst measure is the verdict: what is cut is not mended by what is kept.
+(benchmarks/results/judge.md). The worst measure is the verdict.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _LIMITS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Fidelity:
-    """What a result preserves of its photo, and what would be seen of it.
+    """How a result compares with its photo, and how visible its repetition is.
 
     Attributes
     ----------
@@ -122,11 +122,11 @@ class Fidelity:
 
     @property
     def beyond(self) -> tuple[str, ...]:
-        """What is beyond its limit, in words, the worst first."""
+        """The parts beyond their limits, in words, the worst first."""
         return tuple(said for grade, said in sorted(self._grades(), reverse=True) if grade > 1.0)
 
     def __str__(self) -> str:
-        """A one-line summary: what is beyond its limit, and the figures."""
+        """A one-line summary: the parts beyond their limits, and the figures."""
         parts = {name: getattr(self, name) for name in ("broken", "waves", "salient", "missing")}
         figures = ", ".join(f"{name} {value:.3g}" for name, value in parts.items() if value is not None)
         return f"fidelity {self.value:.2f}: {', '.join(self.beyond) or 'nothing is beyond its limit'} ({figures})"
@@ -188,6 +188,8 @@ def fidelity(
         usual_shapes, usual_lines, usual_missing = np.mean(typical, 0).tolist()
         shapes, lines = _relative(shapes, usual_shapes), _relative(lines, usual_lines)
         missing = max(0.0, missing - usual_missing) / (1.0 - usual_missing)
+    if np.square(before).sum(-1).mean() < _INVISIBLE**2:  # a constant image has no shapes
+        shapes = lines = 1.0
     return Fidelity(
         bands=bands, shapes=shapes, lines=lines, missing=missing,
         broken=_broken(photo, own, source, wraps),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a result of copies keeps the photo's objects whole: what no place of the photo explains, where it is seen."""
+"""Whether a result of copies keeps objects whole: its variance that the photo does not explain, if cuts are visible."""
 
 from __future__ import annotations
 
