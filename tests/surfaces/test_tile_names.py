@@ -8,7 +8,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from oiiotex.engine.errors import ParameterError
-from oiiotex.oiiotool.cli.language.sequences import OPTIONS, Frame, names_tiles, tile_files, tile_name
+from oiiotex.oiiotool.cli.language.sequences import OPTIONS, Frame
+from oiiotex.oiiotool.cli.language.tiles import names_tiles, tile_files, tile_name
 from tests.oiiotool.test_sequences import RELAXED, frames, touch
 
 TILES = """
