@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files that OpenColorIO opens: a config, and the LUTs that it names. They are looked at before.
 
-OpenColorIO waits for the writer of a fifo, reads a device until it is killed, and tries a dozen formats on a file of any
-size. Meanwhile it holds Python's lock, so that no signal is handled.
+OpenColorIO waits for the writer of a fifo, reads a device until it is killed, and tries a dozen formats on a file of
+any size. Meanwhile it holds the lock of Python, so that no signal is handled.
 """
 
 from __future__ import annotations
