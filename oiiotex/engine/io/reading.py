@@ -102,7 +102,7 @@ class _OpenFile:
     def __init__(self, path: str, config: oiio.ImageSpec | None):
         self.path = path
         self.place = os.path.abspath(path)  # the caller may change the current folder
-        self._config = config
+        self._config = config or oiio.ImageSpec()  # without hints the PFM reader would not flip its rows upright
         self._lock = threading.Lock()
         self._state = _state_of(path)
         self._input = self._open()
@@ -110,8 +110,7 @@ class _OpenFile:
         _sources.add(self)
 
     def _open(self) -> oiio.ImageInput:
-        config = (self._config,) if self._config else ()
-        opened = oiio.ImageInput.open(self.place, *config)
+        opened = oiio.ImageInput.open(self.place, self._config)
         if opened is None:
             message = error_text(oiio.geterror) or "unknown format"
             raise ImageError(f"{self.path}: cannot read the image: {message}")
@@ -173,7 +172,7 @@ class _OpenFile:
     def deep(self, where: tuple[int, int]) -> oiio.ImageBuf:
         """All pixels of a deep (subimage, level)."""
         with self._lock:
-            buffer = oiio.ImageBuf(self.place, *where, self._config or oiio.ImageSpec())
+            buffer = oiio.ImageBuf(self.place, *where, self._config)
             if not buffer.read(*where, True) or buffer.has_error:
                 raise ImageError(f"{self.path}: cannot read the pixels: {error_text(buffer.geterror)}")
             return buffer
