@@ -14,6 +14,7 @@ from pathlib import Path
 from ..core.demand import assembled
 from ..core.image import Image, Part, dtype_of, in_memory
 from ..core.piece_cache import PieceCache
+from ..core.upright import upright
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError, one_line
@@ -32,6 +33,7 @@ def read(
     cache: PieceCache | None = None,
     *,
     native: bool = False,
+    turned: bool = True,
     config: oiio.ImageSpec | None = None,
 ) -> Image:
     """Open an image file; pixels are read on demand.
@@ -43,6 +45,8 @@ def read(
         Cache of decoded pieces. Default: a new one.
     native : bool
         oiiotool's ops work in the file's pixel type.
+    turned : bool
+        Whether pixels are turned upright, as the file's Orientation says.
     config : oiio.ImageSpec, optional
         Hints for the file's reader, as attributes.
 
@@ -61,7 +65,8 @@ def read(
     for specs in source.specs():
         levels = [_part(source, cache, spec, (len(parts), level), native) for level, spec in enumerate(specs)]
         parts.append(dataclasses.replace(levels[0], levels=tuple(levels[1:])))
-    return Image(tuple(parts), path)
+    image = Image(tuple(parts), path)
+    return upright(image) if turned else image
 
 
 def checked_name(path: str | os.PathLike[str]) -> str:

@@ -302,7 +302,7 @@ def require_arrived(temporary: Path, path: Path, image: Image, format_name: str)
     """
     try:
         _require_room(temporary)
-        arrived = read(temporary).parts
+        arrived = read(temporary, turned=False).parts
         for level in (level for part in arrived for level in (part, *part.levels)):
             last = level.window.bottom - 1
             level.buffer(Window(level.window.left, last, level.window.right, last + 1))

@@ -37,6 +37,7 @@ class HostOp(Op):
     """Works part by part: on the first, on all, or on selected ones."""
 
     prefix: ClassVar[str] = "--"
+    turns: ClassVar[bool] = False
     mixes: ClassVar[bool] = True  # it computes new values; otherwise it only moves or copies the source's
     keeps: ClassVar[bool] = False  # parts that it does not work on are kept
     space: ClassVar[Space] = Space.ANY
