@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Upright images: pixels turned as their Orientation metadata says (Exif 2.32, 4.6.4 A).
 
-Cameras store what the sensor sees, and say in Orientation how to turn it. Filters see pixels upright, so that a photo, a
-mask painted on it and other maps of its material agree.
+Cameras store what the sensor sees, and say in Orientation how to turn it. Filters see pixels upright, so that a photo,
+a mask painted on it and other maps of its material agree.
 """
 
 from __future__ import annotations

@@ -255,7 +255,8 @@ def _bands(part: Part, spec: oiio.ImageSpec) -> Iterator[Window]:
 def _put(out: oiio.ImageOutput, spec: oiio.ImageSpec, window: Window, pixels: np.ndarray) -> bool:
     if spec.tile_width:
         return out.write_tiles(window.left, window.right, window.top, window.bottom, 0, 1, pixels)
-    if out.format_name() == "pnm" and spec.format in (oiio.FLOAT, oiio.HALF):  # its writer flips rows of the file's type alone
+    # PFM: its writer flips only rows of the file's own type
+    if out.format_name() == "pnm" and spec.format in (oiio.FLOAT, oiio.HALF):
         band = oiio.ImageBuf(oiio.ImageSpec(window.width, window.height, spec.nchannels, oiio.FLOAT))
         band.set_pixels(band.roi, pixels)
         pixels = band.get_pixels(oiio.FLOAT)
