@@ -79,6 +79,7 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
     files = op.files()
     with errors_of(type(op)):
         _require_free(op, files, written)
+        _require_pixels(op)
         session.resources.require_streamable(*op.scanned())
         facts = _facts(op)
         # first, so that its errors precede reading the photo for its hash
@@ -103,6 +104,7 @@ def planned(op: Op, facts: Facts, written: set[str]) -> tuple[Image, ...]:
     provisional = any(map(is_provisional, op.operands()))
     with errors_of(type(op)):
         _require_free(op, files, written)
+        _require_pixels(op)
         facts.require_streamable(*op.scanned())
         reads_written = any(os.path.realpath(path) in written for path in op.paths_read())
         written.update(os.path.realpath(path) for path in files.values())
@@ -120,6 +122,14 @@ def planned(op: Op, facts: Facts, written: set[str]) -> tuple[Image, ...]:
     runner = _Runner(op, None, files, provenance=False)
     images = tuple(result.image for result in runner.results(plan.results, sources))
     return tuple(map(as_provisional, images)) if provisional else images
+
+
+def _require_pixels(op: Op) -> None:
+    """Refuse images without pixels, such as the first part of some FITS files."""
+    for image in op.operands():
+        if image.first.window.empty:
+            hint = "select another part: --subimage 1" if len(image.parts) > 1 else ""
+            raise ImageError("has no pixels", subject=image.source, hint=hint)
 
 
 def is_provisional(image: Image) -> bool:

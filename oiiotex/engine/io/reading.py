@@ -143,7 +143,7 @@ class _OpenFile:
         while self._input.seek_subimage(subimage, 0):
             levels: list[oiio.ImageSpec] = []
             while self._input.seek_subimage(subimage, len(levels)):
-                spec = oiio.ImageSpec(self._input.spec())
+                spec = _checked(oiio.ImageSpec(self._input.spec()), self.path)
                 if spec.depth > 1:
                     raise ImageError(f"{self.path}: volume images are not supported")
                 if self.format == "tiff" and spec.format == oiio.DOUBLE:
@@ -190,6 +190,33 @@ class _OpenFile:
         if small is None or not small.initialized:
             raise ImageError(f"{self.path}: cannot read the thumbnail: {message or 'the file is damaged'}")
         return small
+
+
+def _checked(spec: oiio.ImageSpec, path: str) -> oiio.ImageSpec:
+    """A file's spec without fields that contradict each other, as readers deliver of some files.
+
+    Raises
+    ------
+    ImageError
+        The image has a negative size or no channels.
+    """
+    if spec.width < 0 or spec.height < 0 or spec.nchannels < 1:
+        size = f"{spec.width}x{spec.height} pixels of {spec.nchannels} channels"
+        raise ImageError(f"{path}: the file is damaged: it says that the image has {size}")
+    if len(spec.channelnames) != spec.nchannels:
+        spec.default_channel_names()
+    if len(spec.channelformats) not in (0, spec.nchannels):
+        spec.channelformats = ()
+    names = [name.lower() for name in spec.channelnames]
+    if spec.alpha_channel not in range(-1, spec.nchannels):  # GIF: it counts from 1
+        spec.alpha_channel = next((names.index(name) for name in ("a", "alpha") if name in names), -1)
+    if spec.z_channel not in range(-1, spec.nchannels):
+        spec.z_channel = next((names.index(name) for name in ("z", "depth") if name in names), -1)
+    if spec.tile_width < 1 or spec.tile_height < 1:
+        spec.tile_width = spec.tile_height = spec.tile_depth = 0
+    if spec.full_width < 1 or spec.full_height < 1:
+        Window.data(spec).show_in(spec)
+    return spec
 
 
 def _state_of(path: str) -> tuple[int, ...] | None:
