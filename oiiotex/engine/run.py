@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import __version__
+from .color.evidence import believed, is_described
 from .core.access import Neighborhood, Pointwise
 from .core.attributes import SOURCE, TAG, mark_as_data, note
 from .core.demand import sha1
@@ -80,6 +81,7 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
     with errors_of(type(op)):
         _require_free(op, files, written)
         _require_pixels(op)
+        _tag_described(op, session.resources)
         session.resources.require_streamable(*op.scanned())
         facts = _facts(op)
         # first, so that its errors precede reading the photo for its hash
@@ -105,6 +107,7 @@ def planned(op: Op, facts: Facts, written: set[str]) -> tuple[Image, ...]:
     with errors_of(type(op)):
         _require_free(op, files, written)
         _require_pixels(op)
+        _tag_described(op, facts)
         facts.require_streamable(*op.scanned())
         reads_written = any(os.path.realpath(path) in written for path in op.paths_read())
         written.update(os.path.realpath(path) for path in files.values())
@@ -130,6 +133,12 @@ def _require_pixels(op: Op) -> None:
         if image.first.window.empty:
             hint = "select another part: --subimage 1" if len(image.parts) > 1 else ""
             raise ImageError("has no pixels", subject=image.source, hint=hint)
+
+
+def _tag_described(op: Op, facts: Facts) -> None:
+    """Tag untagged images of an op that compares colors as their profiles say: its results are tagged, too."""
+    if op.working_space is Space.LAB and any(map(is_described, op.operands())):
+        op.change_images(lambda image: believed(image, facts.color))
 
 
 def is_provisional(image: Image) -> bool:

@@ -17,6 +17,7 @@ from ..core.parameters import nearest
 from ..deferred import np, ocio, oiio
 from ..errors import COLORSPACE, IS_DATA, ColorError, ImageError, either, one_line
 from ..io.documents import require_regular
+from .evidence import refusal, space_described
 from .normal_maps import warn_of_normals
 
 # OpenImageIO embeds another OpenColorIO than PyOpenColorIO, so 'ocio://default' would mean two configs.
@@ -211,16 +212,18 @@ def _lab_config() -> ocio.Config:
 
 
 def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:
-    """The image's color space: its tag, else with `autocc` by the config's file rules."""
+    """The image's color space: its tag, else its profile, else with `autocc` by the config's file rules."""
     tag = image.first.spec.get_string_attribute(TAG)
     if tag:
         return config.resolve(tag)
+    described = space_described(image.first.spec, config)
+    if described:
+        return described
     by_name = config.space_by_file_rules(image.source) if autocc else None
     if by_name is None:
-        raise ColorError(
-            f"has no color space tag ('{TAG}')",
-            subject=image.source,
-            hint=f"add {COLORSPACE}{either(' after it', '')}, or {IS_DATA} for maps other than color",
+        hint = f"add {COLORSPACE}{either(' after it', '')}, or {IS_DATA} for maps other than color"
+        raise refusal(image.first.spec, config, image.source, hint) or ColorError(
+            f"has no color space tag ('{TAG}')", subject=image.source, hint=hint
         )
     return by_name
 

@@ -184,14 +184,14 @@ class Op:
             if self.PAPER and self.values()["paper"]:
                 self._follow_the_paper()
             if self.turns:
-                self._turn_upright()
+                self.change_images(upright)
 
-    def _turn_upright(self) -> None:
-        """Turn all given images upright."""
+    def change_images(self, change: Callable[[Any], Any]) -> None:
+        """Replace all given images."""
         for slot in declared(type(self))[0]:
             given = getattr(self, slot.attribute)
-            turned = tuple(map(upright, given)) if isinstance(given, tuple) else given and upright(given)
-            object.__setattr__(self, slot.attribute, turned)
+            changed = tuple(map(change, given)) if isinstance(given, tuple) else given and change(given)
+            object.__setattr__(self, slot.attribute, changed)
 
     def _follow_the_paper(self) -> None:
         """Set parameters to the values of `PAPER`; raise ParameterError if another value was given."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+from ...engine.color.evidence import believed, evidence_in
 from ...engine.core.access import Pointwise
 from ...engine.core.attributes import TAG
 from ...engine.core.image import Image, Part, channels_of
@@ -65,6 +66,7 @@ class OnColor(HostOp, Pointwise):
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed. A conversion that does not exist is an error now."""
         path = facts.color.path
+        part = believed(Image(tuple(parts[:1]), ""), facts.color).first
 
         def convert(color: oiio.ImageBuf) -> oiio.ImageBuf:
             try:
@@ -73,7 +75,7 @@ class OnColor(HostOp, Pointwise):
                 known = ", ".join(self.known(facts.color.names))
                 raise ColorError(f"{error} ({path}{f' has {known}' if known else ''})") from None
 
-        return pointwise(parts, parts[0].window, lambda source: _converted(source, convert))
+        return pointwise((part,), part.window, lambda source: _converted(source, convert))
 
 
 def _converted(source: oiio.ImageBuf, convert: Callable[[oiio.ImageBuf], oiio.ImageBuf]) -> oiio.ImageBuf:
@@ -96,6 +98,10 @@ def _space(given: str, spec: oiio.ImageSpec) -> str:
         return given
     tag = spec.get_string_attribute(TAG)
     if not tag:
+        evidence = evidence_in(spec)
+        if evidence is not None:
+            problem = f"the image has {evidence.text}, which matches no color space of the config"
+            raise ColorError(problem, hint="add --iscolorspace NAME before this op")
         raise ColorError("the image has no color space tag", hint="add --iscolorspace NAME before this op")
     return tag
 
