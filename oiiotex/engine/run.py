@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import __version__
-from .color.evidence import believed, is_described
 from .core.access import Neighborhood, Pointwise
 from .core.attributes import SOURCE, TAG, mark_as_data, note
 from .core.demand import sha1
@@ -33,6 +32,7 @@ from .io.cryptomatte import cryptomatte_part
 from .io.movie import require_encoder, write_movie
 from .io.paint_palette import require_palette, write_palette
 from .io.writing import require_writable, write
+from .operands import check_operands
 
 if TYPE_CHECKING:
     from .session import Session
@@ -80,8 +80,7 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
     files = op.files()
     with errors_of(type(op)):
         _require_free(op, files, written)
-        _require_pixels(op)
-        _tag_described(op, session.resources)
+        check_operands(op, session.resources)
         session.resources.require_streamable(*op.scanned())
         facts = _facts(op)
         # first, so that its errors precede reading the photo for its hash
@@ -106,8 +105,7 @@ def planned(op: Op, facts: Facts, written: set[str]) -> tuple[Image, ...]:
     provisional = any(map(is_provisional, op.operands()))
     with errors_of(type(op)):
         _require_free(op, files, written)
-        _require_pixels(op)
-        _tag_described(op, facts)
+        check_operands(op, facts)
         facts.require_streamable(*op.scanned())
         reads_written = any(os.path.realpath(path) in written for path in op.paths_read())
         written.update(os.path.realpath(path) for path in files.values())
@@ -125,20 +123,6 @@ def planned(op: Op, facts: Facts, written: set[str]) -> tuple[Image, ...]:
     runner = _Runner(op, None, files, provenance=False)
     images = tuple(result.image for result in runner.results(plan.results, sources))
     return tuple(map(as_provisional, images)) if provisional else images
-
-
-def _require_pixels(op: Op) -> None:
-    """Refuse images without pixels, such as the first part of some FITS files."""
-    for image in op.operands():
-        if image.first.window.empty:
-            hint = "select another part: --subimage 1" if len(image.parts) > 1 else ""
-            raise ImageError("has no pixels", subject=image.source, hint=hint)
-
-
-def _tag_described(op: Op, facts: Facts) -> None:
-    """Tag untagged images of an op that compares colors as their profiles say: its results are tagged, too."""
-    if op.working_space is Space.LAB and any(map(is_described, op.operands())):
-        op.change_images(lambda image: believed(image, facts.color))
 
 
 def is_provisional(image: Image) -> bool:

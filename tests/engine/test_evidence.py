@@ -14,8 +14,8 @@ from PIL import Image, ImageCms
 
 from oiiotex import filters
 from oiiotex.engine.color.config import ColorConfig, space_of
-from oiiotex.engine.color.icc import of_cicp, of_profile
 from oiiotex.engine.errors import ColorError, Error
+from oiiotex.engine.io.icc import of_cicp, of_profile
 from oiiotex.engine.io.reading import read
 from oiiotex.oiiotool.cli.running.line_run import run
 
@@ -126,13 +126,13 @@ def test_a_space_of_the_users_config_matches_by_its_colors(tmp_path):
     group = ocio.GroupTransform(
         [ocio.ExponentTransform([1.8, 1.8, 1.8, 1]), ocio.MatrixTransform(matrix.ravel().tolist())]
     )
-    display = ocio.REFERENCE_SPACE_DISPLAY
-    config.addColorSpace(ocio.ColorSpace(display, "xyz"))
-    config.addColorSpace(ocio.ColorSpace(display, "our camera", toReference=group))
-    config.setRole("cie_xyz_d65_interchange", "xyz")
+    scene = ocio.REFERENCE_SPACE_SCENE
+    config.addColorSpace(ocio.ColorSpace(scene, "xyz"))
+    config.addColorSpace(ocio.ColorSpace(scene, "our camera", toReference=group))
     (tmp_path / "own.ocio").write_text(config.serialize())
     path = saved(tmp_path / "a.png", profile("ProPhoto RGB", PROPHOTO, 1.8))
-    assert space_of(read(path), ColorConfig(str(tmp_path / "own.ocio"))) == "our camera"
+    own = ColorConfig(str(tmp_path / "own.ocio"), ("xyz", "CIE XYZ D65"))
+    assert space_of(read(path), own) == "our camera"
 
 
 def test_a_gray_profile_describes_a_gray_image(tmp_path):

@@ -17,7 +17,7 @@ from ..core.parameters import nearest
 from ..deferred import np, ocio, oiio
 from ..errors import COLORSPACE, IS_DATA, ColorError, ImageError, either, one_line
 from ..io.documents import require_regular
-from .evidence import refusal, space_described
+from .described import believed, refusal, space_described
 from .normal_maps import warn_of_normals
 
 # OpenImageIO embeds another OpenColorIO than PyOpenColorIO, so 'ocio://default' would mean two configs.
@@ -116,6 +116,14 @@ class ColorConfig:
         config = copy.copy(self)
         config._doubted = None
         return config
+
+    def described(self, spec: oiio.ImageSpec) -> str:
+        """The space that the metadata describes, by a profile, CICP, chromaticities or Exif; empty: none."""
+        return space_described(spec, self)
+
+    def believed(self, image: Image) -> Image:
+        """The image with untagged parts tagged as their metadata describes them."""
+        return believed(image, self)
 
     @property
     def config(self) -> ocio.Config:
@@ -216,7 +224,7 @@ def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:
     tag = image.first.spec.get_string_attribute(TAG)
     if tag:
         return config.resolve(tag)
-    described = space_described(image.first.spec, config)
+    described = config.described(image.first.spec)
     if described:
         return described
     by_name = config.space_by_file_rules(image.source) if autocc else None

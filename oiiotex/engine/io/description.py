@@ -16,9 +16,9 @@ import struct
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from ..color.evidence import contradicted
 from ..core.attributes import OURS, TAG
 from ..deferred import oiio
+from .evidence import contradicted
 
 log = logging.getLogger("oiiotex")
 

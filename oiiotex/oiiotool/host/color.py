@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from ...engine.color.evidence import believed, evidence_in
 from ...engine.core.access import Pointwise
 from ...engine.core.attributes import TAG
 from ...engine.core.image import Image, Part, channels_of
@@ -16,6 +15,7 @@ from ...engine.core.parameters import Numbers, argument, image, param
 from ...engine.deferred import np, oiio
 from ...engine.errors import ColorError, ImageError, ParameterError
 from ...engine.io.documents import require_regular
+from ...engine.io.evidence import evidence_in
 from ...engine.session.facts import Facts
 from .kinds import HostOp, Respec, checked, op, pointwise, worked
 
@@ -66,7 +66,7 @@ class OnColor(HostOp, Pointwise):
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The result, not yet computed. A conversion that does not exist is an error now."""
         path = facts.color.path
-        part = believed(Image(tuple(parts[:1]), ""), facts.color).first
+        part = facts.color.believed(Image(tuple(parts[:1]), "")).first
 
         def convert(color: oiio.ImageBuf) -> oiio.ImageBuf:
             try:

@@ -3,7 +3,6 @@
 
 from oiiotex.engine.color.config import as_float
 from oiiotex.engine.color.display import Shown, shown_by, usual_view, views
-from oiiotex.engine.color.evidence import believed
 from oiiotex.engine.color.srgb import decoded, encoded, lab_of_linear
 from oiiotex.engine.core.attributes import PARAMETERS, TAG
 from oiiotex.engine.core.demand import resized

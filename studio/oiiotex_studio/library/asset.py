@@ -386,8 +386,7 @@ def _write_texture(source: Path, target: Path) -> None:
     config.tile_width = config.tile_height = 64
     config.tile_depth = 1
     config.attribute("wrapmodes", "periodic,periodic")
-    stored = oiio.ImageBuf(str(source))
-    upright = oiio.ImageBufAlgo.reorient(stored) if stored.spec().get_int_attribute("Orientation", 1) != 1 else stored
+    upright = oiio.ImageBufAlgo.reorient(oiio.ImageBuf(str(source)))
     if not oiio.ImageBufAlgo.make_texture(oiio.MakeTxTexture, upright, str(target), config):
         raise Error(f"{target}: {oiio.geterror()}")
 

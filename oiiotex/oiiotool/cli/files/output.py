@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from .... import __version__
-from ....engine.color.evidence import space_described
 from ....engine.core.image import Image, Part, cropped
 from ....engine.core.parameters import Size, param
 from ....engine.core.window import Window
@@ -280,7 +279,7 @@ def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bo
     if kind is not None and kind[0] != oiio.TypeDesc("float"):
         how = dataclasses.replace(how, pixel_type=kind[0], bits=kind[1])
     spec = image.first.spec
-    current = spec.get_string_attribute("oiio:ColorSpace") or space_described(spec, colors) or colors.linear
+    current = spec.get_string_attribute("oiio:ColorSpace") or colors.described(spec) or colors.linear
     if current is None or colors.same(current, space):
         return image, how
     convert = ColorConvert(

@@ -8,7 +8,6 @@ import functools
 import logging
 from dataclasses import dataclass
 
-from ....engine.color.evidence import space_described
 from ....engine.core.attributes import set_attribute
 from ....engine.core.image import Image, Part, from_buffer, in_memory, pixels_of, type_named
 from ....engine.core.parameters import param
@@ -174,7 +173,7 @@ def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
 
     colors = chain.session.resources.color
     spec = chain.top.first.spec
-    space = colors.space_in_name(path) or spec.get_string_attribute("oiio:ColorSpace") or space_described(spec, colors)
+    space = colors.space_in_name(path) or spec.get_string_attribute("oiio:ColorSpace") or colors.described(spec)
     linear = colors.linear
     if space and linear and not colors.same(space, linear):
         chain.apply(ColorConvert, from_space=space, to_space=linear, strict=False, unpremult=unpremult)

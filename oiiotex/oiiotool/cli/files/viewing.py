@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ....engine.color.config import as_float
-from ....engine.color.evidence import believed
 from ....engine.core.demand import bands, cached, stream
 from ....engine.core.image import Image, Part
 from ....engine.core.parameters import param
@@ -50,7 +49,7 @@ def show(chain: Chain, given: ViewModifiers) -> None:
 
 def _linear(chain: Chain, image: Image) -> Image:
     """The image in tev's linear Rec. 709, if its color space is known."""
-    image = believed(image, chain.session.resources.color)
+    image = chain.session.resources.color.believed(image)
     tag = image.first.spec.get_string_attribute("oiio:ColorSpace")
     if not tag or chain.session.resources.color.is_data(tag):
         return image

@@ -12,7 +12,7 @@ from pathlib import Path
 from oiiotex.engine.errors import Error
 
 from ...api.files import read_document
-from ...api.images import TAG, Image, Session, believed, read, tagged, usual_view, views
+from ...api.images import TAG, Image, Session, read, tagged, usual_view, views
 from ...api.painting import read_graph
 from ...api.service import reserved_folder
 from ...materials.naming import COLORS, read_name
@@ -113,7 +113,7 @@ def hub_of(
         assert photo is not None
         first, words, name = photo.image, photo.words, photo.image.source
         require_memory(photo, session)
-    first = believed(first, color)
+    first = color.believed(first)
     tag = first.first.spec.get_string_attribute(TAG)
     space = color.resolve(tag) if tag else None
     stem = Path(name).stem

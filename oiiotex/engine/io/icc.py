@@ -11,16 +11,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ..deferred import np
-from .srgb import decoded
 
 Curve = Callable[["np.ndarray"], "np.ndarray"]
 
-_D50 = (0.9642, 1.0, 0.8249)  # white of an ICC profile's connection space
+D50 = (0.9642, 1.0, 0.8249)  # white of an ICC profile's connection space
 _PRIMARIES = {  # x and y of red, green, blue and white by the code of H.273, table 2
     1: (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290),
     9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),
     12: (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.3290),
 }
+_SRGB = (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)  # of a parametric curve of type 3
 _PARAMETERS = (1, 3, 4, 5, 7)  # numbers of a parametric curve by its type (ICC.1:2022, table 68)
 
 
@@ -66,7 +66,7 @@ def of_primaries(chromaticities: Sequence[float], gamma: float) -> Encoding | No
 def of_cicp(codes: Sequence[int]) -> Encoding | None:
     """The encoding of CICP codes (primaries, transfer, ...); None for those without a curve of their own."""
     curves: dict[int, Curve] = {
-        1: _bt709, 4: lambda values: np.power(values, 2.2), 8: lambda values: values, 13: decoded,
+        1: _bt709, 4: lambda values: np.power(values, 2.2), 8: lambda values: values, 13: _parametric(3, _SRGB),
     }  # fmt: skip
     primaries, curve = _PRIMARIES.get(codes[0]), curves.get(codes[1])
     return None if primaries is None or curve is None else _of(primaries, curve)
@@ -90,7 +90,7 @@ def _of(chromaticities: Sequence[float], curve: Curve) -> Encoding | None:
         matrix = points[:, :3] * np.linalg.solve(points[:, :3], white)
     except np.linalg.LinAlgError:
         return None
-    return Encoding(adapted(matrix.T, white, _D50).T, (curve, curve, curve))
+    return Encoding(adapted(matrix.T, white, D50).T, (curve, curve, curve))
 
 
 def _tags(profile: bytes) -> dict[bytes, bytes]:
