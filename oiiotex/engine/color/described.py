@@ -27,6 +27,8 @@ class Spaces(Protocol):
 
     path: str
 
+    def __hash__(self) -> int: ...
+
     @property
     def config(self) -> ocio.Config:
         """The OpenColorIO config."""
