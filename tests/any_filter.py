@@ -14,7 +14,7 @@ from oiiotex.engine.session import Session
 from tests import pictures
 
 # fewer rounds and small places, where beauty does not matter
-SMALL = {"iterations": 4, "threshold": 0.9, "radius": 16, "panel": 64, "restarts": 1}
+SMALL = {"iterations": 4, "threshold": 0.9, "radius": 16, "panel": 64}
 
 
 def settings(op: type[Op], **more: object) -> dict[str, object]:

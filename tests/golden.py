@@ -66,7 +66,7 @@ CASES = {
     ),
     "stationarize_moss_hdr": Case(
         lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),
-        ("--texstationarize:target=exemplar:histogram=1",),
+        ("--texstationarize:paper=1",),
         "lin_rec709_scene",
     ),
     "fill_moss_hdr": Case(
@@ -100,7 +100,7 @@ CASES = {
         lambda: pictures.pebbles(128, 128, 2), ("--texstationarize:variants=9:size=64x56:seed=2:patch=7",)
     ),
     "stationarize_moments_pebbles": Case(
-        lambda: pictures.stained(pictures.pebbles(96, 112, 1)), ("--texstationarize:measure=moments:order=4:seed=1",)
+        lambda: pictures.stained(pictures.pebbles(96, 112, 1)), ("--texstationarize:measure=moments4:seed=1",)
     ),
     "stationarize_steerable_hole": Case(_with_hole, ("--texstationarize:measure=steerable:seed=2",)),
     "stationarize_alpha_hole": Case(_with_hole, ("--texstationarize:seed=4:tiles=x",)),
@@ -134,7 +134,7 @@ CASES = {
         second=lambda: pictures.stained(pictures.bricks(80, 112, 1)),
     ),
     "stationarity_moments_pebbles": Case(
-        lambda: pictures.stained(pictures.pebbles(96, 112, 1)), ("--texstationarity:measure=moments:order=4",)
+        lambda: pictures.stained(pictures.pebbles(96, 112, 1)), ("--texstationarity:measure=moments4",)
     ),
     "stationarity_steerable_hole": Case(_with_hole, ("--texstationarity:measure=steerable:sigma=8",)),
     "lab_moss_hdr": Case(lambda: 8 * pictures.moss(64, 80, 3) - 0.1, ("--texlab",), "lin_rec709_scene"),
@@ -153,9 +153,7 @@ CASES = {
     "atlas_pebbles_on_a_cube": Case(
         lambda: pictures.pebbles(96, 112, 2), ("--texatlas:mesh=mesh.obj:size=128x96:seed=1",), mesh=pictures.cube_obj
     ),
-    "quilt_pebbles": Case(
-        lambda: pictures.pebbles(96, 112, 2), ("--texquilt:size=160x128:patch=24:tiles=xy:seed=3:candidates=64",)
-    ),
+    "quilt_pebbles": Case(lambda: pictures.pebbles(96, 112, 2), ("--texquilt:size=160x128:patch=24:tiles=xy:seed=3",)),
     "quilt_alpha_hole": Case(_with_hole, ("--texquilt:size=120x90:patch=16:seed=4",)),
     "decompose_two_textures": Case(
         lambda: np.concatenate([pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)], 1), ("--texdecompose",)

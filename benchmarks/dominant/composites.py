@@ -22,8 +22,9 @@ from oiiotex.analysis.dominant.diffusion import dominant_mask, dominant_texture
 from oiiotex.analysis.dominant.refinement import pixel_colors, refined_mask
 from oiiotex.engine.color.lab import lens_of
 from oiiotex.engine.color.lab_reduced import LabPixels, lab_pixels
-from oiiotex.engine.core.image import from_buffer
+from oiiotex.engine.core.image import Image, from_buffer
 from oiiotex.engine.session import Session
+from oiiotex.engine.session.progress import Progress
 from tests import pictures
 
 HEIGHT, WIDTH = 94, 125
@@ -93,6 +94,14 @@ def seen_as(picture: np.ndarray, session: Session) -> LabPixels:
     buffer.set_pixels(buffer.roi, np.ascontiguousarray(picture, np.float32))
     image = from_buffer(buffer)
     return lab_pixels(image, lens_of(image, session.resources), session.resources)
+
+
+def mask_by(image: Image, mode: str, step: int | None = None, patch: int | None = None) -> np.ndarray:
+    """Mask (h, w) bool of the dominant texture of an image, by a way to compare its patches."""
+    resources = Session().resources
+    pixels = lab_pixels(image, lens_of(image, resources), resources)
+    found = dominant_texture(pixels, resources, Progress(), mode=mode, step=step, patch=patch)
+    return refined_mask(found, pixels, pixel_colors(pixels))
 
 
 def main() -> None:

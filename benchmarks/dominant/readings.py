@@ -3,7 +3,7 @@
 
 "The first valley beyond the 0.4-quantile point" of heat can be counted from the coldest texel or from the hottest, and
 "if no such valley is found, we simply consider all remaining texels as ... (Type 0)" can leave the threshold of density
-in force or not. `rule=paper` is the first row. Masks are the dominant patches' centers, dilated by a patch.
+in force or not. `paper=1` is the first row. Masks are the dominant patches' centers, dilated by a patch.
 """
 
 from __future__ import annotations

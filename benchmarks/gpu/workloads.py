@@ -158,7 +158,7 @@ AT_EVERY_SIZE: dict[str, Callable[[Session, int], Work]] = {
 }
 TIMED = AT_EVERY_SIZE | {
     "texsynth's analysis, 256 px": _analysis,
-    "texstationarize:measure=moments": _grown("stationarize", measure="moments", order=4),
+    "texstationarize:measure=moments": _grown("stationarize", measure="moments4"),
     "texstationarize:measure=steerable": _grown("stationarize", measure="steerable"),
     "texfill": _held,
     "texpatchmatch": _grown("patchmatch"),
@@ -168,7 +168,7 @@ COMPARED: dict[str, Callable[[Session, int], Work]] = {
     "texsynth": _synth,
     "texsynth's analysis, 256 px": _analysis,
     "texstationarize": _grown("stationarize", st=True),
-    "texstationarize:measure=moments": _grown("stationarize", st=True, measure="moments", order=4),
+    "texstationarize:measure=moments": _grown("stationarize", st=True, measure="moments4"),
     "texstationarize:measure=steerable": _grown("stationarize", st=True, measure="steerable"),
     "texfill": _held,
     "texpatchmatch": _grown("patchmatch", st=True),

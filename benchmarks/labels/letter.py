@@ -19,7 +19,7 @@ from oiiotex.engine.session import Session
 
 WAYS: dict[str, dict[str, object]] = {
     "default": {},
-    "default without the coarsest level": {"coarsest": False},
+    "default without the coarsest level": {"coarsest": "none"},
     "`paper=1`, the text": {"paper": True},
     "`paper=authors`, their program": {"paper": "authors"},
 }

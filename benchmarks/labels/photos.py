@@ -20,12 +20,12 @@ def main() -> None:
     asked.add_argument("--side", type=int, default=400, help="longer side of a photo, px")
     side = asked.parse_args().side
     single = equal = 0
-    print("| photo | labels, finest level first | with materials=1 |", "|---|---|---|", sep="\n")
+    print("| photo | labels, finest level first | with coarsest=materials |", "|---|---|---|", sep="\n")
     paths = sorted((data_folder() / "photos").iterdir())
     for path in paths:
         counts, with_materials = (
-            [int(p.get_pixels(oiio.UINT32).max()) for p in filters.label(load(path, side), materials=asks).values()]
-            for asks in (False, True)
+            [int(p.get_pixels(oiio.UINT32).max()) for p in filters.label(load(path, side), coarsest=coarsest).values()]
+            for coarsest in ("subtextures", "materials")
         )
         single += 1 in counts
         equal += len(set(counts)) < len(counts)

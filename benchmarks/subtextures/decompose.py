@@ -20,6 +20,8 @@ import argparse
 import time
 from collections.abc import Callable
 from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -32,9 +34,19 @@ from benchmarks.labels.levels import Case, cases, score
 from benchmarks.shared.mosaics import KINDS, suite
 from benchmarks.subtextures import factorization
 from oiiotex.analysis.segmentation import clique_partition, subtextures
+from oiiotex.analysis.segmentation.subtextures import (
+    DecompositionSettings,
+    czf02,
+    decomposed,
+    label_map_of,
+    usual,
+)
+from oiiotex.engine.color.lab import lens_of
+from oiiotex.engine.color.lab_reduced import lab_pixels, reduction
+from oiiotex.engine.core.image import Image
 from oiiotex.engine.run import run
 from oiiotex.engine.session import Session
-from oiiotex.filters.texdecompose import CLIQUES_THRESHOLD, Decompose
+from oiiotex.filters.texdecompose import WORKING_PIXELS
 from oiiotex.filters.texlabel import Label
 
 HEAD = (
@@ -42,17 +54,28 @@ HEAD = (
     + "|---" * 10
     + "|"
 )
-PAPER = {"features": "haar", "assign": "neighbors", "refine": False}
-SETTINGS = {
-    "default": {},
-    "count told": {},
-    "cliques": {"group": "cliques"},
-    "cliques, shift=0": {"group": "cliques", "shift": 0},
-    "k-means, count told": {"group": "cliques"},
-    "normalized cuts, count told": {"group": "cliques"},
-    "paper, grid": PAPER,
-    "paper, shift=0": {**PAPER, "shift": 0},
+CLIQUES_THRESHOLD = 0.76  # of filter bank textons in discs of 48 px
+CLIQUES = {"group": "cliques", "threshold": CLIQUES_THRESHOLD}
+GRID = {"scales": 1, "search": "grid"}
+SETTINGS = {  # the settings of the op for a number of pixels, and what is changed in them
+    "default": (usual, {}),
+    "count told": (usual, {}),
+    "cliques": (usual, CLIQUES),
+    "cliques, shift=0": (usual, {**CLIQUES, "shift": 0}),
+    "k-means, count told": (usual, CLIQUES),
+    "normalized cuts, count told": (usual, CLIQUES),
+    "paper, grid": (czf02, GRID),
+    "paper, shift=0": (czf02, {**GRID, "shift": 0}),
 }
+
+
+def subtextures_of(image: Image, settings: Callable[[int], DecompositionSettings], **changes: Any) -> np.ndarray:
+    """Label map (h, w) of an image by `settings`, of its number of pixels, with changes."""
+    resources, (width, height) = Session().resources, image.first.window.size
+    factor = reduction(width, height, WORKING_PIXELS)
+    pixels = lab_pixels(image, lens_of(image, resources), resources, factor)
+    how = replace(settings(-(-width // factor) * -(-height // factor)), **changes)
+    return label_map_of(image.first, pixels, decomposed(pixels, how, resources)).part.pixels()[..., 0]
 
 
 @contextmanager
@@ -145,15 +168,11 @@ def main() -> None:
     for group in arguments.groups.split(","):
         found = groups[group]()
         ways = {
-            name: lambda case, values=values: [
-                run(Decompose(source=case.image, **values), Session())[0].image.first.pixels()[..., 0]
-            ]
-            for name, values in SETTINGS.items()
+            name: lambda case, settings=settings, changes=changes: [subtextures_of(case.image, settings, **changes)]
+            for name, (settings, changes) in SETTINGS.items()
         }
         ways["count told"] = lambda case: [
-            run(Decompose(source=case.image, maxlabels=len(np.unique(case.truth[case.truth > 0]))), Session())[
-                0
-            ].image.first.pixels()[..., 0]
+            subtextures_of(case.image, usual, count=len(np.unique(case.truth[case.truth > 0])))
         ]
         ways["factorization"] = lambda case: by_factorization(case, told=False)
         ways["factorization, count told"] = lambda case: by_factorization(case, told=True)

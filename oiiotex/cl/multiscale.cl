@@ -29,9 +29,19 @@ static inline uint place_hash(long x, long y, uint level, uint seed) {
   return hash_pcg((uint)x + hash_pcg((uint)y + hash_pcg((uint)(y >> 32) + bits)));
 }
 
+// A place past the border of an exemplar that does not tile is mirrored, as its stack is.
+static inline int mirrored(int at, int side) {
+  int within = at & ((2 << side) - 1), last = (1 << side) - 1;
+  return within > last ? 2 * last + 1 - within : within;
+}
+static inline uint texel_within(int level, int y, int x, int side, int tiles) {
+  return tiles ? texel_at(level, y, x, side) : texel_at(level, mirrored(y, side), mirrored(x, side), side);
+}
+
 // The texel moved so that pixel (px, py) is in phase with the exemplar's lattice: by steps[0] to steps[3] for a full
 // cycle of both phases, and by a lattice vector (the following steps) if it would leave the exemplar.
-static inline uint in_step(uint texel, int px, int py, __constant uint *phases, __constant int *steps, int side) {
+static inline uint in_step(uint texel, int px, int py, __constant uint *phases, __constant int *steps, int side,
+                           int tiles) {
   int x = TEXEL_X(texel, side), y = TEXEL_Y(texel, side), outside = ~((1 << side) - 1);
   int2 off = phases_of_offset(phases, px, py, x, y);
   x -= (int)(((long)off.x * steps[0] + (long)off.y * steps[2] + (1l << 39)) >> 40);
@@ -42,18 +52,20 @@ static inline uint in_step(uint texel, int px, int py, __constant uint *phases, 
     x = from_x + ((u * steps[4] + v * steps[6] + 128) >> 8);
     y = from_y + ((u * steps[5] + v * steps[7] + 128) >> 8);
   }
-  return (x | y) & outside ? texel_at(TEXEL_LEVEL(texel, side), from_y, from_x, side)
+  return (x | y) & outside ? texel_within(TEXEL_LEVEL(texel, side), from_y, from_x, side, tiles)
                            : texel_at(TEXEL_LEVEL(texel, side), y, x, side);
 }
 
 // Upsampling (section 4.2), jitter (section 4.3) and inheritance of R (section 5): every pixel of a level from its
 // parent. (left, top) is the origin of the window, (from_x, from_y) the parent of its first pixel in the parents'
-// window. rho is in 1/256. Departures: h_k is the child's spacing; past the end of a stack the texel is repeated; R is
+// window. rho is in 1/256; `tiles` says for every level whether its exemplar is a torus. Departures: h_k is the
+// child's spacing; past the end of a stack the texel is repeated; exemplars that do not tile are mirrored; R is
 // keep/256 of the inherited one; with `regular`, texels are in phase with the exemplar's lattice.
 __kernel void multiscale_upsample(const __global uint *restrict parent, const __global short4 *restrict parent_r,
                                   __global uint *restrict texel, __global short4 *restrict r,
                                   __global short4 *restrict color, const __global short4 *restrict stack,
-                                  const __global int *restrict finer, const __global int *restrict spacing, int side,
+                                  const __global int *restrict finer, const __global int *restrict spacing,
+                                  const __global int *restrict tiles, int side,
                                   int parent_width, int from_x, int from_y, int width, int height, long left, long top,
                                   long around_x, long around_y, uint level, uint seed, int rho, int keep,
                                   int regular, __constant uint *phases, __constant int *steps) {
@@ -78,8 +90,8 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
     x += (int)(((long)h * rho * ((int)(bits >> 16) - 32768) + (1 << 22)) >> 23);
     y += (int)(((long)h * rho * ((int)(bits & 0xFFFFu) - 32768) + (1 << 22)) >> 23);
   }
-  uint made = texel_at(now, y, x, side);
-  if (regular) made = in_step(made, (int)at_x, (int)at_y, phases, steps, side);
+  uint made = texel_within(now, y, x, side, tiles[now]);
+  if (regular) made = in_step(made, (int)at_x, (int)at_y, phases, steps, side, tiles[now]);
   long nx = 2 * odd_x - 1, ny = (2 * odd_y - 1) * (long)parent_width;   // the four nearest parents
   int4 inherited = 9 * convert_int4(parent_r[p]) + 3 * convert_int4(parent_r[p + nx]) +
                    3 * convert_int4(parent_r[p + ny]) + convert_int4(parent_r[p + nx + ny]);

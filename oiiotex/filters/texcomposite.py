@@ -59,13 +59,6 @@ class Composite(Reported, Quilted):
     size: Size | None = param(
         None, ge=8, le=1 << 22, unit="px", unset="twice the exemplar's size", help="Size of the result."
     )
-    restarts: int = param(
-        4,
-        ge=1,
-        le=64,
-        advanced=True,
-        help="Number of label maps to grow. The one closest to the original is used.",
-    )
     planfile: Path | None = param(
         None, example="plan.npz", help="File (.npz) for the plan, which `quilt` renders with `fromplan`."
     )
@@ -104,7 +97,7 @@ class Composite(Reported, Quilted):
         with resources.stats.time("grow"):
             growth = grow_labels(
                 resources.device, labels.ids, side, Domain.tiling(*size, self.tiles), self.seed,
-                resources.budget, progress.advance, self.restarts,
+                resources.budget, progress.advance,
             )  # fmt: skip
         height, width = growth.ids.shape
         text = "%s grown to %d x %d cells of %d px; errors: proportions %.1f %%, neighborhoods %.1f %%"

@@ -25,8 +25,8 @@ class Dominant(InLab, ScanThenMap):
     Patches are grouped by similarity, starting from the most typical one: heat diffuses from it through the large
     group of similar patches, but hardly to others (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion
     Distance Manifolds, Eurographics 2009). The mask is 1 in dominant patches, else 0. If no group contains 40 % of
-    the patches, the mask is empty and a warning is printed; with `strict`, the run stops with an error. With `photo`
-    the photo is the first part and the mask follows it as part 'dominant', which can guide a synthesis.
+    the patches, the mask is empty and a warning is printed. With `photo` the photo is the first part and the mask
+    follows it as part 'dominant', which can guide a synthesis.
 
     Attributes record the patch side in px (oiiotex:patch), the size of the kernel (oiiotex:epsilon), the dimension of
     the manifold (oiiotex:dimension), the diffusion steps (oiiotex:tau) and the fraction of dominant patches
@@ -42,12 +42,6 @@ class Dominant(InLab, ScanThenMap):
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("photo", Kind.PIXELS, "Photo, as the first part.", asked_by="photo", of="source"),
         Output("dominant", Kind.MASK, "Mask: 1 in the dominant texture, in the image's windows."),
-        Output(
-            "types",
-            Kind.IDS,
-            "Type of the patch around each pixel (LDR09 section 4): 1 to 4 for types 0, I, II and III.",
-            asked_by="types",
-        ),
         Output("score", Kind.MEASURE, "Density, and the decimal logarithm of heat.", asked_by="score"),
         Output("facts", Kind.TABLE, "Kernel curve, thresholds, iterations and proportions.", asked_by="facts"),
         Output("chart", Kind.PICTURE, "Plots of the kernel curve, and of density against heat.", asked_by="chart"),
@@ -59,32 +53,10 @@ class Dominant(InLab, ScanThenMap):
         None, ge=3, le=63, unit="px", unset="estimated from the photo's Fourier transform", example="15",
         help="Side of a patch, rounded to an odd number. Increase it if the texture has large elements.",
     )  # fmt: skip
-    step: int | None = param(
-        None, ge=1, le=256, unit="px", unset="the smallest that gives at most 12000 patches", example="4",
-        help="Spacing of patches.",
-    )  # fmt: skip
-    rule: str = param(
-        "repaired", choices=("repaired", "paper"), advanced=True,
-        help="Rules for thresholds and mask. repaired: those of the paper, corrected; paper: those of the paper, as"
-        " published.",
-    )  # fmt: skip
-    mode: str = param(
-        "diffusion",
-        choices=("diffusion", "euclidean", "spectral"),
-        help="Method that finds similar patches. diffusion: heat diffusion, recommended. euclidean (colors, LDR09"
-        " eq. 7) and spectral (the larger half of a normalized cut) are for comparison.",
-    )
     paper: bool = param(
-        False, help="Settings of the paper (LDR09): rule=paper:mode=diffusion:step=1, without an estimate of noise."
+        False, help="Rules of the paper (LDR09) for thresholds and mask, with a patch around every pixel: slow."
     )
-    strict: bool = param(False, help="Error instead of a warning for a photo without a dominant texture.")
     photo: bool = param(False, help="Keep the photo as the first part, before the mask.")
-    types: bool = param(
-        False,
-        advanced=True,
-        help="Append part 'types', the type of the patch around each pixel (LDR09 section 4): 1 dominant, 2 small"
-        " group, 3 bridge between groups, 4 scattered, 0 no patch.",
-    )
     score: bool = param(
         False,
         advanced=True,
@@ -103,13 +75,11 @@ class Dominant(InLab, ScanThenMap):
         " heat.",
     )
 
-    PAPER: ClassVar[dict[str, Any]] = {"rule": "paper", "mode": "diffusion", "step": 1}
-
     def plan(self, facts: Facts) -> Plan:
         """Nothing but the declared outputs."""
         from ..analysis.dominant.photo_mask import require_memory  # scipy is not loaded before it is needed
 
-        require_memory(self.flag(), self.source, facts, self.patch, self.step)
+        require_memory(self.flag(), self.source, facts, self.patch, self.paper)
         color_to_convert(self.source, facts, self.working_space)
         if self.mask is not None:
             laid_over(self.mask.first, self.source, "mask")
@@ -124,7 +94,7 @@ class Dominant(InLab, ScanThenMap):
 
         found = photo_mask(
             self.flag(), self.source, self.working_space, session.resources, session.progress,
-            allowed=allowed, patch=self.patch, step=self.step, mode=self.mode, rule=self.rule, strict=self.strict,
+            allowed=allowed, patch=self.patch, paper=self.paper,
         )  # fmt: skip
 
         def chart() -> np.ndarray:
@@ -134,7 +104,6 @@ class Dominant(InLab, ScanThenMap):
 
         return {
             "dominant": found.part,
-            "types": lambda: found.types,
             "score": lambda: found.score,
             "facts": found.facts,
             "chart": chart,

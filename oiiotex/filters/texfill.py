@@ -34,7 +34,7 @@ class Fill(Reported, MaterialOp, InBands):
 
     PatchMatch finds patches that fit the surroundings, from coarse to fine levels (BSFG09: Barnes, Shechtman,
     Finkelstein, Goldman, PatchMatch, SIGGRAPH 2009; levels as in MJH17). Each filled pixel is a copy of one source
-    pixel with all channels. Close to the border, `fade` adjusts its color, so that no step is visible. With `source`,
+    pixel with all channels. Close to the border, `fade` adjusts its color, so that no step is visible. With `donor`,
     the copies take lighting and color level from the surroundings. Pixels outside the region stay bit-identical,
     except in the zone of `seamzone`.
 
@@ -50,7 +50,7 @@ class Fill(Reported, MaterialOp, InBands):
     name: ClassVar[str] = "fill"
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("fill", Kind.PIXELS, "The photo with the region filled. One image for each of the maps, in order."),
-        replace(ST, help="Source coordinates of every pixel; with source, B is 1 where they refer to that photo."),
+        replace(ST, help="Source coordinates of every pixel; with donor, B is 1 where they refer to that photo."),
         replace(DRIFT, help="Correction of the copied pixels: Lab x gain + offset. Channels as in `flatten`."),
         REPORT,
     )
@@ -60,14 +60,14 @@ class Fill(Reported, MaterialOp, InBands):
         help="Image that marks the pixels to replace (first channel above half its range, or a nonzero label id). Not"
         " used with replace or matte. On the stack, it comes after the maps."
     )
-    source: Image | None = image(
+    donor: Image | None = image(
         None,
         help="Another photo to fill from, of any size and color space. With kinds, its first parts are the maps.",
     )
     mattes: Image | None = image(None, help="Cryptomatte image, if the photo's file has none.", advanced=True)
     mask: Image | None = image(  # type: ignore[misc]  # as in `ExemplarOp`
         None,
-        help="Image that marks the valid source pixels, of the photo or of source (first channel above half its range,"
+        help="Image that marks the valid source pixels, of the photo or of donor (first channel above half its range,"
         " or a nonzero label id).",
     )
     replace: int | None = param(None, example="3", ge=1, help="Id of a label to replace, from the photo's label maps.")
@@ -82,7 +82,7 @@ class Fill(Reported, MaterialOp, InBands):
         example="0.5",
         ge=0,
         le=1,
-        unset="1 with source, else 0",
+        unset="1 with donor, else 0",
         help="Fraction of the difference in lighting and color level that is corrected, including the step at the"
         " border. Set it to 1 for sky or plain walls. 0: every pixel is a verbatim copy.",
     )
@@ -123,16 +123,9 @@ class Fill(Reported, MaterialOp, InBands):
         le=1,
         advanced=True,
         help="Strength with which the photo's regular repeats (tiles, courses, weaves) are continued. 0: not continued."
-        " No effect with source, or on photos without regular repeats.",
+        " No effect with donor, or on photos without regular repeats.",
     )
     iterations: int = param(30, ge=1, le=1000, advanced=True, help="Number of iterations on the coarsest level.")
-    equaluse: float = param(
-        0.01,
-        ge=0,
-        le=1,
-        advanced=True,
-        help="Strength with which all parts of the source are used equally often (MJH17 eq. 6).",
-    )
     relevel: bool = param(False, help=RELEVEL, advanced=True)
 
     @classmethod
@@ -167,34 +160,34 @@ class Fill(Reported, MaterialOp, InBands):
             raise ParameterError("labellevel and labels require replace or label")
         if self.relevel and "height" not in self.map_kinds:
             raise ParameterError(f"{modifier(relevel=True)} requires kinds with a height")
-        if self.relevel and self.source is not None:
-            raise ParameterError("conflicts with source", parameter="relevel", value=1)
+        if self.relevel and self.donor is not None:
+            raise ParameterError("conflicts with donor", parameter="relevel", value=1)
         self.source_maps()
         self.weights()
 
     def source_maps(self) -> tuple[Image, ...]:
         """The maps that are filled from."""
         maps = self.all_maps()
-        if self.source is None:
+        if self.donor is None:
             return maps
-        if len(self.source.parts) < len(maps):
-            count = len(self.source.parts)
+        if len(self.donor.parts) < len(maps):
+            count = len(self.donor.parts)
             expected = f"at least {len(maps)}, one for each map"
-            raise ImageError(f"{self.source.source} has {count} parts: expected {expected}")
-        return tuple(Image((part,), self.source.source) for part in self.source.parts[: len(maps)])
+            raise ImageError(f"{self.donor.source} has {count} parts: expected {expected}")
+        return tuple(Image((part,), self.donor.source) for part in self.donor.parts[: len(maps)])
 
     def weights(self) -> Numbers | None:
         """Weights of the maps in the comparison of patches.
 
-        The ranges of data in two photos are not comparable, so with `source` these maps have no weight.
+        The ranges of data in two photos are not comparable, so with `donor` these maps have no weight.
         """
         data = [kind in ("data", "height") for kind in self.map_kinds]
-        if self.source is None or not any(data):
+        if self.donor is None or not any(data):
             return self.mapweights
         if all(data):
-            raise ParameterError("source requires a map of kind color or normal, by which patches are compared")
+            raise ParameterError("donor requires a map of kind color or normal, by which patches are compared")
         if self.mapweights is not None and any(w for w, one in zip(self.mapweights, data, strict=False) if one):
-            expected = "0 for data and height maps with source, because their ranges differ between photos"
+            expected = "0 for data and height maps with donor, because their ranges differ between photos"
             raise ParameterError(parameter="mapweights", value=self.mapweights, expected=expected)
         return self.mapweights or Numbers(0.0 if one else 1.0 for one in data)
 
@@ -203,7 +196,7 @@ class Fill(Reported, MaterialOp, InBands):
         """Fraction of the difference in light that is corrected: only in color."""
         if self.map_kinds[0] != "color":
             return 0.0
-        return self.matchlight if self.matchlight is not None else float(self.source is not None)
+        return self.matchlight if self.matchlight is not None else float(self.donor is not None)
 
     @property
     def fade_width(self) -> float:
@@ -226,22 +219,22 @@ class Fill(Reported, MaterialOp, InBands):
         return self.patch or PATCH
 
     def holds_photo(self, facts: Facts) -> bool:
-        """Whether photo and source are held in memory; otherwise they are read by rows."""
+        """Whether photo and donor are held in memory; otherwise they are read by rows."""
         return self.holds(facts, _LAB_BYTES * len(self.all_maps()))
 
     def holds(self, facts: Facts, size: int) -> bool:
-        """Whether `size` bytes per pixel of the photo and of the source fit into a quarter of the budget."""
-        specs = [one.first.spec for one in (self.exemplar, self.source) if one is not None]
+        """Whether `size` bytes per pixel of the photo and of the donor fit into a quarter of the budget."""
+        specs = [one.first.spec for one in (self.exemplar, self.donor) if one is not None]
         return size * sum(spec.width * spec.height for spec in specs) <= facts.budget // 4
 
     def budget_left(self, resources: Resources, window: Window | None = None) -> int:
         """Bytes of the budget that remain next to what a run holds: maps, masks, and the pixels of a window."""
-        both = *self.all_maps(), *(self.source_maps() if self.source is not None else ())
+        both = *self.all_maps(), *(self.source_maps() if self.donor is not None else ())
         specs = [one.first.spec for one in both]
         held = 2 * specs[0].width * specs[0].height  # the region, and the photo's opaque pixels
         if self.holds_photo(resources):
             held += sum(one.first.pixel_bytes * one.first.spec.width * one.first.spec.height for one in both)
-            if self.source is not None:  # the colors of the source are part of the synthesis
+            if self.donor is not None:  # the colors of the donor are part of the synthesis
                 held += _LAB_BYTES * len(self.all_maps()) * specs[0].width * specs[0].height
         if window is not None:
             held += _LAB_BYTES * len(self.all_maps()) * window.width * window.height

@@ -31,6 +31,7 @@ from ..synthesis.multiscale.infinite_plane import graph_images
 
 _OCTAVES = 3  # between photos, by default
 _LEAST = 16  # px; an exemplar's side
+PANEL = 128  # px; side of an exemplar in the picture
 _KEPT = (".exr", ".tif", ".tiff", ".png")  # lossless formats
 
 
@@ -86,7 +87,6 @@ class ExemplarGraph(Whole):
     exemplarside: int = param(
         256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="Maximum side of an exemplar."
     )
-    panel: int = param(128, ge=32, le=512, unit="px", advanced=True, help="Side of an exemplar in the picture.")
 
     @classmethod
     def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
@@ -197,7 +197,7 @@ class ExemplarGraph(Whole):
     def _picture(self, graph: Graph, images: Sequence[Image], session: Session) -> np.ndarray:
         side = _common_side(images, graph.factors, self.exemplarside)
         nodes = [
-            Node(label, octave, _thumbnail(given, round(side / factor), self.panel, session))
+            Node(label, octave, _thumbnail(given, round(side / factor), PANEL, session))
             for label, octave, given, factor in zip(graph.names, graph.octaves(), images, graph.factors, strict=True)
         ]
         return drawn_graph(nodes, graph.edges, graph.root)

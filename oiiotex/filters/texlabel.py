@@ -58,11 +58,6 @@ class Label(OnePart, InLab, ScanThenMap):
     )
 
     source: Image = image(help="Image to segment.")
-    features: str = param(
-        "textons", choices=("textons", "moments", "gabor", "quadtree"), advanced=True,
-        help="Features by which superpixels are compared. Keep textons (frequent local patterns), except for"
-             " comparison. The paper uses moments.",
-    )  # fmt: skip
     persistence: float = param(
         0.95,
         ge=0.01,
@@ -70,13 +65,12 @@ class Label(OnePart, InLab, ScanThenMap):
         help="Persistence of the random walk over superpixels (LSA16 section 4.4). Reduce it for fewer labels."
         " Level n uses its nth power.",
     )
-    coarsest: bool = param(
-        True, help="Add a coarsest level of subtextures, as `decompose` finds them. The paper has none."
-    )
-    materials: bool = param(
-        False,
-        help="Add a coarsest level of up to four materials, such as stone and mortar: superpixels are split by color"
-        " and texture where these have two separate modes. If they do not, no level is added.",
+    coarsest: str = param(
+        "subtextures",
+        choices=("subtextures", "materials", "none"),
+        help="Coarsest level. subtextures: as `decompose` finds them. materials: above these, up to four materials,"
+        " such as stone and mortar: superpixels are split by color and texture where these have two separate modes; if"
+        " they do not, no level is added. none: no further level, as in the paper.",
     )
     maxlabels: int | None = param(
         None,
@@ -89,9 +83,10 @@ class Label(OnePart, InLab, ScanThenMap):
     paper: bool | str = param(
         False,
         choices=(False, True, "authors"),
-        help="Settings of the paper (LSA16): features=moments:persistence=0.95:coarsest=0, the best of ten SLIC runs,"
-        " superpixels of at least 25 px, five additional random starts, a level only where it splits all superpixels of"
-        " the coarser one, the same persistence at all levels, and labels split wherever a coarser border crosses them."
+        help="Settings of the paper (LSA16): persistence=0.95:coarsest=none, moments as features, the best of ten SLIC"
+        " runs, superpixels of at least 25 px, five additional random starts, a level only where it splits all"
+        " superpixels of the coarser one, the same persistence at all levels, and labels split wherever a coarser"
+        " border crosses them."
         " authors: the program that the authors published, which has at least two levels, and scales up to 30 % of the"
         " longer side instead of 20 % of the shorter one.",
     )
@@ -112,11 +107,7 @@ class Label(OnePart, InLab, ScanThenMap):
         None, example="facts.json", help="File for scales, number and areas of labels, and their tree."
     )
 
-    PAPER: ClassVar[dict[str, Any]] = {
-        "features": "moments",
-        "persistence": 0.95,
-        "coarsest": False,
-    }
+    PAPER: ClassVar[dict[str, Any]] = {"persistence": 0.95, "coarsest": "none"}
 
     def plan(self, facts: Facts) -> Plan:
         """The names of labels, and the settings."""
@@ -143,14 +134,14 @@ class Label(OnePart, InLab, ScanThenMap):
         names, settings = plan.work
         lens = lens_of(self.source, session.resources, self.working_space)
         coarsest: list[Callable[..., np.ndarray]] = []
-        if self.coarsest:
+        if self.coarsest != "none":
             coarsest.append(functools.partial(superpixel_subtextures, count=self.maxlabels))
-        if self.materials:
+        if self.coarsest == "materials":
             from ..analysis.segmentation.superpixel_materials import superpixel_materials
 
             coarsest.append(superpixel_materials)
         maps = label_maps(
-            self.source, lens, session.resources, session.progress, self.features, settings,
+            self.source, lens, session.resources, session.progress, "moments" if self.paper else "textons", settings,
             runs=10 if self.paper else 1, minsize=25 if self.paper else None, coarsest=coarsest,
         )  # fmt: skip
         for n, level in enumerate(maps.levels, 1):

@@ -19,6 +19,8 @@ from ..engine.session import Session
 from ..engine.session.facts import Facts
 from ..surfaces.charts.drawing import Sheet, colored, label_tree, sampled, shown_pixels
 
+_COLUMNS, _OPACITY = 3, 0.65  # panels in a row; of the label colors over the photo
+
 
 @dataclass(frozen=True, kw_only=True)
 class LabelView(ScanThenMap):
@@ -37,8 +39,6 @@ class LabelView(ScanThenMap):
 
     source: Image = image(help="Image with label parts, from `label` or `superpixel` with `photo`.")
     panel: int = param(384, ge=64, le=4096, unit="px", help="Longer side of a panel.")
-    columns: int = param(3, ge=1, le=16, help="Number of panels in a row.")
-    opacity: float = param(0.65, ge=0, le=1, help="Opacity of the label colors over the photo.")
 
     def plan(self, facts: Facts) -> Plan:
         """The label maps to show."""
@@ -66,11 +66,11 @@ class LabelView(ScanThenMap):
             lightness = picture @ np.array(LUMA)
             panels.append(("photo", picture))
         for one, ids in zip(labels, maps, strict=True):
-            panels.append((_title(one, ids), colored(ids, lightness, self.opacity)))
+            panels.append((_title(one, ids), colored(ids, lightness, _OPACITY)))
         # superpixels are not part of the tree of levels
         levels = [n for n, one in enumerate(labels) if one.level] or list(range(len(labels)))
         tree = label_tree([labels[n] for n in levels], [maps[n] for n in levels])
-        return {"view": Sheet.of_panels(panels, self.columns, tree).image()}
+        return {"view": Sheet.of_panels(panels, _COLUMNS, tree).image()}
 
 
 def _title(labels: LabelMap, ids: np.ndarray) -> str:

@@ -32,6 +32,7 @@ _PATCHES = (11, 9, 7, 5)  # px
 _REACH = 1024  # px: least side of the window of the photo from which a swatch is synthesized
 _MASK_BYTES, _SEEN_BYTES, _SWATCH_BYTES = 3, 24, 90  # per pixel: of the photo (2 values), of the window of a swatch
 _ITERATIONS = 12
+_CHILDREN = 8  # of each label, the largest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +63,9 @@ class Palette(LabeledExemplar, InBands):
         ),
     )
 
+    seed: ClassVar[int] = 0  # type: ignore[misc]  # a chart has one
     panel: int = param(96, ge=16, le=1024, unit="px", help="Height of a row.")
     maxlabels: int = param(24, ge=1, le=256, help="Maximum number of labels, the largest first.")
-    children: int = param(8, ge=0, le=64, help="Maximum number of children of each label, the largest first.")
     chips: bool | Path = param(
         False,
         help="Paint colors with ids and names. 1: append them as part 'chips'; a file name: write them to that file.",
@@ -81,7 +82,7 @@ class Palette(LabeledExemplar, InBands):
         spec = self.exemplar.first.spec
         labels = label_map(self.exemplar, self.labels, self.labellevel)
         finer = label_levels(self.exemplar, self.labels).get(labels.level - 1)
-        width = self.panel * (2 if finer is None else 2 + self.children)
+        width = self.panel * (2 if finer is None else 2 + _CHILDREN)
         photo, held = self.exemplar.first, self.holds_photo(facts)
         looked_at = min(spec.width, self._reach) * min(spec.height, self._reach)
         needed = spec.width * spec.height * (_MASK_BYTES + (_SEEN_BYTES + photo.pixel_bytes if held else 0))
@@ -140,7 +141,7 @@ class Palette(LabeledExemplar, InBands):
         boxes = []
         for row, entry in enumerate(shown):
             top = row * self.panel
-            children = entry["children"][: self.children]
+            children = entry["children"][:_CHILDREN]
             left = width if not children else 2 * self.panel
             boxes.append((0, entry, Window(0, top, left, top + self.panel)))
             edges = np.linspace(left, width, len(children) + 1).astype(int).tolist()
@@ -163,7 +164,7 @@ class Palette(LabeledExemplar, InBands):
         around = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
         lab = np.ascontiguousarray(seen.values[down][around[0], across][:, around[1]])
         allowed, rows, columns = allowed[around], rows + window.top, columns + window.left
-        seed = (self.seed + 0x9E3779B1 * number) & 0xFFFFFFFF
+        seed = (0x9E3779B1 * number) & 0xFFFFFFFF
         widest = largest_window(allowed)
         patch = next((p for p in _PATCHES if p + 2 <= widest and p <= min(box.width, box.height) // 2), None)
         if patch is None:

@@ -6,8 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from ..engine.core.image import Image
 from ..engine.core.op import Plan
-from ..engine.core.parameters import param
+from ..engine.core.parameters import Numbers, Words
 from ..engine.session import Session
 from ..synthesis.exemplar.patch_synthesis import PatchSynthesis
 from ..synthesis.patchmatch.recipe import Recipe
@@ -25,14 +26,9 @@ class PatchMatch(PatchSynthesis):
     example: ClassVar[str] = '>>> tile = filters.patchmatch("photo.png", seed=7)'
     name: ClassVar[str] = "patchmatch"
 
-    histogram: float = param(
-        1.0,
-        ge=0,
-        le=1,
-        advanced=True,
-        help="Strength of histogram matching to the photo at the start. It falls to 0 during the iterations of the"
-        " coarsest level.",
-    )
+    maps: ClassVar[tuple[Image, ...]] = ()  # type: ignore[misc]  # the baseline has one
+    kinds: ClassVar[Words | None] = None  # type: ignore[misc]
+    mapweights: ClassVar[Numbers | None] = None  # type: ignore[misc]
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The tile and its source coordinates, as one mapping for each map and variant."""
@@ -41,5 +37,5 @@ class PatchMatch(PatchSynthesis):
         return synthesized(plan.work, session.resources, session.progress)
 
     def recipe(self, width: int, height: int) -> Recipe:
-        """MJH17 without the stationarity projection."""
-        return self._recipe(width, height, None, self.histogram, False)
+        """MJH17 without the stationarity projection; the photo's histogram is matched at first."""
+        return self._recipe(width, height, None, 1.0, False)

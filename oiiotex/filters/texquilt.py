@@ -20,7 +20,7 @@ from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
 from ..synthesis.quilting.guide_map import SOFT, meaning_of, read_table
 from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts, sewn_whole
-from ..synthesis.quilting.quilt_plan import MOST_PATCH, QuiltPlan, Renderer
+from ..synthesis.quilting.quilt_plan import QuiltPlan, Renderer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,16 +63,6 @@ class Quilting(Reported, Quilted, Structured):
         ' "0,0,255": [1, 2]}.',
     )
     tolerance: float = param(0.2, ge=0, le=1, help=SOFT, advanced=True)
-    overlap: int | None = param(
-        None,
-        example="12",
-        ge=4,
-        le=MOST_PATCH // 3,
-        unit="px",
-        unset="patch / 4",
-        advanced=True,
-        help="Overlap of neighboring patches, at most patch / 3.",
-    )
     planfile: Path | None = param(
         None, example="plan.npz", advanced=True, help="File (.npz) to write the plan (offsets and cuts) to."
     )
@@ -112,15 +102,15 @@ class Quilting(Reported, Quilted, Structured):
             raise ParameterError("palette requires guide")
         table = None if self.palette is None else read_table(self.palette, self.tolerance)
         return Sewing(
-            op=self, guide=self.guide, level=self.labellevel, size=self.size, patch=self.patch, overlap=self.overlap,
-            structured=self, meaning=lambda there: meaning_of(present(self.guide).first, table, there),
+            op=self, guide=self.guide, level=self.labellevel, size=self.size, patch=self.patch, structured=self,
+            meaning=lambda there: meaning_of(present(self.guide).first, table, there),
         )  # fmt: skip
 
     def _stored(self, path: Path, facts: Facts) -> QuiltPlan:
         """The plan to render."""
-        planned = self.size, self.mask, self.labels, self.guide, self.label, self.patch, self.overlap, self.planfile
+        planned = self.size, self.mask, self.labels, self.guide, self.label, self.patch, self.planfile
         if any(value is not None for value in planned):
-            names = "size, patch, overlap, mask, label, labels, guide and planfile"
+            names = "size, patch, mask, label, labels, guide and planfile"
             raise ParameterError(f"fromplan conflicts with {names}: the plan contains them")
         plan, size = QuiltPlan.load(path, facts.budget)
         spec = self.exemplar.first.spec

@@ -9,21 +9,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..analysis.stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
+from ..analysis.stationarity.measures import MEASURE, MEASURES, scale_folder
 from ..engine.color.lab import InLab, color_to_convert, working_values
 from ..engine.color.srgb import srgb_of_lab
 from ..engine.core.access import Whole
 from ..engine.core.image import Image
 from ..engine.core.op import Kind, Output, Plan
-from ..engine.core.parameters import Size, image, param
+from ..engine.core.parameters import image, param
 from ..engine.deferred import np
 from ..engine.session import Session
 from ..engine.session.facts import Facts
 from ..surfaces.charts.drawing import Sheet
-from ..synthesis.exemplar.exemplar_op import SEED, ExemplarPixels
+from ..synthesis.exemplar.exemplar_op import ExemplarPixels
 from ..synthesis.exemplar.sigma_scale import Scale, SigmaTiles, perceived_scale, require_tiles, variation
 from . import op_named
 
+_COLUMNS = 3  # tiles in a row
 _BYTES = 30  # for each pixel of the photo, while it is reduced
 
 log = logging.getLogger("oiiotex")
@@ -61,26 +62,14 @@ class Sigmas(InLab, Whole):
 
     exemplar: Image = image(help="Photo.")
     count: int = param(9, ge=3, le=32, help="Number of sigmas.")
-    tilesize: Size | None = param(
-        None,
-        ge=5,
-        le=65536,
-        unit="px",
-        unset="size of the photo",
-        help="Size of the final tile, for which the sigmas are computed. The sheet itself shows small tiles.",
-    )
     measure: str = param("histogram", choices=MEASURES, help=MEASURE, advanced=True)
-    order: int | None = param(None, example="3", ge=2, le=4, unset="2", help=ORDER, advanced=True)
-    seed: int = param(0, ge=0, le=2**32 - 1, help=SEED)
-    columns: int = param(3, ge=1, le=32, help="Number of tiles in a row.")
     facts: Path | None = param(None, example="sigmas.json", help="JSON file for the table.")
 
     def plan(self, facts: Facts) -> Plan:
         """The stationarization whose sigmas are compared, and the size of its result."""
         spec = self.exemplar.first.spec
-        width, height = self.tilesize or Size(spec.width, spec.height)
-        order_of(self.measure, self.order)
-        same = {name: getattr(self, name) for name in ("exemplar", "measure", "order", "seed")}
+        width, height = spec.width, spec.height
+        same: dict[str, Any] = {name: getattr(self, name) for name in ("exemplar", "measure")}
         how: Any = op_named("stationarize")(**same)
         facts.require(_BYTES * spec.width * spec.height, f"reading {spec.width}x{spec.height}")
         if facts.device_memory is not None:
@@ -106,7 +95,7 @@ class Sigmas(InLab, Whole):
             tile = np.tile(tiles.tile(sigma, 0, lambda *_: None), (2, 2, 1))
             shown = tile[..., :3] / 100 if self.data else srgb_of_lab(tile[..., :3].astype(np.float64))
             panels.append((f"evenness {amount:.3g}: sigma {sigma:.3g} px", np.clip(shown, 0, 1)))
-        return {"view": Sheet.of_panels(panels, self.columns).image(), "facts": _table(scale)}
+        return {"view": Sheet.of_panels(panels, _COLUMNS).image(), "facts": _table(scale)}
 
 
 def _table(scale: Scale) -> dict[str, Any]:

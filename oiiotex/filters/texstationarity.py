@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..analysis.stationarity.grid_statistics import SplineSurface
-from ..analysis.stationarity.measures import MEASURE, MEASURES, ORDER, cost_text, order_of
+from ..analysis.stationarity.measures import MEASURE, MEASURES, cost_text, statistics_of
 from ..analysis.stationarity.stationarity_map import deviation_of
 from ..engine.color.lab import InLab, color_to_convert, lens_of
 from ..engine.core.access import ScanThenMap
@@ -48,21 +48,20 @@ class Stationarity(InLab, ScanThenMap):
         None, example="32", ge=1, le=1e6, unit="px", unset="longer side / 32", help="Scale of the local statistics."
     )
     measure: str = param("histogram", choices=MEASURES, help=MEASURE)
-    order: int | None = param(None, example="3", ge=2, le=4, unset="2", help=ORDER, advanced=True)
 
     def plan(self, facts: Facts) -> Plan:
-        """The order of the measure."""
+        """Nothing but the declared output."""
         color_to_convert(self.source, facts, self.working_space)
-        return Plan(work=order_of(self.measure, self.order))
+        return Plan()
 
     def make(self, plan: Plan, session: Session) -> dict[str, Part]:
         """The deviation map."""
         part = self.source.first
         lens = lens_of(self.source, session.resources, self.working_space)
         sigma = self.sigma or max(1.0, max(part.spec.width, part.spec.height) / 32)
-        order = plan.work
-        deviation = deviation_of(self.source, lens, sigma, session.resources, session.progress, self.measure, order)
-        self.inform("%s at sigma %g px", cost_text(deviation.cost, self.measure, order), sigma)
+        measure, order = statistics_of(self.measure)
+        deviation = deviation_of(self.source, lens, sigma, session.resources, session.progress, measure, order)
+        self.inform("%s at sigma %g px", cost_text(deviation.cost, measure, order), sigma)
         spec = measure_spec(part.spec)
         spec.attribute(COST, deviation.cost)
         spec.attribute("oiiotex:sigma", float(sigma))

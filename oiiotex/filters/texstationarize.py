@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..analysis.drift.flattening import DRIFT, DRIFT_HELP
-from ..analysis.stationarity.measures import MEASURE, MEASURES, ORDER, order_of
+from ..analysis.stationarity.measures import MEASURE, MEASURES, statistics_of
 from ..engine.color.lab import color_to_convert
 from ..engine.core.image import Image
 from ..engine.core.op import Output, Plan
@@ -16,8 +16,9 @@ from ..engine.core.parameters import image, param
 from ..engine.errors import ParameterError, whole_budget
 from ..engine.session import Session
 from ..engine.session.facts import Facts
-from ..synthesis.exemplar.constraint_images import SIGMAMAP
-from ..synthesis.exemplar.patch_synthesis import PATCH, PatchSynthesis, SynthesisPlan
+from ..synthesis.exemplar.constraint_images import SIGMAMAP, WEIGHT
+from ..synthesis.exemplar.heights import RELEVEL
+from ..synthesis.exemplar.patch_synthesis import PATCH, TILE_COUNTS, PatchSynthesis, SynthesisPlan
 from ..synthesis.exemplar.photo_lattice import STRUCTURE
 from ..synthesis.exemplar.presets import (
     CLEAN,
@@ -58,6 +59,7 @@ True
     name: ClassVar[str] = "stationarize"
     outputs: ClassVar[tuple[Output, ...]] = (*PatchSynthesis.outputs, DRIFT)
 
+    weightmap: Image | None = image(None, help=WEIGHT, advanced=True)  # type: ignore[misc]  # the base class has none
     sigmamap: Image | None = image(None, help=SIGMAMAP)
     flattening: float | None = param(
         None,
@@ -95,31 +97,44 @@ True
         le=1,
         unset=f"{CONTRAST}",
         advanced=True,
-        help="Strength with which the overall colors of the result are matched to the histogram of `target`."
+        help="Strength with which the overall colors of the result are matched to those of the photo after evening out."
         " Increase it if rare colors are missing. At 0, the colors of rare objects, such as windows in a wall,"
         " may vanish.",
     )
-    target: str = param(
-        "flat",
-        choices=("flat", "exemplar"),
+    equaluse: float = param(  # type: ignore[misc]  # the base class has none
+        0.01,
+        ge=0,
+        le=1,
         advanced=True,
-        help="Histogram that `histogram` matches. flat: that of the photo after evening out. exemplar: that of the"
-        " photo as it is, matched only on the coarsest level, as in the paper.",
+        help="Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to use"
+        " more of the photo. Above 0.1, structures break up.",
+    )
+    measure: str = param("histogram", choices=MEASURES, help=MEASURE, advanced=True)
+    lattice: float = param(0.5, ge=0, le=1, help=STRUCTURE)
+    relevel: bool = param(False, help=RELEVEL, advanced=True)  # type: ignore[misc]  # the base class has none
+    pack: str | None = param(  # type: ignore[misc]  # the base class has none
+        None,
+        choices=("atlas", None),
+        unset="one image for each tile",
+        help="Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its borders, so"
+        f" that renderers can filter it without padding. Requires variants={TILE_COUNTS}.",
+    )
+    resume: bool = param(  # type: ignore[misc]  # the base class has none
+        False,
+        advanced=True,
+        help="Save a checkpoint after each pyramid level next to the output, in the folder OUTPUT.parts. Run the"
+        " same command again to resume.",
     )
 
-    measure: str = param("histogram", choices=MEASURES, help=MEASURE, advanced=True)
-    order: int | None = param(None, example="3", ge=2, le=4, unset="2", help=ORDER, advanced=True)
-    lattice: float = param(0.5, ge=0, le=1, help=STRUCTURE)
     preset: str | None = param(None, choices=(*PRESETS, None), help=PRESET_HELP)
     paper: bool = param(
         False,
         advanced=True,
-        help="Settings of the paper (MJH17), for comparison: flattening=0:target=exemplar:histogram=1:lattice=0,"
-        " sigma = longer side / 32, patch=11, no reuse penalties, and the paper's pyramid and iterations.",
+        help="Settings of the paper (MJH17), for comparison: flattening=0:histogram=1:lattice=0,"
+        " sigma = longer side / 32, patch=11, the histogram of the photo as it is, no reuse penalties, and the paper's"
+        " pyramid and iterations.",
     )
-    PAPER: ClassVar[dict[str, Any]] = {
-        "flattening": 0.0, "target": "exemplar", "histogram": 1.0, "lattice": 0.0, "preset": None,
-    }  # fmt: skip
+    PAPER: ClassVar[dict[str, Any]] = {"flattening": 0.0, "histogram": 1.0, "lattice": 0.0, "preset": None}
 
     @property
     def side(self) -> int:
@@ -154,7 +169,6 @@ True
                     raise ParameterError("conflicts with sigmamap", parameter=name, value=value)
         if self.evenness is not None and self.sigma is not None:
             raise ParameterError(f"conflicts with sigma={self.sigma:g}", parameter="evenness", value=self.evenness)
-        order_of(self.measure, self.order)
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The tile; the mask of preset=clean is made first."""
@@ -177,10 +191,10 @@ True
 
     def recipe(self, width: int, height: int) -> Recipe:
         """MJH17 with the selected measure."""
-        order = order_of(self.measure, self.order)
+        measure, order = statistics_of(self.measure)
         # patches cannot restore what a projection removes from small tiles at scales far below a patch
         share = PAPER_SIGMA_SHARE if self.paper else SIGMA_SHARE
         sigma = self.sigma or max(max(width, height) / share, self.side / 4)
         contrast = self.histogram if self.histogram is not None else CONTRAST
-        plain = self._recipe(width, height, sigma, contrast, self.target == "flat")
-        return replace(plain, measure=self.measure, order=order, complete=not self.paper, literal=self.paper)
+        plain = self._recipe(width, height, sigma, contrast, not self.paper)
+        return replace(plain, measure=measure, order=order, complete=not self.paper, literal=self.paper)

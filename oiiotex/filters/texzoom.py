@@ -26,6 +26,8 @@ from ..synthesis.multiscale.synthesizer import MOST_LEVEL
 from ..synthesis.multiscale.zoom import Zoomed, views
 from ..synthesis.quality.report import REPORT, Quality
 
+_RATE = 24.0  # frames of a movie per second
+
 
 @dataclass(frozen=True, kw_only=True)
 class Zoom(Multiscale):
@@ -80,7 +82,6 @@ class Zoom(Multiscale):
         None, example="zoom.mp4", help="File for a preview movie: .gif (Pillow), or .mp4 (requires ffmpeg in $PATH)."
     )
     count: int = param(48, ge=2, le=1 << 16, help="Number of frames of the movie, from this frame on.")
-    fps: float = param(24.0, ge=0.1, le=240, help="Frames per second of the movie.")
 
     def single(self, name: str) -> Graph:
         """A graph of one exemplar with an edge to itself."""
@@ -130,7 +131,7 @@ class Zoom(Multiscale):
                 yield np.rint(255 * shown_pixels(part.pixels(), part, resources)).astype(np.uint8)
                 progress.advance(n + 1, self.count)
 
-        results = {"frame": frame_at(zoom), "movie": lambda: (frames(), self.fps)}
+        results = {"frame": frame_at(zoom), "movie": lambda: (frames(), _RATE)}
         return with_report(quality, plane, results)
 
     def _zoom(self, plane: Plane, number: int) -> float:

@@ -11,10 +11,11 @@ import pytest
 
 from benchmarks.labels.levels import score
 from benchmarks.shared.collages import drawn_collage
+from benchmarks.subtextures.decompose import CLIQUES, GRID, subtextures_of
 from oiiotex import filters
 from oiiotex.analysis.segmentation import region_merging, subtextures, textons
 from oiiotex.analysis.segmentation.clique_partition import joined_to
-from oiiotex.analysis.segmentation.subtextures import DecompositionSettings, decomposed
+from oiiotex.analysis.segmentation.subtextures import czf02, decomposed, usual
 from oiiotex.engine import errors
 from oiiotex.engine.color.lab import lens_of
 from oiiotex.engine.color.lab_reduced import LabPixels, lab_pixels, reduction
@@ -29,12 +30,14 @@ from tests.conftest import load, oiiotex, save
 from tests.reference import textons as reference
 from tests.refusals import refused
 
-PAPER = {"features": "haar", "assign": "neighbors", "refine": False}
-
 
 def ids_of(pixels: np.ndarray, names: tuple[str, ...] = (), **values: object) -> np.ndarray:
     made = filters.decompose(buffer(pixels, names), **values)
     return made.get_pixels(oiio.UINT32)[..., 0].astype(np.int64)
+
+
+def ids_by(pixels: np.ndarray, settings, names: tuple[str, ...] = (), **changes: object) -> np.ndarray:
+    return subtextures_of(from_buffer(buffer(pixels, names)), settings, **changes).astype(np.int64)
 
 
 def random_counts(seed: int, height: int = 13, width: int = 17, bins: int = 5) -> np.ndarray:
@@ -175,12 +178,13 @@ def test_collages_of_five_textures_are_decomposed():
     assert [s.count for s in found] == [5, 5, 5]
 
 
-@pytest.mark.parametrize("group", ["merging", "cliques"])
-def test_as_many_subtextures_as_are_asked_for(group):
+def test_as_many_subtextures_as_are_asked_for():
     case = drawn_collage(0, 256)
-    for count in (1, 2, 3) if group == "cliques" else (1, 2, 3, 5):  # joined, never cut
-        labels = run(Decompose(source=case.image, group=group, maxlabels=count), Session())[0].image.first.pixels()
+    for count in (1, 2, 3, 5):
+        labels = run(Decompose(source=case.image, maxlabels=count), Session())[0].image.first.pixels()
         assert len(np.unique(labels)) == count, count
+    for count in (1, 2, 3):  # joined, never cut
+        assert len(np.unique(subtextures_of(case.image, usual, count=count, **CLIQUES))) == count, count
 
 
 def test_fewer_subtextures_than_are_asked_for_are_said(caplog):
@@ -194,8 +198,7 @@ def test_textures_in_patches_narrower_than_a_disc_are_told_apart():
     within = pictures.smooth_noise(side, side, 32, 3, 20) > 0.5
     picture = np.where(within[..., None], pictures.bricks(side, side, 1), pictures.moss(side, side, 2))
     found = {}
-    for group in ("merging", "cliques"):
-        labels = ids_of(picture, group=group)
+    for group, labels in (("merging", ids_of(picture)), ("cliques", ids_by(picture, usual, **CLIQUES))):
         found[group] = score(within + 1, labels, labels).adjusted
     assert found["merging"] > 0.55 and found["merging"] > found["cliques"] + 0.4, found
 
@@ -256,13 +259,12 @@ def test_paper_is_czf02_by_the_letter():
     found = op._settings(512 * 512)
     assert (found.features, found.bins, found.group, found.search) == ("haar", 8, "cliques", "meanshift")
     assert found.scales > 1 and not found.refine and found.assign == "neighbors" and found.count is None
-    with refused(
-        errors.ParameterError, parameter="scales", value=2, problem="conflicts with paper=1", expected="scales=3"
-    ):
-        Decompose(source=None, paper=True, scales=2)
     picture, truth = quarters(64)
-    labels = ids_of(picture, paper=True, step=8, threshold=0.9)
-    by_hand = ids_of(picture, step=8, threshold=0.9, scales=3, search="meanshift", **PAPER)
+    labels = ids_of(picture, paper=True, threshold=0.9)
+    by_hand = ids_by(
+        picture, usual, features="haar", bins=8, radius=8.0, shift=8.0, scales=3, search="meanshift", group="cliques",
+        threshold=0.9, step=3, refine=False, assign="neighbors",
+    )  # fmt: skip
     np.testing.assert_array_equal(labels, by_hand)
     assert score(truth + 1, labels, labels).rand > 0.75
 
@@ -273,8 +275,7 @@ def test_shifted_matching_finds_borders_better():
     for (shift, threshold), scores in found.items():
         for seed in range(3):
             case = drawn_collage(seed, 256)
-            op = Decompose(source=case.image, shift=shift, radius=8, threshold=threshold, **PAPER)
-            labels = run(op, Session())[0].image.first.pixels()[..., 0].astype(np.int64)
+            labels = subtextures_of(case.image, czf02, shift=shift, threshold=threshold, **GRID).astype(np.int64)
             scores.append(score(case.truth, labels, labels).adjusted)
     best = np.mean(found.pop((8, 0.95)))
     assert all(best > np.mean(scores) + 0.03 for scores in found.values())
@@ -283,7 +284,7 @@ def test_shifted_matching_finds_borders_better():
 @pytest.mark.parametrize("search", ["grid", "meanshift"])
 def test_the_papers_own_way(search):
     picture, truth = quarters(96)
-    labels = ids_of(picture, search=search, radius=8, threshold=0.9, step=8, scales=2, **PAPER)
+    labels = ids_by(picture, czf02, search=search, threshold=0.9, step=8, scales=2)
     assert score(truth + 1, labels, labels).rand > 0.8
 
 
@@ -295,7 +296,7 @@ def test_a_threshold_of_one_leaves_all_apart_and_of_zero_none():
     picture, _ = quarters(128)
     assert ids_of(picture, threshold=0).max() == 1
     assert ids_of(picture, threshold=1).max() > 4 == ids_of(picture).max()
-    assert ids_of(picture, group="cliques", threshold=1, assign="neighbors").max() > 20
+    assert ids_by(picture, usual, group="cliques", threshold=1, assign="neighbors").max() > 20
 
 
 def test_larger_images_are_labeled_at_their_own_size(monkeypatch):
@@ -329,16 +330,16 @@ def test_parts_cryptomatte_json_and_the_view(tmp_path):
 # --- bad input ---
 
 
-@pytest.mark.parametrize("features", ["bank", "haar"])
-def test_constant_noise_tiny_and_empty_images(features):
-    assert ids_of(np.full((40, 50, 3), 0.5), features=features).max() == 1
-    assert ids_of(np.random.default_rng(0).random((64, 64, 3)), features=features).max() == 1
+@pytest.mark.parametrize("paper", [False, True])
+def test_constant_noise_tiny_and_empty_images(paper):
+    assert ids_of(np.full((40, 50, 3), 0.5), paper=paper).max() == 1
+    assert ids_of(np.random.default_rng(0).random((64, 64, 3)), paper=paper).max() == 1
     for shape in ((1, 1, 3), (3, 5, 3), (1, 70, 3)):
-        assert ids_of(np.random.default_rng(0).random(shape), features=features).min() >= 1
+        assert ids_of(np.random.default_rng(0).random(shape), paper=paper).min() >= 1
     empty = np.zeros((20, 20, 4))
-    assert ids_of(empty, tuple("RGBA"), features=features).max() == 0
+    assert ids_of(empty, tuple("RGBA"), paper=paper).max() == 0
     empty[1, 2] = 1  # one pixel, between the samples
-    found = ids_of(empty, tuple("RGBA"), features=features)
+    found = ids_of(empty, tuple("RGBA"), paper=paper)
     assert found[1, 2] == found.sum() == 1
 
 
@@ -350,9 +351,9 @@ def test_too_little_memory_and_a_threshold_beyond_1_are_refused(fails, photo):
 
 
 def test_settings_of_the_paper_are_another_default():
-    bank, haar = (Decompose(source=None, features=f)._settings(512 * 512) for f in ("bank", "haar"))
+    bank, haar = (Decompose(source=None, paper=paper)._settings(512 * 512) for paper in (False, True))
     assert (haar.bins, haar.radius, haar.shift) == (8, 8.0, 8.0)
-    assert bank == DecompositionSettings()
+    assert bank == usual(512 * 512)
     picture, _ = quarters(64)
     image, resources = from_buffer(buffer(picture)), Session().resources
     pixels = lab_pixels(image, lens_of(image, resources), resources)

@@ -36,7 +36,9 @@ def test_two_modes_are_split_between_them_on_any_axis():
 def test_materials_of_one_color_are_told_apart_by_texture():
     rough = np.indices((192, 192)).sum(0) // 48 % 2 == 0
     noise = np.random.default_rng(0).normal(0, 1, (192, 192, 1))
-    made = filters.label(buffer(np.clip(0.5 + noise * np.where(rough, 0.15, 0.01)[..., None], 0, 1)), materials=True)
+    made = filters.label(
+        buffer(np.clip(0.5 + noise * np.where(rough, 0.15, 0.01)[..., None], 0, 1)), coarsest="materials"
+    )
     labels = list(made.values())[-1].get_pixels(oiio.UINT32)[..., 0].astype(np.int64)
     table = np.histogram2d(rough.ravel(), labels.ravel(), [2, labels.max()])[0]
     assert labels.max() >= 2 and table.max(0).sum() > 0.85 * labels.size
@@ -47,9 +49,9 @@ def test_interspersed_materials_are_a_level_and_one_material_is_none():
     stones = (y % 32 < 22) & (x % 48 < 36)
     noise = np.random.default_rng(0).normal(0, 0.03, (192, 192, 1))
     picture = np.where(stones[..., None], [0.45, 0.35, 0.3], [0.75, 0.72, 0.65]) + noise
-    made = filters.label(buffer(np.clip(picture, 0, 1)), materials=True)
+    made = filters.label(buffer(np.clip(picture, 0, 1)), coarsest="materials")
     labels = list(made.values())[-1].get_pixels(oiio.UINT32)[..., 0].astype(np.int64)
     table = np.histogram2d(stones.ravel(), labels.ravel(), [2, labels.max()])[0]
     assert labels.max() >= 2 and table.max(0).sum() > 0.85 * labels.size > table.sum(1).max() * 1.2
     plain = buffer(np.full((192, 192, 3), 0.5) + noise)
-    assert list(filters.label(plain, materials=True)) == list(filters.label(plain))
+    assert list(filters.label(plain, coarsest="materials")) == list(filters.label(plain))

@@ -280,7 +280,7 @@ def test_results_are_as_the_stub_says():
         "cut": (photo, {}),
         "superpixel": (photo, {}),
         "lab": (photo, {}),
-        "composite": (labeled, {"labellevel": 1, "size": (64, 64), "restarts": 1}),
+        "composite": (labeled, {"labellevel": 1, "size": (64, 64)}),
         "dominant": (photo, {"patch": 5} if "patch" in inspect.signature(filters.dominant).parameters else {}),
     }
     for op in filters.OURS:

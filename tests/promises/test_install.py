@@ -46,7 +46,7 @@ def test_the_built_wheels_find_config_kernels_and_page(sites, tmp_path, photo):
     assert (sites / "core" / "oiiotex" / "filters" / "__init__.pyi").read_text() == stub_text()
     page = "from importlib import resources as r; page = r.files('oiiotex_studio.live') / 'page'; "
     assert python("-c", page + "print((page / 'main.js').is_file())") == "True\n"
-    line = "--texstationarize:size=64x64:iterations=2:measure=moments:order=4"  # which reads a table of the package
+    line = "--texstationarize:size=64x64:iterations=2:measure=moments4"  # which reads a table of the package
     done = oiiotex(photo, line, "-o", "tile.png", cwd=tmp_path, env=environment)
     assert done.returncode == 0, done.stderr
     assert "--texlive" in oiiotex("--help", "viewing", cwd=tmp_path, env=environment).stdout

@@ -16,7 +16,7 @@ from tools.modifiers import inputs_and_modifiers
 # inputs that are photos, masks or ids: an image that is the field of a quantity is named QUANTITYmap
 PICTURES = {
     "exemplar", "source", "photos", "shares", "plate", "tile", "maps",
-    "mask", "region", "mattes", "labels", "guide", "painting", "fine",
+    "mask", "region", "mattes", "labels", "guide", "painting", "fine", "donor",
 }  # fmt: skip
 # outputs that come along with another, or cannot have the modifier's name: `label` is the id of a label
 ALONG = {
@@ -65,7 +65,7 @@ def test_images_of_a_quantity_end_in_map_and_nothing_else_does():
             assert parameter.name.endswith("map") == is_field, f"{op.name}: {parameter.name}"
 
 
-@pytest.mark.parametrize("name", ["sigma", "patch", "overlap", "panel", "size", "seamzone", "fade", "step"])
+@pytest.mark.parametrize("name", ["sigma", "patch", "panel", "size", "seamzone", "fade"])
 def test_lengths_are_in_pixels(name):
     units = {p.unit for op in OURS for p in op.modifiers() if p.name == name}
     assert units == {"px"}

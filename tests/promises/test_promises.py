@@ -356,7 +356,7 @@ def test_what_is_made_causally_needs_memory_for_its_plan_alone(op):
     """Nothing is held for the pixels; a plan that does not fit is refused with a figure."""
     images = dict(zip((i.name for i in op.images()), map(from_buffer, operands(op, buffer(PHOTO))), strict=True))
     images |= {"labels": from_buffer(quarters())} if op.name in LABELED else {}
-    small = settings(op, size=(24576, 60), candidates=4) | images
+    small = settings(op, size=(24576, 60)) | images
     part = run(op(**small), Session(budget=12 << 20))[0].image.first
     assert part.read(Window(24000, 0, 24576, 32)).shape == (32, 576, 3)  # its floats alone would be 17 MB
     with refused(errors.ImageError, budget=12 << 20) as caught:

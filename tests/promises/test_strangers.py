@@ -125,7 +125,7 @@ def test_nothing_that_lies_in_the_current_folder_runs(tmp_path, picture):
     for line in (
         "a.png --texstationarize:iterations=1:size=24x24:report=r.json -o t.exr"
         " a.png --texsynth:size=16x16 -o s.exr --texzoom:movie=z.gif:count=2:size=16x16 -o f.exr"
-        " a.png --texlabel:coarsest=0 -o l.exr a.png --text hello --ociodisplay default default -o d.png",
+        " a.png --texlabel:coarsest=none -o l.exr a.png --text hello --ociodisplay default default -o d.png",
         "--frames 1-2 --parallel-frames a.png --mulc 0.5 -o p.#.png",
         "--devices -v",
     ):

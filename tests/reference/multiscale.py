@@ -62,10 +62,16 @@ class Oracle:
             v += int(np.floor(h * (rho / 256) * ((bits & 0xFFFF) - 32768) / 32768 + 0.5))
         if self.s.steps is not None and level <= self.n.bit_length() - 1:
             width, height = self.s.period(level)
-            u, v = self.in_step(u % self.n, v % self.n, level, x % width if width else x, y % height if height else y)
+            u, v = self.within(finer, u), self.within(finer, v)
+            u, v = self.in_step(u, v, level, x % width if width else x, y % height if height else y)
         others = [self.done(level - 1, px + a, py + b)[1] for a, b in ((sx, 0), (0, sy), (sx, sy))]
         r = (9 * r + 3 * others[0] + 3 * others[1] + others[2]) * round(256 * self.s.kept)
-        return (finer, v % self.n, u % self.n), np.clip((r + 2048) >> 12, -8191, 8191)
+        return (finer, self.within(finer, v), self.within(finer, u)), np.clip((r + 2048) >> 12, -8191, 8191)
+
+    def within(self, number, at):
+        """A coordinate inside its exemplar: wrapped where the exemplar tiles, otherwise mirrored."""
+        tiles = self.a.stacks.periodic[number]
+        return at % self.n if tiles else min(at % (2 * self.n), 2 * self.n - 1 - at % (2 * self.n))
 
     def in_step(self, u, v, level, x, y):
         p, spacing = self.s.steps.phases, self.n >> level

@@ -207,7 +207,7 @@ def test_what_a_recipe_says_wrong_is_one_line(text, says):
 
 def test_lines_get_files_kinds_and_folders(photos):
     told = recipe(
-        '[[product]]\nname = "tile"\nline = "$maps --texpatchmatch:kinds=$kinds:report=$report $outputs"\n'
+        '[[product]]\nname = "tile"\nline = "$maps --texstationarize:kinds=$kinds:report=$report $outputs"\n'
         '[[product]]\nname = "again"\nline = "$tile.color --flip -o $folder/$$x.png"\n'
         '[[product]]\nname = "high"\nline = "$height -o $output"\n'
         '[[product]]\nname = "higher"\nline = "$high.high -o $output"\n'
@@ -218,7 +218,7 @@ def test_lines_get_files_kinds_and_folders(photos):
     assert " ".join(steps[0].words) == (
         "source/color.png --iscolorspace srgb_rec709_scene source/normal.png --iscolorspace data"
         " source/roughness.png --iscolorspace data"
-        " --texpatchmatch:kinds=color,normal,data:report=tile/report.json"
+        " --texstationarize:kinds=color,normal,data:report=tile/report.json"
         " -d half -o tile/roughness.exr --pop -d half -o tile/normal.exr --pop"
         " --tocolorspace lin_rec709_scene -d half -o tile/color.exr"
     )

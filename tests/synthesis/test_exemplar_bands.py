@@ -49,7 +49,7 @@ OPS: dict[str, tuple[str, dict[str, Any]]] = {
     "alpha and a mask": ("stationarize", {"exemplar": WITH_ALPHA, "mask": 1 - marked(110, 170, 80, 120)}),
     "weights": ("stationarize", {"weightmap": WEIGHT, "measure": "moments"}),
     "a part anew": ("fill", {"region": marked(60, 80, 60, 90), "size": None}),
-    "a material": ("patchmatch", {"maps": [NORMALS, PHOTO[..., :1]], "kinds": ("color", "normal", "height")}),
+    "a material": ("stationarize", {"maps": [NORMALS, PHOTO[..., :1]], "kinds": ("color", "normal", "height")}),
     "variants": ("stationarize", {"variants": 2, "measure": "moments", "iterations": 1}),
     "by the letter": ("stationarize", {"paper": True, "sigma": 5}),
 }

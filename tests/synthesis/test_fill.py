@@ -104,7 +104,7 @@ def test_another_photo_takes_the_light_of_its_surroundings():
     photo, region = buffer(gradient(0.3), space="lin_rec709_scene"), np.indices((96, 112))[0] // 32 == 1
     source = buffer(OTHER * 0.2, space="lin_rec709_scene")
     lit, plain = (
-        made(region[..., None], photo, source=source, matchlight=a, fade=b) for a, b in ((None, 4.0), (0.0, 0.0))
+        made(region[..., None], photo, donor=source, matchlight=a, fade=b) for a, b in ((None, 4.0), (0.0, 0.0))
     )
     known = {p.tobytes() for p in pixels(source).reshape(-1, 3)}
     assert all(p.tobytes() in known for p in pixels(plain)[region])
@@ -165,19 +165,19 @@ def test_a_blended_border_changes_color_alone_and_keeps_light_and_alpha():
 
 
 def test_coordinates_and_drift_give_the_pixels_of_another_photo():
-    found = made(source=buffer(OTHER), st=True, drift=True, matchlight=0.0, fade=0.0)
+    found = made(donor=buffer(OTHER), st=True, drift=True, matchlight=0.0, fade=0.0)
     st, drift = pixels(found["st"]), pixels(found["drift"])
     np.testing.assert_array_equal(st[..., 2], HOLE)
     x, y = (np.floor(st[..., i] * n).astype(int) for i, n in ((0, 64), (1, 80)))
     np.testing.assert_array_equal(pixels(found["fill"])[HOLE], OTHER.astype(np.float32)[y[HOLE], x[HOLE]])
     np.testing.assert_array_equal(drift, np.broadcast_to(np.repeat([1, 0], 3), drift.shape))
-    lit = pixels(made(source=buffer(OTHER), drift=True)["drift"])
+    lit = pixels(made(donor=buffer(OTHER), drift=True)["drift"])
     assert (lit[~HOLE] == drift[~HOLE]).all() and (lit[HOLE] != drift[HOLE]).any()
 
 
 def test_all_of_a_photo_and_a_region_larger_than_the_source():
     everything = np.ones_like(STAIN)
-    filled = pixels(made(everything, source=buffer(OTHER[:20, :20])))
+    filled = pixels(made(everything, donor=buffer(OTHER[:20, :20])))
     known = {p.tobytes() for p in OTHER[:20, :20].astype(np.float32).reshape(-1, 3)}
     assert all(p.tobytes() in known for p in filled.reshape(-1, 3))
 
@@ -205,7 +205,7 @@ def test_all_maps_come_from_the_same_pixels():
         mask(STAIN),
         maps=[own],
         kinds=("color", "data"),
-        source=source,
+        donor=source,
         matchlight=0.0,
         fade=0.0,
         **QUICK,
@@ -256,7 +256,7 @@ def test_an_object_of_a_cryptomatte_is_replaced():
 
 def test_a_cut_stays_in_its_zone():
     away = np.hypot(*(np.indices((96, 112)) - 50))
-    cut = pixels(made((away < 22)[..., None], source=buffer(PHOTO[::-1]), seamzone=9, matchlight=0.0))
+    cut = pixels(made((away < 22)[..., None], donor=buffer(PHOTO[::-1]), seamzone=9, matchlight=0.0))
     new = (cut != PHOTO.astype(np.float32)).any(-1)
     assert not new[away > 31].any() and new[away < 22].mean() > 0.9 and new[(away > 23) & (away < 31)].any()
 
@@ -288,16 +288,16 @@ def test_small_scattered_and_empty_regions(caplog):
         (STAIN[:30, :40], {}, "region is 40x30, but the exemplar is 112x96"),
         (np.indices((96, 112)).sum(0)[..., None] % 5 > 0, {}, "no 7x7 patch of the exemplar of 112x96 px is free of"),
         (STAIN, {"mask": mask(STAIN)}, "no source pixels remain: all are transparent, or excluded"),
-        (STAIN, {"mask": mask(STAIN), "source": buffer(OTHER)}, "mask is 112x96, but the source is 64x80: expected"),
-        (STAIN, {"source": buffer(OTHER[:5])}, "the exemplar of 64x5 px is smaller than a patch of 7x7"),
+        (STAIN, {"mask": mask(STAIN), "donor": buffer(OTHER)}, "mask is 112x96, but the source is 64x80: expected"),
+        (STAIN, {"donor": buffer(OTHER[:5])}, "the exemplar of 64x5 px is smaller than a patch of 7x7"),
         (STAIN, {"labellevel": 1}, "labellevel and labels require replace or label"),
         (STAIN, {"relevel": True}, "relevel=True requires kinds with a height"),
         (
             STAIN,
-            {"maps": [buffer(PHOTO)], "source": buffer(OTHER)},
+            {"maps": [buffer(PHOTO)], "donor": buffer(OTHER)},
             "ImageBuf has 1 parts: expected at least 2, one for each map",
         ),
-        (STAIN, {"data": True, "source": buffer(OTHER)}, "source requires a map of kind color or normal"),
+        (STAIN, {"data": True, "donor": buffer(OTHER)}, "donor requires a map of kind color or normal"),
     ],
 )
 def test_what_cannot_be_filled_is_said_in_one_line(region, more, said):
@@ -317,7 +317,7 @@ def test_regions_on_the_command_line(tmp_path):
     save(PHOTO, tmp_path / "photo.png")
     save(STAIN * 1.0, tmp_path / "stain.png")
     save(OTHER, tmp_path / "other.png")
-    line = "photo.png", "stain.png", "--texfill:iterations=2:patch=7:source=other.png", "-o", "out.png"
+    line = "photo.png", "stain.png", "--texfill:iterations=2:patch=7:donor=other.png", "-o", "out.png"
     done = oiiotex(*line, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     before, after = load(tmp_path / "photo.png"), load(tmp_path / "out.png")
@@ -329,7 +329,7 @@ def test_regions_on_the_command_line(tmp_path):
 
 def test_a_good_fill_passes_and_a_bad_one_is_called_bad(tmp_path, caplog):
     """Pasted texture of another photo in another light has a visible border, and there is a warning without report."""
-    bad = {"source": buffer(OTHER * 0.3 + 0.6), "matchlight": 0.0, "fade": 0.0}
+    bad = {"donor": buffer(OTHER * 0.3 + 0.6), "matchlight": 0.0, "fade": 0.0}
     with caplog.at_level(logging.WARNING):
         made(report=tmp_path / "good.json", fail=["border>1.5", "sharp<0.5"])
         assert not caplog.text

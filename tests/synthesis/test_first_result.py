@@ -233,15 +233,6 @@ def test_a_photo_that_tiles_gets_a_hint(caplog):
     assert "already tiles" not in caplog.text
 
 
-def test_reuse_is_a_modifier_of_its_own(tmp_path):
-    shown = []
-    for number, reuse in enumerate((0, 1)):
-        report = tmp_path / f"{number}.json"
-        filters.stationarize(photo(96, 96), repeatpenalty=reuse, size=(192, 192), report=report)
-        shown.append(json.loads(report.read_text())["results"][0]["measures"]["repeat"])
-    assert shown[1] < shown[0]
-
-
 def test_a_second_attempt_adds_to_the_work(monkeypatch):
     """The whole grows when the first result is not good, and progress never falls back."""
     told = []

@@ -11,6 +11,7 @@ import pytest
 
 from oiiotex import filters
 from oiiotex.engine import errors
+from oiiotex.filters import texgraph
 from oiiotex.synthesis.multiscale.graph import Edge, read_graph
 from tests import pictures
 from tests.conftest import load, oiiotex, run_in, save
@@ -74,12 +75,13 @@ def test_a_chain_is_cut_from_one_photo(folder):
     takes(folder, "cut.json")
 
 
-def test_the_picture_shows_exemplars_by_their_octaves(folder):
+def test_the_picture_shows_exemplars_by_their_octaves(folder, monkeypatch):
+    monkeypatch.setattr(texgraph, "PANEL", 64)
     graph = {"exemplars": [{"id": n, "file": f"{n}.png"} for n in ("moss", "bricks", "pebbles")]}
     graph["edges"] = [{"from": "moss", "to": n, "r": 2} for n in ("bricks", "pebbles")]
     graph["edges"].append({"from": "pebbles", "to": "pebbles", "r": 1})
     (folder / "tree.json").write_text(json.dumps(graph))
-    picture = filters.graph(draw=folder / "tree.json", panel=64, exemplarside=64).get_pixels(oiio.UINT8)
+    picture = filters.graph(draw=folder / "tree.json", exemplarside=64).get_pixels(oiio.UINT8)
     first, second = 24, 24 + 64 + 72  # columns: the root's, and that of both others
     for name, x, y in (("moss", first, 46), ("bricks", second, 46), ("pebbles", second, 46 + 64 + 56 + 32)):
         held = load(folder / f"{name}.png")
@@ -89,7 +91,7 @@ def test_the_picture_shows_exemplars_by_their_octaves(folder):
     drawn = (picture.max(-1) < 100).sum()
     graph["edges"].pop()
     (folder / "tree.json").write_text(json.dumps(graph))
-    fewer = filters.graph(draw=folder / "tree.json", panel=64, exemplarside=64).get_pixels(oiio.UINT8)
+    fewer = filters.graph(draw=folder / "tree.json", exemplarside=64).get_pixels(oiio.UINT8)
     assert drawn - (fewer.max(-1) < 100).sum() > 100  # the loop's arrow
 
 

@@ -126,7 +126,6 @@ def test_a_composite_is_filled_as_it_was_grown(caplog):
             {"photo": buffer(PHOTO), "label.1": ids_buffer(LABELS)},
             size=(400, 360),
             patch=16,
-            restarts=1,
             grown=True,
             labelmaps=True,
         )
@@ -142,7 +141,7 @@ def test_a_composite_is_filled_as_it_was_grown(caplog):
 
 def test_a_composite_is_a_quilt_of_its_own_grown_map():
     photo = {"photo": buffer(PHOTO), "label.1": ids_buffer(LABELS)}
-    made = filters.composite(photo, size=(300, 200), patch=16, restarts=1, grown=True, seed=3)
+    made = filters.composite(photo, size=(300, 200), patch=16, grown=True, seed=3)
     quilt = filters.quilt(photo, guide=made["grown"], size=(300, 200), patch=16, seed=3)
     np.testing.assert_array_equal(pixels(made["composite"]), pixels(quilt))
 

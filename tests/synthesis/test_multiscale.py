@@ -105,6 +105,20 @@ def test_a_window_in_step_is_the_oracles(mirrored, in_lanes, frequencies, struct
             )
 
 
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_plane_of_exemplars_that_do_not_tile_has_no_combs(device, seed):
+    """Children of a texel at the border do not alternate between opposite borders (stripes of 32 L)."""
+    ramp = np.linspace(0.1, 0.9, 64)[None, :, None]
+    shaded = [0.3 * pictures.pebbles(64, 64, n) + 0.7 * ramp for n in (1, 2, 3)]
+    analysis = analyzed(device, graph_of("abc", ("a", "b", 1), ("b", "c", 1)), *shaded)
+    plane = Synthesizer(device, analysis, settings(seed=seed, jitter=default_jitter(6), kept=1.0), BUDGET)
+    texel, offset = plane.window(8, Window(0, 0, 256, 256))
+    light = (analysis.stacks.planes.reshape(-1, 4)[texel][..., 0] + offset[..., 0]) / 8
+    alternating = np.where(np.arange(256) % 2, 1, -1)
+    stripes = [np.abs((seen * alternating).reshape(64, 4, 64, 4).mean((1, 3))).max() for seen in (light, light.T)]
+    assert max(stripes) < 12
+
+
 @pytest.mark.parametrize("level", [0, 1, 2, 3])
 def test_coarse_levels_are_the_oracles(device, loop, level):
     window = Window(-2, -1, 5, 4)

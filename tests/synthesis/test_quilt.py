@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import logging
 
@@ -14,6 +15,8 @@ from oiiotex import filters
 from oiiotex.analysis.labels import content_table
 from oiiotex.engine import errors
 from oiiotex.engine.session import Session
+from oiiotex.synthesis.quilting import quilt_job
+from oiiotex.synthesis.quilting.quilter import Rules
 from tests import pictures
 from tests.any_filter import buffer, ids, pixels
 from tests.conftest import load, oiiotex, save
@@ -72,9 +75,11 @@ def test_a_guide_of_colors_means_what_the_table_says(tmp_path):
     np.testing.assert_array_equal(pixels(by_id["st"]), pixels(plain["st"]))
 
 
-def test_labels_of_finer_levels_tell_candidates_apart():
-    weights = (0.0, 50.0)
-    made = [filters.quilt(labeled(), label=1, labellevel=2, size=(300, 300), finerweight=w, st=True) for w in weights]
+def test_labels_of_finer_levels_tell_candidates_apart(monkeypatch):
+    made = []
+    for weight in (0.0, 50.0):
+        monkeypatch.setattr(quilt_job, "Rules", functools.partial(Rules, finer=weight))
+        made.append(filters.quilt(labeled(), label=1, labellevel=2, size=(300, 300), st=True))
     assert (pixels(made[0]["st"]) != pixels(made[1]["st"])).any()
 
 
@@ -146,7 +151,6 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
         ({"label": 3, "patch": 90}, "no patch of 90 px fits .* the largest square is 72 px; use patch=72"),
         ({"mask": ids((np.indices((H, W)).sum(0) % 4 > 0) * 1)}, "the largest square is 2 px|no patch"),
         ({"patch": 200}, "no patch of 200 px fits"),
-        ({"patch": 24, "overlap": 12}, "overlap=12: expected at most 8, a third of patch=24"),
         ({"tiles": "x", "size": (20, 90), "patch": 24}, "the tile is 20 px wide: expected at least 24 px"),
         ({"fromplan": "absent.npz"}, "absent.npz: cannot read arrays: No such file"),
         ({"fromplan": "absent.npz", "patch": 24}, "fromplan conflicts with size"),

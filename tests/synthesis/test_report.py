@@ -39,7 +39,7 @@ MADE = {  # what is measured beside what always is, and how it is made
     "patchmatch": (COPIES | ACROSS, lambda **more: filters.patchmatch(buffer(PHOTO), **QUICK, tiles="x", **more)),
     "quilt": (COPIES | SEAMS, lambda **more: filters.quilt(buffer(PHOTO), size=(80, 64), tiles="xy", **more)),
     "cut": (COPIES | SEAMS, lambda **more: filters.cut(buffer(PHOTO), size=(60, 60), **more)),
-    "composite": (COPIES, lambda **more: filters.composite(buffer(PHOTO), size=(80, 72), restarts=1, **LABELS, **more)),
+    "composite": (COPIES, lambda **more: filters.composite(buffer(PHOTO), size=(80, 72), **LABELS, **more)),
     "paint": (COPIES | PAINTED, lambda **more: filters.paint(buffer(PHOTO), quarters(), **LABELS, **more)),
     "synth": (
         COPIES | SEAMS,
@@ -59,7 +59,7 @@ def test_every_filter_that_synthesizes_reports():
     with_report = {op.name for op in filters.OURS if "report" in {p.name for p in op.parameters()}}
     copying = {op.name for op in filters.OURS if op.copies and "seed" in {p.name for p in op.parameters()}}
     assert with_report == {*MADE, "fill"}  # its measures are others: tests/synthesis/test_fill.py
-    assert copying - with_report == {"atlas", "palette"}  # pieces with nothing between, a chart
+    assert copying - with_report == {"atlas"}  # pieces with nothing between
 
 
 @pytest.mark.parametrize("name", MADE)

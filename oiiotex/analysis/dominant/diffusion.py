@@ -91,9 +91,11 @@ def dominant_texture(
     mode: str = "diffusion",
     rule: str = "repaired",
 ) -> Dominance:
-    """LDR09 section 5 without the mask; parameters as for --texdominant.
+    """LDR09 section 5 without the mask.
 
-    `patch` is odd; without `step` there are at most `most` texels.
+    `patch` is the odd side of a patch, px; `step` is their spacing, px, without which there are at most `most` texels.
+    `mode` is how patches are compared: diffusion, or for comparison euclidean (colors, eq. 7) or spectral (the larger
+    half of a normalized cut). `rule` is repaired, or paper: thresholds as published, without an estimate of noise.
     """
     with threadpool_limits(1, "blas"), resources.in_background(lambda: neighbor_correlation(pixels)) as correlated:
         side = patch or patch_size(pixels.lab[..., 0], resources.spread)

@@ -260,7 +260,7 @@ def neighbor_squares(texels: Texels, resources: Resources, progress: Progress) -
         if not timed and passed > _TIMED:
             timed, remaining = True, passed / len(pieces) * (len(firsts) - len(pieces))
             if remaining > _LONG:
-                log.warning("comparing %d patches takes about %.0f s; a larger step= compares fewer", count, remaining)
+                log.warning("comparing %d patches takes about %.0f s", count, remaining)
     columns, values = (np.concatenate(p).ravel() for p in zip(*pieces, strict=True))
     return csr_array((values, columns, np.arange(0, count * k + 1, k, dtype=np.int32)), shape=(count, count))
 

@@ -26,7 +26,7 @@ log = logging.getLogger("oiiotex")
 
 WORKING_PIXELS = 1 << 20
 _READ = 150, 1500  # ns: time of a pixel, with a given size of patches, and without
-TEXELS = 12000  # maximum without `step`: the paper's images have up to 11,000 at a step of 1
+TEXELS = 12000  # maximum: the paper's images have up to 11,000 at a step of 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +46,6 @@ class PhotoMask:
         if kernel is not None:
             facts |= {"epsilon": kernel.size, "dimension": kernel.dimension, "tau": texture.steps}
         return self._part("dominant", ("Y",), self.mask.astype(np.float32)[..., None], facts)
-
-    @property
-    def types(self) -> Part:
-        """Part 'types': 1 to 4 for a patch of type 0 to III around each pixel, else 0."""
-        return self._spread("types", ("Y",), self.texture.types.astype(np.uint32) + 1)
 
     @property
     def score(self) -> Part:
@@ -104,10 +99,7 @@ def photo_mask(
     *,
     allowed: Callable[[], np.ndarray | None] = lambda: None,
     patch: int | None = None,
-    step: int | None = None,
-    mode: str = "diffusion",
-    rule: str = "repaired",
-    strict: bool = False,
+    paper: bool = False,
 ) -> PhotoMask:
     """Mask of the dominant texture, for op `flag`; parameters as for --texdominant.
 
@@ -115,16 +107,15 @@ def photo_mask(
     """
     factor, shape = _reduced(photo)
     side = None if patch is None else patch - 1 + patch % 2
-    require_memory(flag, photo, resources, patch, step)
-    automatic = step_for(shape, side or LEAST_PATCH, TEXELS)
-    apart, texels = _spacing(shape, side or LEAST_PATCH, step)
+    require_memory(flag, photo, resources, patch, paper)
+    texels = _texel_count(shape, side or LEAST_PATCH, paper)
     if texels > TEXELS:  # each is compared with all others
-        times = (texels / TEXELS) ** 2
-        log.warning("%s: step=%d takes about %.0f times as long as step=%d", flag, apart, times, automatic)
+        log.warning("%s: paper=1 takes about %.0f times as long as the default", flag, (texels / TEXELS) ** 2)
     pixels = lab_pixels(photo, lens_of(photo, resources, space), resources, factor, allowed())
     side = side or patch_size(pixels.lab[..., 0], resources.spread)
-    require_memory(flag, photo, resources, side, apart)
-    work = times_of(shape, side, step or step_for(shape, side, TEXELS))
+    require_memory(flag, photo, resources, side, paper)
+    step = 1 if paper else step_for(shape, side, TEXELS)
+    work = times_of(shape, side, step)
     reading, looking = progress.stages(shape[0] * shape[1] * _READ[patch is None], sum(work))
     reading.advance(1, 1)
 
@@ -132,14 +123,13 @@ def photo_mask(
         """Colors that refine the mask, computed in parallel with texels: importing k-means takes 1/15 s."""
         from .refinement import pixel_colors
 
-        return None if rule == "paper" else pixel_colors(pixels)
+        return None if paper else pixel_colors(pixels)
 
     with resources.in_background(colored) as colors:
-        texture = dominant_texture(pixels, resources, looking, patch=side, step=step, most=TEXELS, mode=mode, rule=rule)
+        rule = "paper" if paper else "repaired"
+        texture = dominant_texture(pixels, resources, looking, patch=side, step=step, rule=rule)
         mask = _mask(texture, pixels, colors())
     if texture.rejected:
-        if strict:
-            raise ImageError(f"{photo.source} has no dominant texture: {texture.rejected}")
         log.warning("%s: %s has no dominant texture: %s", flag, photo.source, texture.rejected)
     else:
         log.info("%s: %.0f %% of patches of %d px are dominant", flag, 100 * texture.share, texture.texels.patch)
@@ -147,16 +137,16 @@ def photo_mask(
     return PhotoMask(photo.first, pixels, texture, mask)
 
 
-def require_memory(flag: str, photo: Image, facts: Facts, patch: int | None, step: int | None) -> None:
+def require_memory(flag: str, photo: Image, facts: Facts, patch: int | None, paper: bool) -> None:
     """Refuse patches larger than the photo, and what exceeds the memory budget, by sizes alone."""
     (width, height), (_, shape) = photo.first.window.size, _reduced(photo)
     side = LEAST_PATCH if patch is None else patch - 1 + patch % 2
     if patch is not None and side > min(shape):
         problem = f"exceeds {photo.source}, {width}x{height}"
         raise ImageError(problem, parameter="patch", value=side)
-    texels = _spacing(shape, side, step)[1]
+    texels = _texel_count(shape, side, paper)
     need = memory_needed(shape[0] * shape[1], texels, side, facts.thread_count) + width * height // 8
-    facts.require(need, f"{flag} of {width}x{height} px", "increase step")
+    facts.require(need, f"{flag} of {width}x{height} px", "use a smaller photo")
 
 
 def _reduced(photo: Image) -> tuple[int, tuple[int, int]]:
@@ -166,10 +156,10 @@ def _reduced(photo: Image) -> tuple[int, tuple[int, int]]:
     return factor, (-(-height // factor), -(-width // factor))
 
 
-def _spacing(shape: tuple[int, int], side: int, step: int | None) -> tuple[int, int]:
-    """Distance of patches, and their number."""
-    apart = step or step_for(shape, side, TEXELS)
-    return apart, -(-shape[0] // apart) * -(-shape[1] // apart)
+def _texel_count(shape: tuple[int, int], side: int, paper: bool) -> int:
+    """Number of patches: with `paper` one around every pixel."""
+    apart = 1 if paper else step_for(shape, side, TEXELS)
+    return -(-shape[0] // apart) * -(-shape[1] // apart)
 
 
 def _mask(texture: Dominance, pixels: LabPixels, colors: np.ndarray | None) -> np.ndarray:

@@ -50,6 +50,8 @@ _NEAR = 1 / 4  # sigma of the surroundings, in radii
 _PRIOR = 5  # pixels of each texton in the prior of a subtexture
 _SMOOTH = 1.0  # sigma in cells, of the last vote
 _REACH = 2.5  # radius of Gaussians, sigmas
+_HAAR_RADIUS = 8.0  # px
+_HAAR_SAMPLES = 1000  # CZF02 section III C: "similar to the typical texture segmentation problems"
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,21 @@ class DecompositionSettings:
     refine: bool = True
     assign: str = "competition"
     invariant: bool = False
+
+
+def usual(pixels: int) -> DecompositionSettings:
+    """Settings for an image of this many pixels; places are 16 px apart, more in large images, less in small ones."""
+    step = max(4, min(16, round(math.sqrt(pixels) / 16 / 4) * 4), math.ceil(math.sqrt(pixels / 2500)))
+    return DecompositionSettings(step=step)
+
+
+def czf02(pixels: int, radius: float | None = None) -> DecompositionSettings:
+    """Settings of the paper for an image of this many pixels, and discs of `radius` px."""
+    reach = radius or _HAAR_RADIUS
+    return DecompositionSettings(
+        features="haar", bins=8, radius=reach, shift=reach, scales=3, search="meanshift", group="cliques",
+        threshold=0.95, step=math.ceil(math.sqrt(pixels / _HAAR_SAMPLES)), refine=False, assign="neighbors",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

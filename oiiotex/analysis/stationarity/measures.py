@@ -5,27 +5,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ...engine.errors import ParameterError
-
-MEASURES = ("histogram", "moments", "steerable")
+MEASURES = ("histogram", "moments", "moments3", "moments4", "steerable")
 MEASURE = (
-    "Statistics that define stationarity. histogram: local histograms. moments: local moments."
-    " steerable: responses of steerable filters."
+    "Statistics that define stationarity. histogram: local histograms. moments: local mean and variance. moments3: also"
+    " skewness. moments4: also kurtosis. steerable: responses of steerable filters."
 )
-ORDER = "Highest order of moments, for measure=moments. 2: mean and variance. 3: also skewness. 4: also kurtosis."
 
 
-def order_of(measure: str, order: int | None) -> int:
-    """The highest order of moments.
-
-    Raises
-    ------
-    ParameterError
-        An order is given for another measure.
-    """
-    if order is not None and measure != "moments":
-        raise ParameterError(f"requires measure=moments, not measure={measure}", parameter="order", value=order)
-    return order or 2
+def statistics_of(measure: str) -> tuple[str, int]:
+    """One of histogram, moments and steerable, and the highest order of moments, 2 to 4."""
+    kind = measure.rstrip("34")
+    return kind, int(measure.removeprefix(kind) or 2)
 
 
 def cost_text(cost: float, measure: str, order: int, before: float | None = None) -> str:
@@ -36,7 +26,7 @@ def cost_text(cost: float, measure: str, order: int, before: float | None = None
     cost : float
         >= 0, in Lab units. Moments: in squared Lab units.
     measure : str
-        One of `MEASURES`.
+        histogram, moments or steerable.
     order : int
         Highest order of moments, 2 to 4.
     before : float, optional

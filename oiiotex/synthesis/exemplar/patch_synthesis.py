@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ...engine.core.access import InBands
 from ...engine.core.image import Image
 from ...engine.core.op import Kind, Output, Plan
-from ...engine.core.parameters import Size, SizeRule, image, param
+from ...engine.core.parameters import Size, SizeRule, param
 from ...engine.core.source_map import COPIED, ST
 from ...engine.errors import ParameterError, modifier, whole_budget
 from ...engine.session.facts import Facts
@@ -21,15 +21,13 @@ from ..patchmatch.recipe import Recipe
 from ..quality.report import REPORT, Quality
 from ..quality.reported_op import Reported
 from ..wang.tiles import COUNTS, TWO_COLORS_FROM
-from .constraint_images import WEIGHT
 from .exemplar_op import MaterialOp, tiles
-from .heights import RELEVEL
 from .photo_lattice import least_size
 
 if TYPE_CHECKING:
     from ...engine.opencl.device import DeviceMemory
 
-_COUNTS = f"{', '.join(map(str, COUNTS[:-1]))} or {COUNTS[-1]}"
+TILE_COUNTS = f"{', '.join(map(str, COUNTS[:-1]))} or {COUNTS[-1]}"
 PATCHES, PATCH = tuple(range(5, 23, 2)), 13
 _LAB_BYTES = 12  # for each pixel of a map
 _SIZE_HELP = "Size of the result. pow2: each side of the photo, rounded to the nearest power of two."
@@ -99,8 +97,12 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         REPORT,
     )
 
-    weightmap: Image | None = image(None, help=WEIGHT, advanced=True)
-    relevel: bool = param(False, help=RELEVEL, advanced=True)
+    weightmap: ClassVar[Image | None] = None
+    relevel: ClassVar[bool] = False
+    pack: ClassVar[str | None] = None
+    equaluse: ClassVar[float] = 0.01
+    resume: ClassVar[bool] = False
+
     size: SizeRule | Size | None = param(None, ge=5, le=65536, unit="px", unset="size of the photo", help=_SIZE_HELP)
     tiles: str = tiles("xy")
     variants: int = param(
@@ -110,13 +112,6 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         help="Number of interchangeable tiles. 2 to 7: any tile fits next to any other. 8 or more: Wang tiles,"
         " which fit where edge colors agree; 16 or more are a complete set with two corner colors. Part names and the"
         " attribute oiiotex:edges contain the edge colors.",
-    )
-    pack: str | None = param(
-        None,
-        choices=("atlas", None),
-        unset="one image for each tile",
-        help="Arrangement of the tiles. atlas: one image in which neighbors share an edge, also across its borders, so"
-        f" that renderers can filter it without padding. Requires variants={_COUNTS}.",
     )
     patch: int | None = param(
         None, example="21", choices=(*PATCHES, None), unit="px", unset=str(PATCH), help=PATCH_HELP
@@ -128,28 +123,6 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         advanced=True,
         help="Number of iterations on the coarsest level. Each finer level has one."
         " Increase it if a warning says that texture is lost.",
-    )
-    equaluse: float = param(
-        0.01,
-        ge=0,
-        le=1,
-        advanced=True,
-        help="Strength with which all parts of the photo are used equally often (MJH17 eq. 6). Increase it to use"
-        " more of the photo. Above 0.1, structures break up.",
-    )
-    repeatpenalty: float = param(
-        1.0,
-        ge=0,
-        le=1,
-        advanced=True,
-        help="Weight of the penalty for regions of the photo that are used more than twice. At 0, the result is closer"
-        " to the photo and repeats more.",
-    )
-    resume: bool = param(
-        False,
-        advanced=True,
-        help="Save a checkpoint after each pyramid level next to the output, in the folder OUTPUT.parts. Run the"
-        " same command again to resume.",
     )
 
     def recipe(self, width: int, height: int) -> Recipe:
@@ -167,7 +140,6 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
             iterations=self.iterations,
             seed=self.seed,
             uniformity=self.equaluse,
-            reuse=self.repeatpenalty,
             # a constant cannot level a piece that wraps around the torus
             shifted="height" not in self.map_kinds,
             contrast=contrast,
@@ -221,7 +193,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         if self.relevel and "height" not in self.map_kinds:
             raise ParameterError(f"{modifier(relevel=True)} requires kinds with a height")
         if self.pack and self.variants not in COUNTS:
-            raise ParameterError(f"requires variants={_COUNTS}", parameter="pack", value=self.pack)
+            raise ParameterError(f"requires variants={TILE_COUNTS}", parameter="pack", value=self.pack)
         if self.variants > 1:
             one_file = isinstance(self.st, Path) and not self.pack
             wrong = "st" if one_file else "relevel without pack" if self.relevel and not self.pack else ""

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from ...engine.session.resources import Resources
 
 _SHARES = 1, 1, 8, 1  # of the time: reading, light, synthesis, cut
+_UNIFORMITY = 0.01  # of the use of the source (MJH17 eq. 6)
 _FINE = 4  # iterations of each finer level: at the border, patches must fit pixels that do not change
 _COLOR_BYTES = 12  # of a pixel of a map
 _SOURCE_BYTES = 1  # of a pixel of the source: whether it is valid
@@ -86,7 +87,7 @@ class RegionFill:
         self._op, self._resources, self._stages = op, resources, progress.stages(*_SHARES)
         self._photos = op.all_maps()
         self._sources = op.source_maps()
-        self._other = op.source is not None
+        self._other = op.donor is not None
         with resources.stats.time("read and color"):
             self._marked = marked_pixels(
                 op.exemplar, op.region, op.labels, op.replace, op.labellevel, op.mattes, op.matte
@@ -214,7 +215,7 @@ class RegionFill:
         op = self._op
         return Recipe.tiling(
             *window.size, op.tiled, sigma=None, patch=op.side, iterations=op.iterations, seed=op.seed,
-            uniformity=op.equaluse, contrast=0.0, flat=False, fine=_FINE,
+            uniformity=_UNIFORMITY, contrast=0.0, flat=False, fine=_FINE,
         )  # fmt: skip
 
     def _in_step(self, recipe: Recipe, seen: ExemplarPixels, window: Window) -> Recipe:
@@ -241,7 +242,7 @@ class RegionFill:
         name = "the source" if self._other else "the exemplar"
         allowed = None if op.mask is None else masked_pixels(op.mask, self._sources[0], name)
         if op.label is not None:
-            labels = label_map(op.source or op.exemplar, None if self._other else op.labels, op.labellevel)
+            labels = label_map(op.donor or op.exemplar, None if self._other else op.labels, op.labellevel)
             allowed = both(labeled_pixels(labels, op.label), allowed)
         usable = both(clear, allowed)
         if not self._other:

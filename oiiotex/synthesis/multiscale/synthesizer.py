@@ -192,6 +192,7 @@ class Synthesizer:
             "basis": paired(analysis.basis),  # 26 x 2 x DIMS x 2
             "finer": np.array(levels.finer, np.int32),
             "spacing": np.array([levels.spacing(n) for n in range(len(levels.stacks))], np.int32),
+            "tiles": np.array(analysis.stacks.periodic, np.int32),
         }
         self.nbytes = sum(table.nbytes for table in tables.values())  # on the device
         self._tables = Buffers(device, {}, budget, "analyzing exemplars", tables=tables)
@@ -296,11 +297,11 @@ class Synthesizer:
         period = settings.period(entry.level)
         self._run(
             "upsample", (window.width, window.height), buffers["parent"], buffers["parent_r"], buffers["texel"],
-            buffers["r"], buffers["color"], tables["stack"], tables["finer"], tables["spacing"], self._side,
-            before.width, (window.left >> 1) - before.left, (window.top >> 1) - before.top, window.width, window.height,
-            np.int64(window.left), np.int64(window.top), np.int64(period[0]), np.int64(period[1]),
-            np.uint32(entry.level), np.uint32(settings.seed), settings.rho(entry.level), round(256 * settings.kept),
-            *self._steps(entry.level),
+            buffers["r"], buffers["color"], tables["stack"], tables["finer"], tables["spacing"], tables["tiles"],
+            self._side, before.width, (window.left >> 1) - before.left, (window.top >> 1) - before.top,
+            window.width, window.height, np.int64(window.left), np.int64(window.top), np.int64(period[0]),
+            np.int64(period[1]), np.uint32(entry.level), np.uint32(settings.seed), settings.rho(entry.level),
+            round(256 * settings.kept), *self._steps(entry.level),
         )  # fmt: skip
 
     def _steps(self, level: int) -> tuple[bool, Any, Any]:

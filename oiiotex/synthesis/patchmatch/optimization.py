@@ -185,9 +185,7 @@ def synthesize(
             searches = SEARCHES if iteration == 0 or recipe.literal else FINE_SEARCHES
             prices = None
             if recipe.complete:
-                prices = UsePrices(
-                    device, buffers, geometry, image, patches, scale, variance, iteration == 0, recipe.reuse
-                )
+                prices = UsePrices(device, buffers, geometry, image, patches, scale, variance, iteration == 0)
             e_rows = ExemplarRows(device, buffers, geometry, image, patches, None if weights is None else 1 / weights)
             matcher = Matcher(
                 device, buffers, geometry, image, patches, field, recipe.uniformity, recipe.seed, searches, usable,

@@ -45,8 +45,6 @@ class Recipe(Domain):
         Highest order of moments, 2 to 4.
     complete : bool
         Limit the reuse of regions of the exemplar, and keep the result from being flatter than the exemplar.
-    reuse : float
-        Weight of the reuse penalty, 0 to 1.
     shifted : bool
         Start as the shifted exemplar if there are no constraints. Otherwise from small random blocks.
     in_step : InStep or InCourses or None
@@ -68,7 +66,6 @@ class Recipe(Domain):
     measure: str = "histogram"
     order: int = 2
     complete: bool = False
-    reuse: float = 1.0
     shifted: bool = True
     in_step: InStep | InCourses | None = None
     literal: bool = False

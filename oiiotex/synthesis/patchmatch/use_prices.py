@@ -184,14 +184,13 @@ class UsePrices:
     """Both penalties on one level, added to those of a `Matcher`.
 
     `exemplar` (exemplar_height, exemplar_width, channels) int16; `allowed` (exemplar_rows, exemplar_columns) bool;
-    `variance`: of the exemplar's pixels, summed over channels, in squared grid steps; `reuse`: weight of the reuse
-    penalty on regions, 0 to 1. `kinds` (exemplar_rows, exemplar_columns) uint8: classes of patches, the contents of
-    buffer `kinds`.
+    `variance`: of the exemplar's pixels, summed over channels, in squared grid steps. `kinds` (exemplar_rows,
+    exemplar_columns) uint8: classes of patches, the contents of buffer `kinds`.
     """
 
     def __init__(
         self, device: Device, buffers: Buffers, geometry: Geometry, exemplar: SomeRows, allowed: np.ndarray,
-        scale: float, variance: float, first: bool, reuse: float = 1.0,
+        scale: float, variance: float, first: bool,
     ):  # fmt: skip
         self._device, self._buffers, self._geometry = device, buffers, g = device, buffers, geometry
         self._run = device.program("use_prices")
@@ -202,7 +201,7 @@ class UsePrices:
         share = counts.cumsum() / np.count_nonzero(allowed)
         device.write(buffers["kind_most"], np.floor(patches * np.minimum(1.0, share + SLACK)).astype(np.int32))
         unit = g.patch**2 * variance
-        *self._steps, self._growth = (min(int(unit * k), 100_000_000) for k in (*STEPS, GROWTH * reuse))
+        *self._steps, self._growth = (min(int(unit * k), 100_000_000) for k in (*STEPS, GROWTH))
         if first:
             device.fill(buffers["kind_duals"], np.int32(0), KINDS)
             device.fill(buffers["kind_steps"], np.int32(self._steps[1]), KINDS)

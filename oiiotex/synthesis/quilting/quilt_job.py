@@ -29,7 +29,7 @@ from ...engine.core.parameters import Size, param
 from ...engine.core.source_map import SourceMap, Sources, require_addressable, tile_spec
 from ...engine.core.window import Window
 from ...engine.deferred import np
-from ...engine.errors import ImageError, ParameterError, present
+from ...engine.errors import ImageError, present
 from ...engine.opencl.buffers import require_room
 from ...engine.session.facts import Facts
 from ...engine.session.progress import Progress
@@ -68,7 +68,6 @@ class Quilted(LabeledExemplar, Gather):
         unset="the labels' scale or, without labels, shorter side / 8, as a power of two; less if a label is rare",
         help="Side of a patch. Increase it to preserve larger structures, decrease it for more variation.",
     )
-    candidates: int = param(256, ge=1, le=65536, help="Maximum number of candidate patches per place.", advanced=True)
     freeuses: float = param(
         1.0,
         ge=0,
@@ -77,9 +76,6 @@ class Quilted(LabeledExemplar, Gather):
         " relative to equal use of all regions. Two copies are always free. Reduce it if regions repeat,"
         " increase it if patches match poorly.",
         advanced=True,
-    )
-    finerweight: float = param(
-        0.5, ge=0, le=100, help="Weight of finer levels' labels in the overlaps, compared with color.", advanced=True
     )
     guideweight: float = param(
         1.0,
@@ -171,7 +167,7 @@ class Sewing:
         size, given = self._asked()
         if self.structured is not None and self.structured.lattice > 0 and not given:
             size = Size(*(max(n, patch) for n in least_size(size, self._wraps)))
-        grid = Grid.tiling(*size, self.op.tiles, patch=patch, overlap=min(self._overlap(patch), patch // 3))
+        grid = Grid.tiling(*size, self.op.tiles, patch=patch, overlap=self._overlap(patch))
         facts.require(cell_memory(grid, self.guide is not None), _task(grid))
         held = source.spec.width * source.spec.height * self.op.photo_bytes(facts)
         if self.structured is not None:
@@ -190,10 +186,8 @@ class Sewing:
     def _rules(self, patch: int) -> Rules:
         return Rules(
             seed=self.op.seed,
-            candidates=self.op.candidates,
             reach=min(4, patch // 16),
             reuse=self.op.freeuses,
-            finer=self.op.finerweight,
             guidance=self.op.guideweight,
         )
 
@@ -238,11 +232,7 @@ class Sewing:
                 f" the largest square is {most} px",
                 hint=f"use patch={most}" if most >= LEAST_PATCH else "",
             )
-        overlap = self._overlap(patch)
-        if 3 * overlap > patch:
-            expected = f"at most {patch // 3}, a third of patch={patch}"
-            raise ParameterError(parameter="overlap", value=overlap, expected=expected)
-        return patch, overlap
+        return patch, self._overlap(patch)
 
     def _guided_side(self, ids: np.ndarray, patch: int) -> int:
         """Halve the patch until each of the guide's labels is found in several regions: fewer would repeat."""
@@ -276,7 +266,7 @@ class Sewing:
 
     def _finer(self, labels: LabelMap | None) -> tuple[np.ndarray, ...]:
         """Label maps of the levels below."""
-        if labels is None or self.op.finerweight == 0:
+        if labels is None:
             return ()
         levels = label_levels(self.op.exemplar, self.op.labels).values()
         below = [one for one in levels if one.level < labels.level][-MOST_FINER:]

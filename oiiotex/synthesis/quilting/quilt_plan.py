@@ -38,6 +38,9 @@ class Grid(Domain):
     overlap: int  # of neighbors, at most a third of a patch
 
     def __post_init__(self) -> None:
+        if 3 * self.overlap > self.patch:
+            problem = f"patches of {self.patch} px overlap by {self.overlap} px"
+            raise ImageError(problem, expected=f"at most {self.patch // 3} px, a third of a patch")
         for size, wraps, axis in ((self.width, self.wrap_x, "wide"), (self.height, self.wrap_y, "high")):
             if wraps and size < self.patch:
                 raise ImageError(f"the tile is {size} px {axis}", expected=f"at least {self.patch} px, the patch size")

@@ -23,7 +23,7 @@ from .pages import Page
 BINS = 64  # of a histogram, for each channel
 _COARSE = 128  # px; longer side of the photo for a coarse tile: patches are those of a full tile's coarse levels
 _COARSE_CLEAN = 192  # px; the same for `clean`, whose mask leaves few whole patches in smaller photos
-_MASK = {"photo": 1, "step": 3, "patch": 5}  # of `clean`; the whole photo's patches have up to 25 px
+_MASK = {"photo": 1, "patch": 5}  # of `clean`; the whole photo's patches have up to 25 px
 _WINDOW = 4  # half the width of a Gaussian window, in sigma
 # by presets, or without a coarse tile
 _DECIDED = {"preset", "sigma", "evenness", "patch", "histogram", "label", "size"}

@@ -8,13 +8,11 @@ import OpenImageIO as oiio
 
 from benchmarks.labels.levels import Case, cases
 from benchmarks.shared.mosaics import suite
-from benchmarks.subtextures.decompose import PAPER, grouped_by
+from benchmarks.subtextures.decompose import CLIQUES, SETTINGS, grouped_by, subtextures_of
 from oiiotex import filters
 from oiiotex.analysis.labels.legend import colors_of
-from oiiotex.engine.core.image import to_buffer
-from oiiotex.engine.run import run
-from oiiotex.engine.session import Session
-from oiiotex.filters.texdecompose import Decompose
+from oiiotex.analysis.segmentation.subtextures import usual
+from oiiotex.engine.core.image import from_buffer, to_buffer
 from tools.docs.pictures.layout import (
     beside,
     draw,
@@ -46,18 +44,19 @@ def painted(ids: np.ndarray, side: int = SIDE) -> np.ndarray:
     return np.rint(255 * colors_of(small(ids, side).astype(int))).astype(np.uint8)
 
 
-def labels_of(case: Case, way: str = "", **values: object) -> np.ndarray:
-    """Subtextures of a case, grouped as `benchmarks.subtextures.decompose` names it."""
-    with grouped_by(way, len(np.unique(case.truth[case.truth > 0]))):
-        return run(Decompose(source=case.image, **values), Session())[0].image.first.pixels()[..., 0]
+def labels_of(case: Case, setting: str) -> np.ndarray:
+    """Subtextures of a case by a setting of `benchmarks.subtextures.decompose`."""
+    settings, changes = SETTINGS[setting]
+    with grouped_by(setting, len(np.unique(case.truth[case.truth > 0]))):
+        return subtextures_of(case.image, settings, **changes)
 
 
 def mosaics() -> None:
-    """Each mosaic at hand: picture, truth, default, shift=0, normalized cuts told the count, the paper's way."""
+    """Each mosaic at hand: picture, truth, default, without the search, normalized cuts told the count, the paper's."""
     rows = []
     for case in cases("mosaic"):
-        ways = ({}, {"shift": 0}, {"way": "normalized cuts, count told"}, PAPER)
-        maps = [case.truth, *(labels_of(case, **values) for values in ways)]
+        ways = "default", "cliques, shift=0", "normalized cuts, count told", "paper, grid"
+        maps = [case.truth, *(labels_of(case, way) for way in ways)]
         rows.append(beside(small(pixels(to_buffer(case.image.first)), SIDE), *map(painted, maps)))
     write_jpeg(stacked(rows, 6), "decompose_mosaics.jpg", 70)
 
@@ -67,7 +66,7 @@ def judged() -> None:
     panes = []
     for case in suite("judge", 12):
         picture = small(pixels(to_buffer(case.image.first)), SIDE)
-        panes.append(beside(picture, painted(case.truth), painted(labels_of(case)), gap=2))
+        panes.append(beside(picture, painted(case.truth), painted(labels_of(case, "default")), gap=2))
     write_jpeg(stacked([beside(*panes[n : n + 3]) for n in range(0, len(panes), 3)], 6), "decompose_judged.jpg", 70)
 
 
@@ -99,9 +98,9 @@ def unshifted() -> None:
     for name in UNSHIFTED:
         photo = test_photo(name, 512)
         row = [small(pixels(photo), 192)]
-        for values in ({}, {"shift": 0.0}):
-            ids = filters.decompose(photo, **values).get_pixels(oiio.UINT32)[..., 0]
-            print(f"{name} {values}: {ids.max()} subtextures")
+        for changes in (CLIQUES, {**CLIQUES, "shift": 0}):
+            ids = subtextures_of(from_buffer(photo), usual, **changes)
+            print(f"{name} {changes}: {ids.max()} subtextures")
             row.append(painted(ids, 192))
         rows.append(beside(*row))
     write_jpeg(stacked(rows), "decompose.jpg")

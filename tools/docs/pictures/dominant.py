@@ -10,11 +10,12 @@ import numpy as np
 import OpenImageIO as oiio
 from scipy import ndimage
 
-from benchmarks.dominant.composites import TWELVE, composite, seen_as
+from benchmarks.dominant.composites import TWELVE, composite, mask_by, seen_as
 from benchmarks.shared.measures import data_folder
 from oiiotex import filters
 from oiiotex.analysis.dominant.diffusion import dominant_texture
 from oiiotex.analysis.dominant.refinement import refined_mask
+from oiiotex.engine.core.image import from_buffer
 from oiiotex.engine.session import Session
 from oiiotex.surfaces.charts.dominant_chart import COLORS, Plot
 from tools.docs.pictures.layout import (
@@ -37,10 +38,10 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def kept_alone(photo: oiio.ImageBuf, **values: object) -> np.ndarray:
+def kept_alone(photo: oiio.ImageBuf, mode: str = "diffusion") -> np.ndarray:
     """The photo inside a mask, on white; all white if it is rejected."""
-    mask = filters.dominant(photo, **values).get_pixels(oiio.FLOAT)
-    return np.where(mask > 0.5, pixels(photo), 255).astype(np.uint8)
+    mask = mask_by(from_buffer(photo), mode)
+    return np.where(mask[..., None], pixels(photo), 255).astype(np.uint8)
 
 
 def dominant_columns() -> None:
@@ -48,7 +49,7 @@ def dominant_columns() -> None:
     panes = []
     for name in COLUMNS:
         photo = test_photo(name, 160)
-        panes.append(beside(pixels(photo), *(kept_alone(photo, mode=m) for m in MODES)))
+        panes.append(beside(pixels(photo), *(kept_alone(photo, m) for m in MODES)))
     pairs = [beside(*panes[n : n + 2], gap=24) for n in range(0, len(panes), 2)]
     write_jpeg(stacked(pairs), "dominant_columns.jpg")
 

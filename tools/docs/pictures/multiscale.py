@@ -39,9 +39,9 @@ def graphs() -> None:
     """A graph of five maps, and a chain cut out of one photo with a loop at its end."""
     wall = opened("photos/sandstone_wall_cracked.jpg")
     with tempfile.TemporaryDirectory() as folder:
-        chain = filters.graph(wall, graphfile=Path(folder) / "wall.json", scales=3, loop=1, panel=96)
+        chain = filters.graph(wall, graphfile=Path(folder) / "wall.json", scales=3, loop=1)
         print(json.dumps(json.loads((Path(folder) / "wall.json").read_text())))
-    sheets = [pixels(filters.graph(draw=MAP, panel=96)), pixels(chain)]
+    sheets = [pixels(filters.graph(draw=MAP)), pixels(chain)]
     wide = max(sheet.shape[1] for sheet in sheets)
     fitted = [np.pad(s, ((0, 0), (0, wide - s.shape[1]), (0, 0)), constant_values=237) for s in sheets]
     write_jpeg(stacked(fitted), "graph.jpg")

@@ -61,7 +61,7 @@ def stains_removed() -> None:
     source, photo = (test_photo(f"{name}.jpg", 512) for name in ("clover_lawn", "moss_grass_stones_ground"))
     lit = pixels(photo) * np.linspace(1, 0.6, 512)[None, :, None]
     photo.set_pixels(photo.roi, np.ascontiguousarray(lit / 255, np.float32))
-    rows.append(filled(photo, ellipse(photo, 0.55, 0.5, 0.38, 0.2), source=source))
+    rows.append(filled(photo, ellipse(photo, 0.55, 0.5, 0.38, 0.2), donor=source))
     write_jpeg(stacked(rows), "fill_repair.jpg")
 
 

@@ -22,7 +22,7 @@ from ..document import LEAST_PAINTED, MOST_PAINTED
 from ..hub import Hub
 
 _SWATCH = 48  # px
-_MOST_LABELS, _MOST_WITHIN = 24, 6
+_MOST_LABELS = 24
 
 _SOFT = 0.2  # default of --texpaint
 _LEGEND, _FACTS = "oiiotex:legend", "oiiotex:step"
@@ -205,7 +205,6 @@ async def palette_of(hub: Hub, table: Path) -> tuple[LabelPalette, Path]:
     values = {
         "panel": _SWATCH,
         "maxlabels": _MOST_LABELS,
-        "children": _MOST_WITHIN,
         "facts": os.path.abspath(made_table),
     }
     advance = hub.advancing("Rendering swatches")
