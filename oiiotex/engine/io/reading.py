@@ -213,7 +213,7 @@ def _checked(spec: oiio.ImageSpec, path: str) -> oiio.ImageSpec:
     if spec.z_channel not in range(-1, spec.nchannels):
         spec.z_channel = next((names.index(name) for name in ("z", "depth") if name in names), -1)
     if spec.tile_width < 1 or spec.tile_height < 1:
-        spec.tile_width = spec.tile_height = spec.tile_depth = 0
+        spec.tile_width = spec.tile_height = 0
     if spec.full_width < 1 or spec.full_height < 1:
         Window.data(spec).show_in(spec)
     return spec
