@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a file says about its colors, other than by the name of a space: a profile, primaries, CICP codes, Exif.
+"""Descriptions of a file's colors other than the name of a space: a profile, primaries, CICP codes, Exif.
 
 OpenImageIO's readers tag most 8-bit files as sRGB, even if they say otherwise. `color.described`
 finds the space of a config with these colors.
@@ -32,7 +32,7 @@ class Evidence:
 
 
 def evidence_in(spec: oiio.ImageSpec) -> Evidence | None:
-    """What the metadata says, by the precedence of PNG (third edition, 4.3); None: nothing."""
+    """The description in the metadata, by the precedence of PNG (third edition, 4.3); None: nothing."""
     cicp, profile = spec.getattribute("CICP"), spec.getattribute("ICCProfile")
     if cicp is not None:
         codes = tuple(int(code) for code in cicp)

@@ -64,7 +64,7 @@ def of_primaries(chromaticities: Sequence[float], gamma: float) -> Encoding | No
 
 
 def of_cicp(codes: Sequence[int]) -> Encoding | None:
-    """The encoding of CICP codes (primaries, transfer, ...); None for those without a curve of their own."""
+    """The encoding of CICP codes (primaries, transfer, ...); None for those without a known curve."""
     curves: dict[int, Curve] = {
         1: _bt709, 4: lambda values: np.power(values, 2.2), 8: lambda values: values, 13: _parametric(3, _SRGB),
     }  # fmt: skip
