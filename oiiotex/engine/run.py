@@ -32,6 +32,7 @@ from .io.cryptomatte import cryptomatte_part, require_unmixed
 from .io.movie import require_encoder, write_movie
 from .io.paint_palette import require_palette, write_palette
 from .io.writing import require_writable, write
+from .operands import check_operands
 
 if TYPE_CHECKING:
     from .session import Session
@@ -79,6 +80,7 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
     files = op.files()
     with errors_of(type(op)):
         _require_free(op, files, written)
+        check_operands(op, session.resources)
         session.resources.require_streamable(*op.scanned())
         _require_unmixed(op)
         facts = _facts(op)
@@ -104,6 +106,7 @@ def planned(op: Op, facts: Facts, written: set[str]) -> tuple[Image, ...]:
     provisional = any(map(is_provisional, op.operands()))
     with errors_of(type(op)):
         _require_free(op, files, written)
+        check_operands(op, facts)
         facts.require_streamable(*op.scanned())
         _require_unmixed(op)
         reads_written = any(os.path.realpath(path) in written for path in op.paths_read())

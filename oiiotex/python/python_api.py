@@ -153,7 +153,10 @@ def _require_photo(pixels: np.ndarray) -> None:
 
 
 def _of_pil(picture: Any) -> np.ndarray:
-    """Pixels of a PIL image; its alpha is unpremultiplied."""
+    """Pixels of a PIL image, upright as its Exif Orientation says; its alpha is unpremultiplied."""
+    from PIL import ImageOps  # the caller has imported PIL
+
+    picture = ImageOps.exif_transpose(picture)
     if picture.mode in ("CMYK", "YCbCr", "LAB", "HSV"):
         problem = f"a PIL image of mode {picture.mode}"
         raise ParameterTypeError(expected=f"gray, RGB or RGBA, not {problem}", hint='call its convert("RGB")')

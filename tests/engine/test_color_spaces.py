@@ -118,7 +118,7 @@ def test_a_tag_of_openimageio_on_a_file_is_understood(config, tmp_path):
 
 
 def test_what_the_user_says_of_a_space_is_what_counts(config):
-    image = tagged(image_of(np.full((1, 1, 3), 0.5, np.float32), space=SRGB), TAG, config.resolve("ACEScg"))
+    image = tagged(image_of(np.full((1, 1, 3), 0.5, np.float32), space=SRGB), config.resolve("ACEScg"))
     assert space_of(image, config) == "ACEScg"
 
 

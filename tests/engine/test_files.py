@@ -177,7 +177,7 @@ def any_windows(whole: Window, count: int = 25) -> list[Window]:
 
 
 def whole_by_oiio(path: Path, level: int = 0) -> np.ndarray:
-    file = oiio.ImageInput.open(str(path))
+    file = oiio.ImageInput.open(str(path), oiio.ImageSpec())  # as oiiotool does: PFM is flipped upright
     assert file.seek_subimage(0, level)
     spec = file.spec()
     return file.read_image(0, level, 0, spec.nchannels, spec.format).reshape(spec.height, spec.width, spec.nchannels)

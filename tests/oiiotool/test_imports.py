@@ -42,7 +42,7 @@ HOST = NOT_FOUND | {"oiiotool.host", "engine.io", "engine.machine", "engine.sess
 FILTER = HOST - {"oiiotool.host"} | {
     f"engine.{name}" for name in ("color", "opencl", "scan")
 }  # and the techniques that it calls
-LINE = WORDS | {f"engine.{name}" for name in ("io", "machine", "run", "session")}
+LINE = WORDS | {f"engine.{name}" for name in ("io", "machine", "operands", "run", "session")}
 LINE |= {"oiiotool.cli.files", "oiiotool.cli.stack"}
 ALL = FILTER | LINE | {"oiiotool.host"}
 TECHNIQUES = ("analysis.", "synthesis.", "surfaces.")

@@ -16,6 +16,7 @@ from ..core.parameters import nearest
 from ..deferred import np, ocio, oiio
 from ..errors import COLORSPACE, IS_DATA, ColorError, ImageError, either, one_line
 from ..shipped import shipped
+from .described import believed, refusal, space_described
 from .normal_maps import warn_of_normals
 from .transform_files import require_config, require_files
 
@@ -122,6 +123,14 @@ class ColorConfig:
         config._doubted = None
         return config
 
+    def described(self, spec: oiio.ImageSpec) -> str:
+        """The space that the metadata describes, by a profile, CICP, chromaticities or Exif; empty: none."""
+        return space_described(spec, self)
+
+    def believed(self, image: Image) -> Image:
+        """The image with untagged parts tagged as their metadata describes them."""
+        return believed(image, self)
+
     @property
     def config(self) -> ocio.Config:
         """The OpenColorIO config."""
@@ -217,16 +226,18 @@ def _lab_config() -> ocio.Config:
 
 
 def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:
-    """The image's color space: its tag, else with `autocc` by the config's file rules."""
+    """The image's color space: its tag, else its profile, else with `autocc` by the config's file rules."""
     tag = image.first.spec.get_string_attribute(TAG)
     if tag:
         return config.resolve(tag)
+    described = config.described(image.first.spec)
+    if described:
+        return described
     by_name = config.space_by_file_rules(image.source) if autocc else None
     if by_name is None:
-        raise ColorError(
-            f"has no color space tag ('{TAG}')",
-            subject=image.source,
-            hint=f"add {COLORSPACE}{either(' after it', '')}, or {IS_DATA} for maps other than color",
+        hint = f"add {COLORSPACE}{either(' after it', '')}, or {IS_DATA} for maps other than color"
+        raise refusal(image.first.spec, config, image.source, hint) or ColorError(
+            f"has no color space tag ('{TAG}')", subject=image.source, hint=hint
         )
     return by_name
 

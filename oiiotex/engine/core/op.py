@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 from ..errors import Error, ParameterError, modifier
 from .parameters import Parameter, declared
+from .upright import upright
 
 if TYPE_CHECKING:
     from ..session import Session
@@ -149,6 +150,7 @@ class Op:
 
     prefix: ClassVar[str] = "--tex"
     aliases: ClassVar[tuple[str, ...]] = ()  # further names on the command line
+    turns: ClassVar[bool] = True  # its images are turned upright, as their Orientation says
     copies: ClassVar[bool] = False  # every pixel of its result is a complete copy of a source pixel
     rescales: ClassVar[bool] = False  # its result has another pixel size than its source
     example: ClassVar[str] = ""  # doctest code for its docstring; default: a call on one photo
@@ -181,6 +183,15 @@ class Op:
                 object.__setattr__(self, parameter.attribute, value)
             if self.PAPER and self.values()["paper"]:
                 self._follow_the_paper()
+            if self.turns:
+                self.change_images(upright)
+
+    def change_images(self, change: Callable[[Any], Any]) -> None:
+        """Replace all given images."""
+        for slot in declared(type(self))[0]:
+            given = getattr(self, slot.attribute)
+            changed = tuple(map(change, given)) if isinstance(given, tuple) else given and change(given)
+            object.__setattr__(self, slot.attribute, changed)
 
     def _follow_the_paper(self) -> None:
         """Set parameters to the values of `PAPER`; raise ParameterError if another value was given."""

@@ -11,7 +11,6 @@ import functools
 import json
 import logging
 import math
-import os
 import re
 import struct
 from collections.abc import Iterator, Sequence
@@ -19,6 +18,7 @@ from typing import Any
 
 from ..core.attributes import OURS, TAG
 from ..deferred import oiio
+from .evidence import contradicted
 
 log = logging.getLogger("oiiotex")
 
@@ -33,6 +33,8 @@ _SPACES = {  # that a format can tag itself
     "jpeg": (_SRGB,),
     "png": (_SRGB, "lin_rec709_scene", "g22_rec709_scene", "srgb_p3d65_scene"),
 }
+_REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x and y of red, green, blue and white
+_ROUNDING = 0.002  # largest difference of chromaticities that are the same
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _TAGGING = (b"sRGB", b"gAMA", b"iCCP", b"cICP", b"cHRM")  # chunks of PNG
 
@@ -102,7 +104,14 @@ def _names() -> oiio.ColorConfig:
 
 
 def restore(spec: oiio.ImageSpec, format_name: str, path: str) -> None:
-    """Restore what `describe` added, unless the file has been tagged with another color space since."""
+    """Restore what `describe` added, unless the file has been tagged with another color space since.
+
+    A tag that the reader assumed is removed if the file says otherwise: by its profile, CICP, chromaticities or Exif.
+    """
+    if format_name == "png":
+        _read_chromaticities(spec, path)
+    if _same(spec.get_string_attribute(TAG), _SRGB) and contradicted(spec):
+        spec.erase_attribute(TAG)
     carried: dict[str, Any] = {}
     if format_name in ("openexr", "png"):
         space = spec.get_string_attribute(SPACE)
@@ -155,16 +164,39 @@ def is_tagged(spec: oiio.ImageSpec, format_name: str, path: str) -> bool:
 
 
 def _png_is_tagged(path: str) -> bool:
+    return bool(_png_chunks(path))
+
+
+def _png_chunks(path: str) -> dict[bytes, bytes]:
+    """The chunks of a PNG file that describe its colors; of long ones only the beginning."""
+    chunks = {}
     try:
         with open(path, "rb") as file:
             file.seek(8)
             while len(head := file.read(8)) == 8 and head[4:] != b"IDAT":
+                (size,) = struct.unpack(">I", head[:4])
+                after = file.tell() + size + 4
                 if head[4:] in _TAGGING:
-                    return True
-                file.seek(struct.unpack(">I", head[:4])[0] + 4, os.SEEK_CUR)
+                    chunks[head[4:]] = file.read(min(size, 64))
+                file.seek(after)
     except OSError:
         pass  # reading the pixels reports the error
-    return False
+    return chunks
+
+
+def _read_chromaticities(spec: oiio.ImageSpec, path: str) -> None:
+    """Add the chromaticities of a PNG file, which OpenImageIO ignores, with the order of EXR: red, green, blue, white.
+
+    They count only with a gamma, and without a better description (PNG, third edition, 4.3).
+    """
+    chunks = _png_chunks(path)
+    if len(chunks.get(b"cHRM", b"")) != 32 or b"gAMA" not in chunks or {b"cICP", b"iCCP", b"sRGB"} & set(chunks):
+        return
+    white_x, white_y, *primaries = (n / 100000 for n in struct.unpack(">8I", chunks[b"cHRM"]))
+    values = (*primaries, white_x, white_y)
+    if max(abs(value - own) for value, own in zip(values, _REC709, strict=True)) > _ROUNDING:
+        spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), values)
+        spec.erase_attribute(TAG)
 
 
 # --- lost metadata ---
@@ -185,6 +217,8 @@ def warn_of_loss(
 
 def _lost(wanted: oiio.ImageSpec, arrived: oiio.ImageSpec) -> Iterator[str]:
     read, space = arrived.get_string_attribute(TAG), wanted.get_string_attribute(TAG)
+    if not read and arrived.getattribute("ICCProfile") is not None:  # which describes the space
+        space = ""
     if space and (read or is_ours(wanted) or not _same(space, _SRGB)) and not (read and _encoded_alike(space, read)):
         yield f"the color space {space}" + (f" (it is read as {read})" if read else "")
     # EXR has no empty strings

@@ -161,10 +161,8 @@ def specs_of(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio
                 spec.attribute("PixelAspectRatio", shared)
             if not spec.tile_width or not part.levels:
                 spec.erase_attribute("textureformat")
-            if (
-                out.format_name() == "pnm"
-            ):  # the writer stores floats from the bottom up, but the reader expects top down
-                spec.attribute("pnm:pfmflip", 0)
+            if out.format_name() == "pnm":  # PFM has its rows from the bottom; the writer would flip all
+                spec.attribute("pnm:pfmflip", int(spec.format in (oiio.FLOAT, oiio.HALF)))
             for name, value in how.attributes.items():
                 if value is None:
                     spec.erase_attribute(name)

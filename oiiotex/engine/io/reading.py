@@ -14,6 +14,7 @@ from pathlib import Path
 from ..core.demand import assembled
 from ..core.image import IDS, Image, Part, dtype_of, in_memory, unrounded
 from ..core.piece_cache import PieceCache
+from ..core.upright import upright
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError, one_line
@@ -32,6 +33,7 @@ def read(
     cache: PieceCache | None = None,
     *,
     native: bool = False,
+    turned: bool = True,
     config: oiio.ImageSpec | None = None,
 ) -> Image:
     """Open an image file; pixels are read on demand.
@@ -43,6 +45,8 @@ def read(
         Cache of decoded pieces. Default: a new one.
     native : bool
         oiiotool's ops work in the file's pixel type.
+    turned : bool
+        Whether pixels are turned upright, as the file's Orientation says.
     config : oiio.ImageSpec, optional
         Hints for the file's reader, as attributes.
 
@@ -61,7 +65,8 @@ def read(
     for specs in source.specs():
         levels = [_part(source, cache, spec, (len(parts), level), native) for level, spec in enumerate(specs)]
         parts.append(dataclasses.replace(levels[0], levels=tuple(levels[1:])))
-    return Image(tuple(parts), path)
+    image = Image(tuple(parts), path)
+    return upright(image) if turned else image
 
 
 def checked_name(path: str | os.PathLike[str]) -> str:
@@ -102,7 +107,7 @@ class _OpenFile:
     def __init__(self, path: str, config: oiio.ImageSpec | None):
         self.path = path
         self.place = os.path.abspath(path)  # the caller may change the current folder
-        self._config = config
+        self._config = config or oiio.ImageSpec()  # without hints the PFM reader would not flip its rows upright
         self._lock = threading.Lock()
         self._state = _state_of(path)
         self._input = self._open()
@@ -110,8 +115,7 @@ class _OpenFile:
         _sources.add(self)
 
     def _open(self) -> oiio.ImageInput:
-        config = (self._config,) if self._config else ()
-        opened = oiio.ImageInput.open(self.place, *config)
+        opened = oiio.ImageInput.open(self.place, self._config)
         if opened is None:
             message = error_text(oiio.geterror) or "unknown format"
             raise ImageError(f"{self.path}: cannot read the image: {message}")
@@ -139,7 +143,7 @@ class _OpenFile:
         while self._input.seek_subimage(subimage, 0):
             levels: list[oiio.ImageSpec] = []
             while self._input.seek_subimage(subimage, len(levels)):
-                spec = oiio.ImageSpec(self._input.spec())
+                spec = _checked(oiio.ImageSpec(self._input.spec()), self.path)
                 if spec.depth > 1:
                     raise ImageError(f"{self.path}: volume images are not supported")
                 if self.format == "tiff" and spec.format == oiio.DOUBLE:
@@ -187,7 +191,7 @@ class _OpenFile:
     def deep(self, where: tuple[int, int]) -> oiio.ImageBuf:
         """All pixels of a deep (subimage, level)."""
         with self._lock:
-            buffer = oiio.ImageBuf(self.place, *where, self._config or oiio.ImageSpec())
+            buffer = oiio.ImageBuf(self.place, *where, self._config)
             if not buffer.read(*where, True) or buffer.has_error:
                 raise ImageError(f"{self.path}: cannot read the pixels: {error_text(buffer.geterror)}")
             return buffer
@@ -200,6 +204,33 @@ class _OpenFile:
         if small is None or not small.initialized:
             raise ImageError(f"{self.path}: cannot read the thumbnail: {message or 'the file is damaged'}")
         return small
+
+
+def _checked(spec: oiio.ImageSpec, path: str) -> oiio.ImageSpec:
+    """A file's spec without fields that contradict each other, as readers deliver of some files.
+
+    Raises
+    ------
+    ImageError
+        The image has a negative size or no channels.
+    """
+    if spec.width < 0 or spec.height < 0 or spec.nchannels < 1:
+        size = f"{spec.width}x{spec.height} pixels of {spec.nchannels} channels"
+        raise ImageError(f"{path}: the file is damaged: it says that the image has {size}")
+    if len(spec.channelnames) != spec.nchannels:
+        spec.default_channel_names()
+    if len(spec.channelformats) not in (0, spec.nchannels):
+        spec.channelformats = ()
+    names = [name.lower() for name in spec.channelnames]
+    if spec.alpha_channel not in range(-1, spec.nchannels):  # GIF: it counts from 1
+        spec.alpha_channel = next((names.index(name) for name in ("a", "alpha") if name in names), -1)
+    if spec.z_channel not in range(-1, spec.nchannels):
+        spec.z_channel = next((names.index(name) for name in ("z", "depth") if name in names), -1)
+    if spec.tile_width < 1 or spec.tile_height < 1:
+        spec.tile_width = spec.tile_height = 0
+    if spec.full_width < 1 or spec.full_height < 1:
+        Window.data(spec).show_in(spec)
+    return spec
 
 
 def _state_of(path: str) -> tuple[int, ...] | None:

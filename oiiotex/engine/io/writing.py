@@ -28,6 +28,7 @@ log = logging.getLogger("oiiotex")
 _BLOCK_ROWS = 64  # bands are multiples of it: no format compresses more scanlines together, except DWAB with 256
 _PIPED = ("jpeg", "webp")  # on a full disk libjpeg ends the process, and libwebp's writer never returns
 _AT_CLOSE = ("gif", "jpegxl", "webp")  # encoded as a whole on close
+_MOST_HALF = 65504.0
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _NOT_WHOLE = "the file is incomplete: is the disk full?"
 _COPY = "cat && exit; code=$?; cat >/dev/null; exit $code"  # the writer must not wait forever
@@ -200,6 +201,7 @@ def _write_parts(
 ) -> None:
     total = sum(spec.height for levels in specs for spec in levels)
     written = 0  # rows
+    clamped = 0  # values
     for n, (part, levels) in enumerate(zip(image.parts, specs, strict=True)):
         for m, spec in enumerate(levels):
             _open(out, temporary, path, [s[0] for s in specs], n, m, spec)
@@ -217,12 +219,31 @@ def _write_parts(
                 written += spec.height
                 continue
             for window, pixels in stream(part.levels[m - 1] if m else part, bands):
+                pixels, count = _in_half(pixels, spec)
+                clamped += count
                 if not _put(out, spec, window.shifted(x, y), np.ascontiguousarray(pixels)):
                     row = window.top - spec.y
                     raise ImageError(f"{path}: writing failed at row {row}: {_error_text(out, temporary, path)}")
                 written += window.height if window.right == spec.x + spec.width else 0
                 if advance is not None:
                     advance(written, total)
+    if clamped:
+        log.warning("%s: %d values beyond the range of half are clamped to +-65504: add -d float", path, clamped)
+
+
+def _in_half(pixels: np.ndarray, spec: oiio.ImageSpec) -> tuple[np.ndarray, int]:
+    """Pixels whose finite values stay finite in the channels that are stored as half, and the number of clamped values.
+
+    OpenImageIO stores larger values as Inf.
+    """
+    halves = [spec.channelformat(channel) == oiio.HALF for channel in range(spec.nchannels)]
+    if not any(halves) or pixels.dtype.kind != "f" or pixels.dtype.itemsize == 2:
+        return pixels, 0
+    large = np.isfinite(pixels) & (np.abs(pixels) > _MOST_HALF) & np.array(halves)
+    count = int(np.count_nonzero(large))
+    return (
+        (np.where(large, np.copysign(pixels.dtype.type(_MOST_HALF), pixels), pixels), count) if count else (pixels, 0)
+    )
 
 
 def _open(
@@ -263,6 +284,11 @@ def _bands(part: Part, spec: oiio.ImageSpec) -> Iterator[Window]:
 def _put(out: oiio.ImageOutput, spec: oiio.ImageSpec, window: Window, pixels: np.ndarray) -> bool:
     if spec.tile_width:
         return out.write_tiles(window.left, window.right, window.top, window.bottom, 0, 1, pixels)
+    # PFM: its writer flips only rows of the file's own type
+    if out.format_name() == "pnm" and spec.format in (oiio.FLOAT, oiio.HALF):
+        band = oiio.ImageBuf(oiio.ImageSpec(window.width, window.height, spec.nchannels, oiio.FLOAT))
+        band.set_pixels(band.roi, pixels)
+        pixels = present(band.get_pixels(oiio.FLOAT))
     return out.write_scanlines(window.top, window.bottom, 0, pixels)
 
 
@@ -336,7 +362,7 @@ def require_arrived(temporary: Path, path: Path, image: Image, format_name: str)
     """
     try:
         _require_room(temporary)
-        arrived = read(temporary).parts
+        arrived = read(temporary, turned=False).parts
         for level in (level for part in arrived for level in (part, *part.levels)):
             last = level.window.bottom - 1
             level.buffer(Window(level.window.left, last, level.window.right, last + 1))

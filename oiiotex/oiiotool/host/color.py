@@ -14,6 +14,7 @@ from ...engine.core.image import Image, Part, channels_of
 from ...engine.core.parameters import Numbers, argument, image, param
 from ...engine.deferred import np, oiio
 from ...engine.errors import ColorError, ImageError, ParameterError
+from ...engine.io.evidence import evidence_in
 from ...engine.session.facts import Facts
 from .kinds import HostOp, Respec, checked, op, pointwise, worked
 
@@ -77,6 +78,7 @@ class OnColor(HostOp, Pointwise):
         path = facts.color.path
         variables = zip(*(getattr(self, name, "").split(",") for name in ("key", "value")), strict=False)
         facts.color.require_files(dict(variables), self.opened())
+        part = facts.color.believed(Image(tuple(parts[:1]), "")).first
 
         def convert(color: oiio.ImageBuf) -> oiio.ImageBuf:
             try:
@@ -85,7 +87,7 @@ class OnColor(HostOp, Pointwise):
                 known = ", ".join(self.known(facts.color.names))
                 raise ColorError(f"{error} ({path}{f' has {known}' if known else ''})") from None
 
-        made = pointwise(parts, parts[0].window, lambda source: _converted(source, convert))
+        made = pointwise((part,), part.window, lambda source: _converted(source, convert))
         spec = oiio.ImageSpec(made.spec)
         tag_colors(spec, self.space_of_result(spec.get_string_attribute(TAG)))
         return replace(made, spec=spec)
@@ -111,6 +113,10 @@ def _space(given: str, spec: oiio.ImageSpec) -> str:
         return given
     tag = spec.get_string_attribute(TAG)
     if not tag:
+        evidence = evidence_in(spec)
+        if evidence is not None:
+            problem = f"the image has {evidence.text}, which matches no color space of the config"
+            raise ColorError(problem, hint="add --iscolorspace NAME before this op")
         raise ColorError("the image has no color space tag", hint="add --iscolorspace NAME before this op")
     return tag
 

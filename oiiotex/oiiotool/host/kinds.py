@@ -38,6 +38,7 @@ class HostOp(Op):
     """Works part by part: on the first, on all, or on selected ones."""
 
     prefix: ClassVar[str] = "--"
+    turns: ClassVar[bool] = False
     mixes: ClassVar[bool] = True  # it computes new values; otherwise it only moves or copies the source's
     spares: ClassVar[bool] = False  # it copies channels that are not color, such as ids of Cryptomatte
     keeps: ClassVar[bool] = False  # parts that it does not work on are kept

@@ -8,6 +8,7 @@ from oiiotex.engine.core.attributes import PARAMETERS, TAG
 from oiiotex.engine.core.demand import resized
 from oiiotex.engine.core.image import Image, Part, channels_of, from_array, tagged
 from oiiotex.engine.core.piece_cache import PieceCache
+from oiiotex.engine.core.upright import upright
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.io.paint_palette import write_indexed
 from oiiotex.engine.io.reading import read

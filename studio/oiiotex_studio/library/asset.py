@@ -381,12 +381,13 @@ def _steps(heights: np.ndarray) -> float:
 
 
 def _write_texture(source: Path, target: Path) -> None:
-    """Write a MIP-mapped, periodic texture."""
+    """Write a MIP-mapped, periodic texture, upright: renderers ignore Orientation."""
     config = oiio.ImageSpec()
     config.tile_width = config.tile_height = 64
     config.tile_depth = 1
     config.attribute("wrapmodes", "periodic,periodic")
-    if not oiio.ImageBufAlgo.make_texture(oiio.MakeTxTexture, str(source), str(target), config):
+    upright = oiio.ImageBufAlgo.reorient(oiio.ImageBuf(str(source)))
+    if not oiio.ImageBufAlgo.make_texture(oiio.MakeTxTexture, upright, str(target), config):
         raise Error(f"{target}: {oiio.geterror()}")
 
 

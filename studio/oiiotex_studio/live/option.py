@@ -9,7 +9,7 @@ from pathlib import Path
 
 from oiiotex.engine.errors import ParameterError
 
-from ..api.images import Image
+from ..api.images import Image, upright
 from ..api.lines import LANGUAGE, Chain, CommandLine, Option, param, parse, require_device
 
 
@@ -51,7 +51,7 @@ def show(chain: Chain, given: LiveModifiers) -> None:
 def _photos(
     stack: Sequence[Image], words: Sequence[str], before: CommandLine
 ) -> tuple[list[tuple[Image, tuple[str, ...]]], tuple[str, ...]]:
-    """Every image of the stack, from the bottom, with the line that leaves it on top; options that apply throughout.
+    """Every image of the stack, from the bottom and upright, with its line, which leaves it on top; general options.
 
     A line that only reads and tags files is split into one line per file. Other lines are kept whole, and pop the
     images above.
@@ -71,7 +71,7 @@ def _photos(
         lines = [(*throughout, *said) for said in own]
     else:
         lines = [(*words, *["--pop"] * above) for above in reversed(range(len(stack)))]
-    return list(zip(stack, lines, strict=True)), tuple(throughout)
+    return list(zip(map(upright, stack), lines, strict=True)), tuple(throughout)
 
 
 OPTION = Option("--texlive", show, LiveModifiers, heading="Viewing")

@@ -251,7 +251,7 @@ def photo_linear(photo: Image, space: str, resources: Resources) -> np.ndarray:
     """A photo as linear Rec. 709 in the height of the report's cards. `space`: its color space; '': as tagged."""
     pixels = values(photo)
     small = resized(pixels, max(1, round(CARD * pixels.shape[1] / pixels.shape[0])), CARD)
-    space = space or photo.first.spec.get_string_attribute(TAG)
+    space = space or resources.color.believed(photo).first.spec.get_string_attribute(TAG)
     return linear_of(tagged(from_array(small), space).first, resources)
 
 

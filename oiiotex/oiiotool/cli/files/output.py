@@ -291,7 +291,8 @@ def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bo
     kind = colors.pixel_type(space)
     if kind is not None and kind[0] != oiio.TypeDesc("float"):
         how = dataclasses.replace(how, pixel_type=kind[0], bits=kind[1])
-    current = image.first.spec.get_string_attribute("oiio:ColorSpace") or colors.linear
+    spec = image.first.spec
+    current = spec.get_string_attribute("oiio:ColorSpace") or colors.described(spec) or colors.linear
     if current is None or colors.same(current, space):
         return image, how
     convert = ColorConvert(

@@ -179,7 +179,8 @@ def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
     from ...host.color import ColorConvert
 
     colors = chain.session.resources.color
-    space = colors.space_in_name(path) or chain.top.first.spec.get_string_attribute("oiio:ColorSpace")
+    spec = chain.top.first.spec
+    space = colors.space_in_name(path) or spec.get_string_attribute("oiio:ColorSpace") or colors.described(spec)
     linear = colors.linear
     if space and linear and not colors.same(space, linear):
         chain.apply(ColorConvert, from_space=space, to_space=linear, strict=False, unpremult=unpremult)

@@ -49,6 +49,7 @@ def show(chain: Chain, given: ViewModifiers) -> None:
 
 def _linear(chain: Chain, image: Image) -> Image:
     """The image in tev's linear Rec. 709, if its color space is known."""
+    image = chain.session.resources.color.believed(image)
     tag = image.first.spec.get_string_attribute("oiio:ColorSpace")
     if not tag or chain.session.resources.color.is_data(tag):
         return image

@@ -12,6 +12,7 @@ from ....engine.core.demand import stream
 from ....engine.core.image import Part, cropped, dtype_of, pixels_of
 from ....engine.core.window import Window
 from ....engine.deferred import np, oiio
+from ....engine.errors import ImageError
 
 ROWS = 64  # per band; OpenImageIO also sums this number of rows before it merges the sums
 
@@ -51,6 +52,8 @@ def over_channels(combine: Callable[..., np.ndarray], values: np.ndarray) -> np.
 
 def part_statistics(part: Part, window: Window | None = None, channels: int | None = None) -> Statistics:
     """The statistics of a part, or of the first channels of a window, which is black outside the part."""
+    if part.window.empty:
+        raise ImageError("the image has no pixels")
     window = part.window if window is None else window
     seen = part if window & part.window == window else cropped(part, window)
     count = part.spec.nchannels

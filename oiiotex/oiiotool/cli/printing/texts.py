@@ -129,7 +129,7 @@ def _window(text: str, whole: Window) -> Window:
     from ...host.geometry_text import box_of, parse_box
 
     window = parse_box(text, box_of(whole), scaling=True).window() if text else whole
-    if window.empty:
+    if text and window.empty:
         raise ParameterError(parameter="window", value=text, expected="a region with at least one pixel")
     return window
 

@@ -179,7 +179,7 @@ class Chain:
             images = self.images_of(bound)
         del self.stack[len(self.stack) - count :]
         for image in (self._entitled(op, operands, image) for image in images):
-            self.push(_with_metadata_of(operands, image) if self.settings.get("--metamerge") else image)
+            self.push(_with_metadata_of(bound.operands(), image) if self.settings.get("--metamerge") else image)
         self.user |= bound.user_variables()
         self._rename(bound.renamed())
         self.unwritten = True
@@ -238,8 +238,8 @@ class Chain:
         """Called before a file is written; in a rehearsal it checks that writing is possible."""
 
     def opened(self, path: str, native: bool = False, config: oiio.ImageSpec | None = None) -> Image:
-        """The image of a file."""
-        return read(path, self.session.resources.cache, native=native, config=config)
+        """The image of a file, with its pixels as stored."""
+        return read(path, self.session.resources.cache, native=native, turned=False, config=config)
 
     def require_free(self, path: str) -> None:
         """Refuse a name that an op has just written."""

@@ -113,6 +113,7 @@ def hub_of(
         assert photo is not None
         first, words, name = photo.image, photo.words, photo.image.source
         require_memory(photo, session)
+    first = color.believed(first)
     tag = first.first.spec.get_string_attribute(TAG)
     space = color.resolve(tag) if tag else None
     stem = Path(name).stem

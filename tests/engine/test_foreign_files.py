@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files that other programs wrote, and our files in other programs; the oracle of reading is the wheel's oiiotool."""
+
+import io
+import shlex
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+import tifffile
+from PIL import Image
+
+from oiiotex.engine.io.reading import read
+from oiiotex.oiiotool.cli.running.line_run import run
+from tests.peer import OIIOTOOL
+
+WIDTH, HEIGHT = 23, 14
+
+
+def ramp(channels: int = 3) -> np.ndarray:
+    """Different in all four corners: a flipped row order shows."""
+    y, x = np.indices((HEIGHT, WIDTH))
+    planes = [x * 9, y * 16, (x * y) % 250, 250 - x * 3]
+    return np.stack(planes[:channels], -1).astype(np.uint8)
+
+
+def pil(channels: int = 3, mode: str = "", **how: object) -> Callable[[Path], object]:
+    picture = Image.fromarray(ramp(channels) if channels > 1 else ramp(1)[..., 0])
+    picture = picture.convert(mode) if mode else picture
+    return lambda path: picture.save(path, **how)
+
+
+def pnm(head: str, pixels: np.ndarray) -> Callable[[Path], object]:
+    """By the format's description."""
+    return lambda path: path.write_bytes(head.format(WIDTH, HEIGHT).encode() + pixels.tobytes())
+
+
+def fits(path: Path) -> None:
+    """By the standard: rows from the bottom, big-endian floats."""
+    cards = ("SIMPLE  =                    T", "BITPIX  =                  -32", "NAXIS   =                    2",
+             f"NAXIS1  = {WIDTH:20}", f"NAXIS2  = {HEIGHT:20}", "END")  # fmt: skip
+    pixels = (ramp(1)[::-1, :, 0] / 255).astype(">f4").tobytes()
+    head = "".join(card.ljust(80) for card in cards).ljust(2880).encode()
+    path.write_bytes(head + pixels.ljust(-(-len(pixels) // 2880) * 2880, b"\0"))
+
+
+def radiance(path: Path) -> None:
+    """Flat RGBE pixels: value = mantissa / 256 * 2^(exponent - 128)."""
+    pixels = np.concatenate([ramp(), np.full((HEIGHT, WIDTH, 1), 129, np.uint8)], -1)
+    path.write_bytes(f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {HEIGHT} +X {WIDTH}\n".encode() + pixels.tobytes())
+
+
+FLOATS = (ramp() / 255).astype(np.float32)
+FOREIGN: dict[str, Callable[[Path], object]] = {
+    "rgb.bmp": pil(), "gray.bmp": pil(1), "palette.bmp": pil(mode="P"), "rgb.dds": pil(), "rgba.dds": pil(4),
+    "palette.gif": pil(mode="P"), "rgba.ico": pil(4, sizes=[(16, 14)]), "lossless.jp2": pil(irreversible=False),
+    "rgb.jpg": pil(), "gray.jpg": pil(1), "progressive.jpg": pil(progressive=True),
+    "rgb.png": pil(), "rgba.png": pil(4), "palette.png": pil(mode="P"), "bits.png": pil(1, mode="1"),
+    "rgb.sgi": pil(), "rle.tga": pil(compression="tga_rle"), "rgba.tga": pil(4),
+    "rgb.tif": pil(), "lzw.tif": pil(compression="tiff_lzw"), "rgb.webp": pil(lossless=True),
+    "big.tif": lambda path: tifffile.imwrite(path, ramp().astype(np.uint16) * 257, byteorder=">", bigtiff=True),
+    "float.tif": lambda path: tifffile.imwrite(path, FLOATS, tile=(16, 16)),
+    "planar.tif": lambda path: tifffile.imwrite(path, np.moveaxis(ramp(), -1, 0), planarconfig="separate",
+                                                photometric="rgb"),
+    "imageio.png": lambda path: imageio.imwrite(path, ramp()),
+    "p4.pbm": pil(1, mode="1"), "p5.pgm": pil(1), "p6.ppm": pil(), "f.pfm": pil(1, mode="F"),
+    "p6_16.ppm": pnm("P6\n{} {}\n65535\n", ramp().astype(">u2") * 257),
+    "le.pfm": pnm("PF\n{} {}\n-1.0\n", FLOATS[::-1].astype("<f4")),
+    "be.pfm": pnm("PF\n{} {}\n1.0\n", FLOATS[::-1].astype(">f4")),
+    "gray.fits": fits, "flat.hdr": radiance,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_a_foreign_file_is_read_as_by_oiiotool(tmp_path, name):
+    FOREIGN[name](tmp_path / name)
+    subprocess.run([OIIOTOOL, name, "-d", "float", "-o", "theirs.exr"], cwd=tmp_path, check=True, capture_output=True)
+    assert run(shlex.split(f"{name} -d float -o ours.exr"), tmp_path) == 0
+    ours, theirs = (oiio.ImageBuf(str(tmp_path / f"{which}.exr")) for which in ("ours", "theirs"))
+    np.testing.assert_array_equal(ours.get_pixels(oiio.FLOAT), theirs.get_pixels(oiio.FLOAT))
+    assert ours.spec().channelnames == theirs.spec().channelnames
+
+
+@pytest.mark.parametrize(
+    "name", ["rgb.bmp", "rgb.png", "rgb.sgi", "rle.tga", "rgb.tif", "rgb.webp", "p6.ppm", "le.pfm", "be.pfm"]
+)
+def test_a_foreign_file_has_its_rows_from_the_top(tmp_path, name):
+    FOREIGN[name](tmp_path / name)
+    pixels = read(tmp_path / name).first.pixels()
+    np.testing.assert_array_equal(pixels, FLOATS if name.endswith("pfm") else ramp())
+
+
+@pytest.mark.parametrize("suffix", ["bmp", "png", "tga", "tif", "sgi", "ppm", "pgm", "pfm", "webp"])
+def test_our_files_are_upright_in_other_programs(tmp_path, suffix):
+    """Gray where the other program reads only gray."""
+    gray = suffix in ("pgm", "pfm")
+    Image.fromarray(ramp(1)[..., 0] if gray else ramp()).save(tmp_path / "a.png")
+    kind = "float" if suffix == "pfm" else "uint8"
+    assert run(shlex.split(f"a.png -d {kind} --compression lossless -o o.{suffix}"), tmp_path) == 0
+    theirs = np.asarray(Image.open(io.BytesIO((tmp_path / f"o.{suffix}").read_bytes())), np.float64)
+    expected = (ramp(1)[..., 0] if gray else ramp()) / (255 if suffix == "pfm" else 1)
+    np.testing.assert_allclose(theirs, expected, atol=1e-6)
