@@ -288,18 +288,24 @@ class Run:
 
 
 def differences(first: str, second: str) -> dict[str, Any]:
-    """By part: the share of pixels that differ in any channel, or that the shapes do."""
+    """By part: the share of pixels that differ in any channel, and the first place that does with both values.
+
+    None: the shapes differ.
+    """
     with np.load(first) as mine, np.load(second) as theirs:
         parts: dict[str, Any] = {}
         for name in sorted({*mine, *theirs}):
             if name not in mine or name not in theirs or mine[name].shape != theirs[name].shape:
                 parts[name] = None
                 continue
-            a, b = (
-                side[name].view(f"u{side[name].itemsize}") for side in (mine, theirs)
-            )  # bits, so that NaN compares equal
+            values = mine[name], theirs[name]
+            a, b = (one.view(f"u{one.itemsize}") for one in values)  # bits, so that NaN compares equal
             apart = a != b
-            parts[name] = float((apart.any(-1) if apart.ndim > 2 else apart).mean())
+            part: dict[str, Any] = {"share": float((apart.any(-1) if apart.ndim > 2 else apart).mean())}
+            if apart.any():
+                place = np.unravel_index(int(apart.argmax()), apart.shape)
+                part |= {"place": [int(n) for n in place], "values": [one[place].item() for one in values]}
+            parts[name] = part
     return parts
 
 
@@ -319,7 +325,8 @@ def run_tests(files: list[str], device: str, seconds: float) -> dict[str, Any]:
         report, said = Path(folder) / "report", Path(folder) / "said"
         report.touch()
         command = [sys.executable, "-m", "pytest", "-q", "-o", "addopts=", "-p", "no:cacheprovider"]
-        command += ["-p", "benchmarks.gpu.outcomes", "-m", "not slow", *files]
+        command += ["-p", "benchmarks.gpu.outcomes", "-m", "not slow"]
+        command += ["--continue-on-collection-errors", *files]  # modules that do not import are failures of their own
         processes = min(8, usable_threads() // 2)
         if util.find_spec("xdist") is not None and processes > 1:
             command += ["-n", str(processes)]

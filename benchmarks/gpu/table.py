@@ -182,10 +182,20 @@ def _bits(results: dict[str, Any]) -> list[str]:
             rows.append((row["workload"], "failed", short(row["error"])))
             continue
         parts = row["parts"]
-        apart = {name.strip(): share for name, share in parts.items() if share != 0.0}
-        said = ", ".join(f"{n}: {'other shape' if s is None else f'{s:.3%} of pixels'}" for n, s in apart.items())
+        apart = [f"{name.strip()}: {difference(part)}" for name, part in parts.items() if difference(part)]
+        said = ", ".join(apart)
         rows.append((row["workload"], f"{len(parts) - len(apart)} of {len(parts)}", short(said)))
     return _rows("| bits, at 256 px | parts that are equal | what differs |", rows)
+
+
+def difference(part: dict[str, Any] | None) -> str:
+    """What `differences` says of a part, in words; empty where it is equal."""
+    if part is None:
+        return "other shape"
+    if not part["share"]:
+        return ""
+    first, second = part["values"]
+    return f"{part['share']:.3%} of pixels, first at {part['place']}: {first!r} and {second!r}"
 
 
 def _tests(results: dict[str, Any]) -> list[str]:

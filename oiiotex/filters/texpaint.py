@@ -79,7 +79,7 @@ class Paint(Reported, Quilted):
         if self.fromplan is not None and self.fine is None and present(read_begun(self.fromplan, facts.budget)).fine:
             self.inform("%s has a fine painting, which this run does not overlay", self.fromplan)
         asked = self.size or self.painting.first.window.size
-        quality = Quality.of_copies(self, facts, asked, painted=True)
+        quality = Quality.of_copies(self, facts, asked, painted=True, judged=False)
         table = None if self.palette is None else read_table(self.palette, self.tolerance)
         levels = label_levels(self.exemplar, self.labels)
         level = self.labellevel or (table.level if table else None) or opened_level(levels)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from oiiotex.engine.color.config import DEFAULT_CONFIG, TAG, ColorConfig, space_
 from oiiotex.engine.core.image import tagged
 from oiiotex.engine.errors import ColorError
 from oiiotex.engine.io.reading import read
+from oiiotex.engine.shipped import shipped
 from tests.colored import SRGB, image_of, lab, seen
 
 CONFIG = """\
@@ -213,7 +213,7 @@ def test_a_space_that_lacks_its_file_is_refused(studio):
 
 
 def test_our_own_config_is_valid_and_holds_the_working_space():
-    own = ocio.Config.CreateFromStream((resources.files("oiiotex.ocio") / "oiiotex.ocio").read_text())
+    own = ocio.Config.CreateFromStream((shipped("ocio", "ocio") / "oiiotex.ocio").read_text())
     own.validate()
     assert (own.getMajorVersion(), own.getMinorVersion()) == (2, 0)
     assert own.getColorSpace("Lab") is not None

@@ -4,6 +4,11 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +16,7 @@ import pytest
 from benchmarks.gpu import bounds, table
 from benchmarks.gpu import run as gpu
 
+ROOT = Path(__file__).parents[2]
 SLIC, QUILT = "SLIC, ten iterations", "texquilt"
 # on the path of a worker: a GPU that is the CPU seen as one, and what a driver does that does not like a kernel
 FAULT = """
@@ -31,6 +37,19 @@ def broken(self, name, *arguments, **options):
         {fault}
     launch(self, name, *arguments, **options)
 Program.__call__ = broken
+"""
+
+# what packs, compares and times, each with one workload
+BARE = f"""
+import sys
+from pathlib import Path
+from benchmarks.gpu import compare, run, workloads
+workloads.COMPARED = ["{SLIC}"]
+compare.expect(Path(sys.argv[1]))
+whole = run.Run("cpu", 1, [64], Path(sys.argv[1]) / "gpu.md")
+whole.time(run.Worker("cpu"), "device", "{SLIC}", 64)
+assert "seconds" in whole.results["filters"][0], whole.results
+compare.check(Path(sys.argv[1]), "cpu", Path(sys.argv[1]) / "bits.md")
 """
 
 
@@ -73,7 +92,7 @@ def test_a_kernel_that_fails_is_a_row_and_all_else_goes_on(tmp_path, planted):
     assert rows_of(text, f"{SLIC} | 64")[0][2:5] == figures
     faster = results["filters"][3]["seconds"] / seconds
     assert rows_of(text, f"{SLIC} | 64")[0][7] == f"{faster:.1f}"
-    assert [set(row["parts"].values()) for row in results["bits"]] == [{0.0}]
+    assert [[part["share"] for part in row["parts"].values()] for row in results["bits"]] == [[0.0]]
     [built] = rows_of(text, "superpixels")
     assert float(built[2]) > 0 and "failed" not in built
     kernel = rows_of(text, "`superpixels_assign`")[0]
@@ -129,6 +148,7 @@ def test_outcomes_of_tests_are_counted_also_of_a_run_that_dies(tmp_path):
         "def test_unprepared(nothing_of_that_name): pass\n"
         "def test_deadly(): os.abort()\n"
     )
+    (tmp_path / "test_unimported.py").write_text("import nothing_of_that_name\ndef test_a(): pass\n")
     made = gpu.run_tests([str(tmp_path / "test_some.py")], "7", 60)
     assert [made[n] for n in ("collected", "passed", "failed", "skipped")] == [5, 1, 2, 1]
     assert made["ended"] == "it died (SIGABRT)"
@@ -146,7 +166,26 @@ def test_differences_are_counted_by_pixels_and_to_the_bit(tmp_path):
     for name, arrays in (("first", first), ("second", second)):
         np.savez(tmp_path / f"{name}.npz", **arrays)
     found = gpu.differences(f"{tmp_path}/first.npz", f"{tmp_path}/second.npz")
-    assert found == {"a": 0.05, "b": 0.0, "c": None}
+    there = {"share": 0.05, "place": [1, 2, 0], "values": [0.0, float(np.float32(1e-30))]}
+    assert found == {"a": there, "b": {"share": 0.0}, "c": None}
+    assert table.difference(found["a"]) == "5.000% of pixels, first at [1, 2, 0]: 0.0 and 1.0000000031710769e-30"
+    assert [table.difference(found[name]) for name in "bc"] == ["", "other shape"]
+
+
+def test_a_bare_checkout_is_compared_and_timed(tmp_path):
+    """A copy that nothing has installed, with dependencies on the path and without a network where that is allowed."""
+    for name in ("oiiotex", "benchmarks", "tests", "tools", "ocio"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__", "results"))
+    alone = ["unshare", "-rn"]
+    allowed = subprocess.run([*alone, "true"], capture_output=True).returncode == 0
+    python = [*(alone if allowed else []), str(Path(sys.base_prefix) / "bin" / "python3")]
+    paths = ":".join(map(str, (tmp_path, *(p for p in sys.path if p.endswith("site-packages")))))
+    said = subprocess.run(
+        [*python, "-c", BARE, str(tmp_path / "bits")], cwd=tmp_path, env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert said.returncode == 0, said.stderr
+    assert said.stdout.splitlines()[-1] == f"| {SLIC} | 0: equal |"
 
 
 def test_kernel_tests_are_found():

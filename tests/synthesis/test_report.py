@@ -30,22 +30,24 @@ QUICK = {"iterations": 3, "seed": 1}
 COPIES = {"texture", "copied", "shown", "repeat"}
 PAINTED = {"label", "label_shown", "label_repeat"}
 ACROSS = {"seam", "seam_x", "seam_x_photo", "quieter_x", "salient"}
-SEAMS = ACROSS | {"seam_y", "seam_y_photo", "quieter_y"}
-ALWAYS = {"cost", "cost_photo", "loss", "fidelity", "band_96", "band_48", "band_24", "shapes", "lines", "missing"}
+SEAMS = ACROSS | {"seam_y", "seam_y_photo", "quieter_y", "waves"}
+ALWAYS = {"cost", "cost_photo", "loss"}
+LIKE = {"fidelity", "band_96", "band_48", "band_24", "shapes", "lines", "missing"}  # of what is to look like the photo
+OF_TILES = LIKE | COPIES | {"broken"}
 LOSSES = {"textured", "textured_photo", "regular", "regular_photo"}  # the photo is of bricks
 LABELS = {"labels": quarters(), "patch": 16}
 MADE = {  # what is measured beside what always is, and how it is made
-    "stationarize": (COPIES | SEAMS | LOSSES, lambda **more: filters.stationarize(buffer(PHOTO), **QUICK, **more)),
-    "patchmatch": (COPIES | ACROSS, lambda **more: filters.patchmatch(buffer(PHOTO), **QUICK, tiles="x", **more)),
-    "quilt": (COPIES | SEAMS, lambda **more: filters.quilt(buffer(PHOTO), size=(80, 64), tiles="xy", **more)),
-    "cut": (COPIES | SEAMS, lambda **more: filters.cut(buffer(PHOTO), size=(60, 60), **more)),
+    "stationarize": (OF_TILES | SEAMS | LOSSES, lambda **more: filters.stationarize(buffer(PHOTO), **QUICK, **more)),
+    "patchmatch": (OF_TILES | ACROSS, lambda **more: filters.patchmatch(buffer(PHOTO), **QUICK, tiles="x", **more)),
+    "quilt": (OF_TILES | SEAMS, lambda **more: filters.quilt(buffer(PHOTO), size=(80, 64), tiles="xy", **more)),
+    "cut": (OF_TILES | SEAMS, lambda **more: filters.cut(buffer(PHOTO), size=(60, 60), **more)),
     "composite": (COPIES, lambda **more: filters.composite(buffer(PHOTO), size=(80, 72), **LABELS, **more)),
     "paint": (COPIES | PAINTED, lambda **more: filters.paint(buffer(PHOTO), quarters(), **LABELS, **more)),
     "synth": (
-        COPIES | SEAMS,
+        OF_TILES | SEAMS,
         lambda **more: filters.synth(buffer(PHOTO), size=(64, 64), tiles="xy", exemplarside=64, **more),
     ),
-    "zoom": (set(), lambda **more: filters.zoom(buffer(PHOTO), size=(64, 48), exemplarside=64, **more)),
+    "zoom": (LIKE, lambda **more: filters.zoom(buffer(PHOTO), size=(64, 48), exemplarside=64, **more)),
 }
 
 

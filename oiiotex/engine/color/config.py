@@ -7,7 +7,6 @@ import copy
 import functools
 import os
 from collections.abc import Callable
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from ..core.parameters import nearest
 from ..deferred import np, ocio, oiio
 from ..errors import COLORSPACE, IS_DATA, ColorError, ImageError, either, one_line
 from ..io.documents import require_regular
+from ..shipped import shipped
 from .normal_maps import warn_of_normals
 
 # OpenImageIO embeds another OpenColorIO than PyOpenColorIO, so 'ocio://default' would mean two configs.
@@ -207,7 +207,7 @@ def _builtin() -> ocio.Config:
 
 @functools.cache
 def _lab_config() -> ocio.Config:
-    return ocio.Config.CreateFromStream((resources.files("oiiotex.ocio") / "oiiotex.ocio").read_text())
+    return ocio.Config.CreateFromStream((shipped("ocio", "ocio") / "oiiotex.ocio").read_text())
 
 
 def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:

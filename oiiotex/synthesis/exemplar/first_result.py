@@ -19,7 +19,7 @@ from ...engine.stats import Stats
 from ..patchmatch.optimization import Synthesis
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.use_prices import SLACK
-from ..quality.fidelity import GOOD, Fidelity, fidelity
+from ..quality.fidelity import FAIR, GOOD, Fidelity, fidelity
 from ..quality.seam_measures import seam_ratio
 from .exemplar_op import ExemplarPixels
 
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 log = logging.getLogger("oiiotex")
 
 TILES = 1.15  # seam ratio up to which a photo already tiles
-ONE_TILE = "The photo may have too few elements for a texture; crop it, or try preset=clean or --texcut"
-SET_OF_TILES = "Tiles must be several times larger than the photo's elements: try a larger size, or preset=large"
+ONE_TILE = "The photo may have too few elements for a texture, or more than one texture; crop it"
+SET_OF_TILES = "Tiles must be several times larger than the photo's elements"
 _LEAST = 48  # px; shorter sides are not tested for tiling
 
 
@@ -112,11 +112,11 @@ def best_of(
 
 
 def say_fidelity(flag: str, kept: Fidelity | None, spelled: str, warn: bool, advice: str = ONE_TILE) -> None:
-    """Log the chosen modifiers; with `warn`, warn if the result is not good, with that advice."""
+    """Log the chosen modifiers; with `warn`, warn if the result is poor, with that advice."""
     if kept is None:
         return
     log.info("%s: scales chosen: %s", flag, spelled)
-    if warn and kept.value < GOOD:
+    if warn and kept.value < FAIR:
         log.warning("%s: %s. %s", flag, kept, advice)
 
 

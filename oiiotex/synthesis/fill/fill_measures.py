@@ -7,10 +7,7 @@ from ...engine.core.source_map import NONE, SourceMap
 from ...engine.deferred import np
 from ..quality.copy_detection import REGION, most_shown
 
-NAMES = (
-    *("border", "step", "sharp", "shown", "repeat"),
-    *("fidelity", "band_96", "band_48", "band_24", "shapes", "lines", "missing"),
-)
+NAMES = "border", "step", "sharp", "shown", "repeat"
 NEAR = 12  # px around the region that it is compared with
 _LEVEL = 6.0  # px; sigma of local levels
 _APART = 8  # px between the border and the lines that its step is compared with

@@ -13,7 +13,7 @@ from ...analysis.regularity.offset_prices import InStep
 from ...analysis.stationarity.row_bands import row_bands
 from ...engine.color.config import as_float
 from ...engine.color.lab import lens_of
-from ...engine.core.demand import SomeRows, first_channels, rows_of
+from ...engine.core.demand import SomeRows, rows_of
 from ...engine.core.image import Image, Part, derived_spec, spec_beside
 from ...engine.core.source_map import SourceMap, tile_spec
 from ...engine.core.window import Window
@@ -28,7 +28,6 @@ from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import require_memory, synthesize
 from ..patchmatch.recipe import Recipe
-from ..quality.fidelity import fidelity
 from ..quality.report import Quality
 from ..quality.verdicts import GRADES, verdicts
 from .border import BYTES as BORDER_BYTES
@@ -75,7 +74,7 @@ class Filling:
 
 
 def quality_of(op: Any, facts: Facts) -> Quality:
-    """The measures of --texfill: fidelity at a small size, and uses of the source's pixels."""
+    """The measures of --texfill: its border, and uses of the source's pixels."""
     spec = op.source_maps()[0].first.spec
     return Quality(op=op, facts=facts, own=NAMES, need=SOURCE_BYTES * spec.width * spec.height + (32 << 20))
 
@@ -174,14 +173,14 @@ class RegionFill:
             with resources.stats.time("border"):
                 step = border_offsets(kept, values, source, marked, clear, seen.usable, op.fade_width, self._wraps)
         next(self._stages).advance(1, 1)
-        measures = self._measures(kept, values, seen.usable, source, marked, clear, step)
+        measures = self._measures(kept, values, source, marked, clear, step)
         if step is not None:
             step /= np.float32(op.first_weight**0.5)  # values are weighted for the comparison
         return Filling(window, source, marked, step, measures)
 
     def _measures(
-        self, kept: np.ndarray, values: SomeRows, usable: np.ndarray | None, source: SourceMap, shown: np.ndarray,
-        is_kept: np.ndarray, step: np.ndarray | None,
+        self, kept: np.ndarray, values: SomeRows, source: SourceMap, shown: np.ndarray, is_kept: np.ndarray,
+        step: np.ndarray | None,
     ) -> dict[str, float]:  # fmt: skip
         """The measures of the fill; those that take longer only if requested."""
         with self._resources.stats.time("measure"):
@@ -192,8 +191,6 @@ class RegionFill:
             measures = fill_measures(lab, shown, is_kept)
             if self._quality.is_asked_for:
                 measures |= repeats(source, shown, (values.shape[0], values.shape[1]), self._other)
-                whole = fidelity(first_channels(values, 3), usable, lab, self._wraps[::-1])
-                measures |= {} if whole is None else whole.measures()
         return measures
 
     def _require_rest(self, left: int, window: Window, held: bool, free: int) -> None:

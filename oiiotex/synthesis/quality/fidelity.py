@@ -2,7 +2,7 @@
 """The judge: whether a result looks like its photo, has its colors, keeps its objects whole, and repeats unseen.
 
 Each measure has a value up to which people called tiles good, and one from which they called them unusable
-(benchmarks/results/judge.md). The worst measure is the verdict: what is cut is not mended by what is kept.
+(benchmarks/results/judge.md). The worst measure is the verdict.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ...engine.core.demand import MadeRows, SomeRows, resized
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 from .repetition import salience, slow_waves
-from .wholeness import broken_patches
+from .wholeness import turning, unexplained
 
 SIDE = 256  # px; longer side at which a photo is measured, and its result at the same scale
 LEAST = 48  # px; smaller shorter sides cannot be measured
@@ -34,14 +34,15 @@ GOOD, FAIR = 0.8, 0.666  # a result below the first is tried again, warned about
 _NEAR, _FAR = 1 / 6, 0.4  # of the longer side: limit of shapes, and of long lines
 _ORDER = 1.5  # ratio to the correlation that chance explains: above it, the photo has long lines or a lattice
 _MOST = 2 * SIDE  # px of a result that are measured, in its middle
+_INVISIBLE = 0.1  # Lab: a band with less energy has none; a constant image has lost nothing
 _AREA = 48  # the longer side over the sigma of a salient area
-_COLORS = 8  # quantiles of a channel
+_COLORS = 20.0, 8.0, 8.0  # L, a, b: colors nearer than this are shared out among neighbors
 # a part, the last values that are good and fair, and what to say beyond the first
 _LIMITS = (
-    ("broken", 0.045, 0.055, "objects or patterns are cut"),
+    ("broken", 0.04, 0.06, "objects or patterns are cut"),
     ("waves", 3.6, 14.0, "light and dark areas repeat visibly"),
-    ("salient", 7.0, 14.0, "a spot stands out in every tile"),
-    ("missing", 0.4, 0.55, "colors of the photo are missing"),
+    ("salient", 6.3, 12.0, "a spot stands out in every tile"),
+    ("missing", 0.135, 0.35, "colors of the photo are missing"),
     ("lost", 0.36, 0.6, "coarse structure is lost, or blotches were added"),
     ("unlike", 0.36, 0.6, "shapes are broken"),
     ("cut", 0.36, 0.6, "long lines are broken"),
@@ -50,7 +51,7 @@ _LIMITS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Fidelity:
-    """What a result preserves of its photo, and what would be seen of it.
+    """How a result compares with its photo, and how visible its repetition is.
 
     Attributes
     ----------
@@ -66,7 +67,8 @@ class Fidelity:
     missing : float
         Share of the original photo's colors missing from the result, 0 to 1.
     broken : float or None
-        Share of the patches that are cut or merged. None: the sources of the pixels are unknown.
+        How much cuts and merged objects are seen: the variance that the photo does not explain, as a share, times
+        the photo's turning of directions (`wholeness`). None: the sources of the pixels are unknown.
     waves : float or None
         Lab, of what repeats slowly with the tile. None: it does not tile in both directions.
     salient : float
@@ -99,7 +101,7 @@ class Fidelity:
         for name, good, fair, said in _LIMITS:
             value = parts[name]
             if value is not None:
-                yield value / good if value <= good else 1.0 + (value - good) / (fair - good), said
+                yield (value / good if value <= good else 1.0 + (value - good) / (fair - good)), said
 
     @property
     def value(self) -> float:
@@ -118,10 +120,16 @@ class Fidelity:
         bands = tuple(measures[f"band_{scale}"] for scale in SCALES)
         return cls(bands=bands, **{name: measures[name] for name in _PARTS if name in measures})
 
+    @property
+    def beyond(self) -> tuple[str, ...]:
+        """The parts beyond their limits, in words, the worst first."""
+        return tuple(said for grade, said in sorted(self._grades(), reverse=True) if grade > 1.0)
+
     def __str__(self) -> str:
-        """A one-line summary: what is beyond its limit, the worst first."""
-        wrong = [said for grade, said in sorted(self._grades(), reverse=True) if grade > 1.0]
-        return f"fidelity {self.value:.2f}: {', '.join(wrong) or 'whole, and its repetition is not obvious'}"
+        """A one-line summary: the parts beyond their limits, and the figures."""
+        parts = {name: getattr(self, name) for name in ("broken", "waves", "salient", "missing")}
+        figures = ", ".join(f"{name} {value:.3g}" for name, value in parts.items() if value is not None)
+        return f"fidelity {self.value:.2f}: {', '.join(self.beyond) or 'nothing is beyond its limit'} ({figures})"
 
 
 _PARTS = "shapes", "lines", "missing", "broken", "waves", "salient"
@@ -162,7 +170,9 @@ def fidelity(
     longer = max(own.shape[:2])
     before, after = high_passed(own, seen), high_passed(lab, everywhere, wraps, longer)
     bands = tuple(
-        _energy(after, everywhere, longer / k, wraps) / max(_energy(before, seen, longer / k), 1e-6) for k in SCALES
+        max(_energy(after, everywhere, longer / k, wraps), _INVISIBLE)
+        / max(_energy(before, seen, longer / k), _INVISIBLE)
+        for k in SCALES
     )
     of_photo = autocorrelation(before, seen)
     of_result = wrapped_autocorrelation(lab, longer) if all(wraps) else autocorrelation(after, everywhere)
@@ -178,9 +188,11 @@ def fidelity(
         usual_shapes, usual_lines, usual_missing = np.mean(typical, 0).tolist()
         shapes, lines = _relative(shapes, usual_shapes), _relative(lines, usual_lines)
         missing = max(0.0, missing - usual_missing) / (1.0 - usual_missing)
+    if np.square(before).sum(-1).mean() < _INVISIBLE**2:  # a constant image has no shapes
+        shapes = lines = 1.0
     return Fidelity(
         bands=bands, shapes=shapes, lines=lines, missing=missing,
-        broken=None if source is None else broken_patches(photo, source, wraps),
+        broken=_broken(photo, own, source, wraps),
         waves=slow_waves(lab) if all(wraps) else None,
         salient=salience(blurred(lab - np.median(lab, (0, 1)), longer / _AREA, wraps)) if any(wraps) else None,
     )  # fmt: skip
@@ -254,11 +266,24 @@ def _compared(photo: Autocorrelation, result: Autocorrelation, longer: int) -> t
     return shapes, float((a * b)[far].mean()) / own
 
 
+def _broken(photo: SomeRows, reduced: np.ndarray, source: SourceMap | None, wraps: tuple[bool, bool]) -> float | None:
+    """`Fidelity.broken`; `reduced`: the photo at a small size."""
+    share = None if source is None else unexplained(photo, source, wraps)
+    return None if share is None else round(share * turning(reduced[..., 0]), 4)
+
+
 def _missing(photo: np.ndarray, result: np.ndarray) -> float:
-    """Share of the photo's pixels (n, 3) whose color, by joint quantiles of channels, the result does not have."""
-    cuts = [np.quantile(photo[:, c], np.arange(1, _COLORS) / _COLORS) for c in range(3)]
-    shares = []
-    for pixels in (photo, result):
-        place = sum(np.searchsorted(cuts[c], pixels[:, c]) * _COLORS**c for c in range(3))
-        shares.append(np.bincount(place, minlength=_COLORS**3) / len(pixels))
-    return float(np.maximum(0.0, shares[0] - shares[1]).sum())
+    """Share of the photo's pixels (n, 3) whose color the result does not have, by trilinear histograms."""
+    both = np.concatenate([photo, result]) / _COLORS
+    cells = np.floor(both).astype(np.int64)
+    part = both - cells
+    cells -= cells.min(0)
+    shape = tuple((cells.max(0) + 2).tolist())
+    counts = np.zeros((2, np.prod(shape)))
+    for corner in np.ndindex(2, 2, 2):
+        weight = np.where(corner, part, 1.0 - part).prod(1)
+        index = np.ravel_multi_index(tuple((cells + corner).T), shape)
+        for n, at in enumerate((slice(0, len(photo)), slice(len(photo), None))):
+            counts[n] += np.bincount(index[at], weight[at], counts.shape[1])
+    shares = counts / np.array([[len(photo)], [len(result)]])
+    return round(float(np.maximum(0.0, shares[0] - shares[1]).sum()), 4)

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What shows where a tile is laid out several times: slow waves of light and color, and salient spots."""
+"""Visible repetition of a tile: slow waves of light and color, and salient spots."""
 
 from __future__ import annotations
 
 from ...engine.deferred import np
 
 _CYCLES = 3.2  # per side of the tile: slower waves are seen as a grid of tiles, faster ones as texture
-_LEAST_DEVIATION = 0.3  # Lab: smaller ones are invisible
+_LEAST_DEVIATION = 1.0  # Lab, as of a weed on gray stone: smaller ones do not count
 
 
 def slow_waves(tile: np.ndarray) -> float:

@@ -42,10 +42,11 @@ FAIL_HELP = (
     "Conditions that count as failure, such as fidelity<0.8,seam>1.5. If one is true, the result is still written, but"
     " the exit code is 3."
 )
-_OF_COPIES = ("texture", "copied", "shown", "repeat")
+_OF_COPIES = ("texture", "copied", "shown", "repeat", "broken")
 _OF_LABELS = ("label_repeat", "label_shown", "label")
 _OF_LOSSES = ("textured", "textured_photo", "regular", "regular_photo")
 _OF_FILLS = ("border", "step", "sharp")
+_OF_JUDGE = ("fidelity", "broken", "waves", "salient", "missing", "lines", "band_96", "band_48", "band_24", "shapes")
 _BYTES = 200  # per pixel of a band
 _SIDE_BYTES = 1024  # per pixel along a side
 _HALO = 16  # maximum number of additional rows of a band
@@ -96,6 +97,8 @@ class Quality:
         The lost share of the photo's texture is known.
     painted : bool
         The painted labels are known.
+    judged : bool
+        The result is to look like the photo. A painting or a composition is not.
     sigma : float or None
         Scale of the stationarity cost, px. None: longer side / 32.
     contrast : float or None
@@ -119,6 +122,7 @@ class Quality:
     copies: bool = True
     losses: bool = False
     painted: bool = False
+    judged: bool = True
     sigma: float | None = None
     contrast: float | None = None
     measure: str = "histogram"
@@ -288,6 +292,8 @@ class Quality:
         absent |= not self.losses and name in _OF_LOSSES
         absent |= not self.painted and name in _OF_LABELS
         absent |= name in ("seam", "salient") and not axes
+        absent |= name == "waves" and len(axes) < 2
+        absent |= not self.judged and name in _OF_JUDGE
         absent |= name.startswith(("seam_", "quieter_")) and name.split("_")[1] not in axes
         absent |= name in _OF_FILLS
         if self.own:
@@ -323,7 +329,7 @@ class Quality:
             measures["seam"] = max(measures[name] for name in ("seam_x", "seam_y") if name in measures)
         exemplar = photo if look.exemplar is None else look.exemplar
         measures["loss"] = 1.0 - sharpness(light) / max(sharpness(channel(exemplar, 0)), 1e-12)
-        if "fidelity" not in known:
+        if self.judged and "fidelity" not in known:
             kept = fidelity(exemplar, None, look.lab, self.wrap[::-1], look.source, photo)
             measures |= {} if kept is None else kept.measures()
         if look.source is not None:

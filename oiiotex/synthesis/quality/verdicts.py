@@ -7,24 +7,15 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ...analysis.stationarity.measures import cost_text
+from .fidelity import FAIR, GOOD, Fidelity
 
 GRADES = "good", "fair", "poor"
 # a measure, the last values that are good and fair (increasing: larger is worse), and a sentence for each grade
 _VERDICTS: tuple[tuple[str, float, float, tuple[str, str, str]], ...] = (
-    ("fidelity", 0.8, 0.65, (
-        "The result looks like the photo.",
-        "The result differs from the photo.",
-        "The result does not look like the photo.",
-    )),
-    ("seam", 1.15, 1.5, (
+    ("seam", 1.2, 1.5, (
         "No seam is visible.",
         "A seam may be visible on plain areas.",
         "A seam is visible.",
-    )),
-    ("salient", 6.0, 9.0, (
-        "No spot stands out where the tile repeats.",
-        "A spot may stand out where the tile repeats. Look at a preview, 2x2.",
-        "A spot stands out where the tile repeats. preset=clean or a mask may remove it.",
     )),
     ("border", 1.3, 1.8, (
         "The border of the fill is not visible.",
@@ -41,11 +32,6 @@ _VERDICTS: tuple[tuple[str, float, float, tuple[str, str, str]], ...] = (
         "The fill is softer than its surroundings.",
         "The fill is blurred.",
     )),
-    ("repeat", 2.5, 4.0, (
-        "No region of the photo is repeated noticeably.",
-        "A region of the photo is repeated. Other seeds may repeat less.",
-        "A region of the photo is repeated many times.",
-    )),
     ("loss", 0.1, 0.3, (
         "The tile is as sharp as the photo.",
         "The tile is softer than the photo.",
@@ -60,8 +46,12 @@ _VERDICTS: tuple[tuple[str, float, float, tuple[str, str, str]], ...] = (
 
 
 def verdicts(measures: Mapping[str, float]) -> Iterator[str]:
-    """`GRADE: SENTENCE` for each measure of a report that has a verdict."""
+    """`GRADE: SENTENCE` for each measure of a report that has a verdict; the judge's comes first."""
     values = dict(measures)
+    if "fidelity" in values:
+        grade = sum(values["fidelity"] < limit for limit in (GOOD, FAIR))
+        said = Fidelity.of_measures(values).beyond or ("the result looks like the photo, and repeats without notice",)
+        yield f"{GRADES[grade]}: {', '.join(said).capitalize()}."
     if values.get("regular_photo", 0.0) > 0:
         values["kept"] = values["regular"] / values["regular_photo"]
     for name, good, fair, sentences in _VERDICTS:
@@ -76,11 +66,7 @@ def report_lines(result: Mapping[str, Any], measure: str, order: int, sigma: flo
     m, side = result["measures"], max(result["width"], result["height"])
     yield from verdicts(m)
     if "fidelity" in m:
-        from .fidelity import Fidelity
-
         yield str(Fidelity.of_measures(m))
-    if "salient" in m:
-        yield f"the most salient area differs by {m['salient']:.1f} typical deviations (unobtrusive: up to 6)"
     if "border" in m:
         yield f"jumps across the border {m['border']:.2f} times those around it, levels {m['step']:.2f} times"
         yield f"sharpness {100 * m['sharp']:.0f} % of the surroundings' (mean |L - blurred L|)"

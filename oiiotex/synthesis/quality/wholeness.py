@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a result of copies keeps the photo's objects whole: the share of its patches that no place explains."""
+"""Whether a result of copies keeps objects whole: its variance that the photo does not explain, if cuts are visible."""
 
 from __future__ import annotations
 
 from typing import cast
 
+from ...analysis.regularity.autocorrelation import blurred
 from ...engine.core.demand import SomeRows
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
@@ -14,12 +15,12 @@ _ACROSS = 9  # samples along a patch, and it is 1/12 of the photo's longer side:
 _REACH = 12 * (_ACROSS - 1)
 _GAINS = 0.7, 1.4  # of a copy that evening out may have made lighter or more contrasty
 _STEPS = 8.0  # of Lab values per unit: sums of integers are exact in any order
-_UNEXPLAINED = 0.8  # of a patch's variance
-_LEAST_SHARE = 0.1  # of the photo's variance: patches with less are compared with this, as nothing is seen in them
+_LEAST_SHARE = 0.1  # of the patches' mean variance: those with less count as if they had this, as they are plain
+_WINDOW = 1 / 16  # of the longer side: sigma of the windows whose directions are compared
 
 
-def broken_patches(photo: SomeRows, source: SourceMap, wraps: tuple[bool, bool]) -> float | None:
-    """Share of a result's patches that differ from the photo at every place that their pixels come from.
+def unexplained(photo: SomeRows, source: SourceMap, wraps: tuple[bool, bool]) -> float | None:
+    """Share of the variance of a result's patches that the photo does not explain.
 
     A patch that was copied in one piece is a piece of the photo. One across a cut is compared with nine places: where
     its middle, its corners and the middles of its sides would lie if all of it came from there. Where the pieces
@@ -54,8 +55,22 @@ def broken_patches(photo: SomeRows, source: SourceMap, wraps: tuple[bool, bool])
             both, power = (own * other).mean(1), (other * other).mean(1)
             gain = np.clip(both / np.maximum(power, 1.0), *_GAINS)
             explained = np.maximum(explained, gain * (2 * both - gain * power))
-    usual = float(variance.mean())
-    return float((variance - explained > _UNEXPLAINED * np.maximum(variance, _LEAST_SHARE * usual + 1e-9)).mean())
+    least = _LEAST_SHARE * float(variance.mean()) + 1.0
+    return float(((variance - explained) / np.maximum(variance, least)).mean())
+
+
+def turning(light: np.ndarray) -> float:
+    """How much the direction of edges and lines differs from place to place: 0 is one direction, or none at all.
+
+    A cut is hidden among gravel and leaves, and seen where it bends a joint, a plank or a vein. `light` (height,
+    width) float.
+    """
+    smooth = blurred(light[..., None] - light.mean(), 1.0)[2:-2, 2:-2, 0]
+    down, right = np.gradient(smooth)
+    planes = np.stack([right * right - down * down, 2 * right * down, right * right + down * down], -1)
+    tensor = blurred(planes, _WINDOW * max(light.shape))
+    direction = tensor[..., :2] / np.maximum(tensor[..., 2:], 1e-6)
+    return float(np.hypot(*np.moveaxis(direction - direction.mean((0, 1)), -1, 0)).mean())
 
 
 def _centers(shape: tuple[int, int], half: int, wraps: tuple[bool, bool]) -> tuple[np.ndarray, np.ndarray]:
@@ -77,11 +92,7 @@ def _samples(
     Each is multiplied by the number of samples, so that subtracting the mean leaves integers.
     """
     y, x = centers[0][:, None, None] + around[:, None], centers[1][:, None, None] + around
-    if source is not None:
-        height, width = source.packed.shape
-        picked = source[y % height, x % width]
-    else:
-        picked = SourceMap.of(*np.broadcast_arrays(y, x), bits=32)
+    picked = SourceMap.of(y, x, bits=32) if source is None else _sources(source, y, x)
     values = np.rint(picked.gather(photo).astype(np.float64) * _STEPS).reshape(len(y), -1, 3)
     values = values * values.shape[1] - values.sum(1, keepdims=True)
     return values.reshape(len(y), -1)
@@ -95,7 +106,12 @@ def _continued(
     half: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where the patches' middles lie in the photo if the pixel at that offset is in its place."""
-    height, width = source.packed.shape
-    places = source[(centers[0] + offset[0]) % height, (centers[1] + offset[1]) % width].yx
+    places = _sources(source, centers[0] + offset[0], centers[1] + offset[1]).yx
     y, x = (np.clip(at - by, half, n - 1 - half) for at, by, n in zip(places, offset, shape, strict=False))
     return y, x
+
+
+def _sources(source: SourceMap, y: np.ndarray, x: np.ndarray) -> SourceMap:
+    """The sources of some pixels of a torus, which may be in a file."""
+    height, width = source.packed.shape
+    return SourceMap(SourceMap.of(y % height, x % width, bits=32).gather(source.packed), source.bits)

@@ -6,11 +6,10 @@ from __future__ import annotations
 import itertools
 import re
 import textwrap
-from importlib import resources
-from pathlib import Path
 
 from .... import __version__
 from ....engine.errors import ParameterError
+from ....engine.shipped import shipped
 from ..vocabulary import LANGUAGE
 from .report import columns, declarations, described, find, overview, page
 
@@ -37,7 +36,6 @@ usage: oiiotex IMAGE... --OP[:MODIFIER=VALUE...]... -o FILE
 First steps: docs/start/first-tile.md
 Compared with oiiotool: docs/reference/differences.md"""
 _MOST_HITS = 5  # of a search: pages, ops, modifiers
-_INDEX = "docs/how-to/index.md"
 
 
 def topic(name: str = "") -> str:
@@ -145,7 +143,6 @@ def _listed(heading: str, places: dict[str, str]) -> str:
 def _how_to() -> str:
     """The index of the how-to pages: of the checkout, else of the installed package."""
     try:
-        path = Path(__file__).parents[4] / _INDEX
-        return (path if path.exists() else resources.files("oiiotex.howto") / path.name).read_text()
-    except (ModuleNotFoundError, FileNotFoundError):
+        return (shipped("howto", "docs/how-to") / "index.md").read_text()
+    except FileNotFoundError:
         return ""
