@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import shlex
@@ -135,6 +136,18 @@ def test_what_nobody_gets_is_not_computed(folder, monkeypatch, caplog, case):
     with caplog.at_level(logging.WARNING, "oiiotex"):
         assert run(shlex.split(line), folder) == 0
     assert says in caplog.messages
+
+
+SET_OF_TILES = "photo.png --texstationarize:variants=4:size=64x64"
+WRITTEN = {"-o t.png": True, "-o:all=0 t_%d.png": False, "--siappendall -o t.exr": False}
+
+
+@pytest.mark.parametrize("output", WRITTEN)
+def test_one_of_several_images_is_not_written_in_silence(folder, idle, caplog, output):
+    with caplog.at_level(logging.WARNING, "oiiotex"), contextlib.suppress(Worked):
+        run(shlex.split(f"{SET_OF_TILES} {output}"), folder)
+    says = "1 of the 4 images of --texstationarize is written: to write all, use -o:all=0 NAME_%d.png"
+    assert (says in caplog.messages) == WRITTEN[output]
 
 
 UP_TO_DATE = ["photo.png --texstationarize -o t.exr", "photo.png --texlabel photo.png --over -o t.exr"]

@@ -16,7 +16,7 @@ from oiiotex.synthesis.exemplar import first_result
 from oiiotex.synthesis.layout.kept_layout import kept_layout
 from oiiotex.synthesis.layout.periods import rise_of
 from oiiotex.synthesis.layout.seam import Joint, starts
-from oiiotex.synthesis.layout.strip import Strip
+from oiiotex.synthesis.layout.strip import PhotoStrip
 from tests import pictures
 from tests.any_filter import buffer, pixels
 
@@ -31,9 +31,9 @@ def lattice(height: int, width: int, period: tuple[int, int], rise: int = 0) -> 
     return cell[moved % period[1], x % period[0]].astype(np.float32)
 
 
-def whole(lab: np.ndarray) -> Strip:
+def whole(lab: np.ndarray) -> PhotoStrip:
     y, x = np.indices(lab.shape[:2])
-    return Strip(SourceMap.of(y, x), False, lab)
+    return PhotoStrip(SourceMap.of(y, x), False, lab)
 
 
 @pytest.mark.parametrize("period", [(37, 29), (80, 77), (11, 43)])

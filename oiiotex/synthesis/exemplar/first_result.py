@@ -70,7 +70,7 @@ class Try:
 
 
 @dataclass(frozen=True)
-class Result:
+class JudgedTile:
     """A tile, its recipe, the modifiers that request it, and its fidelity; None if it is too small to measure."""
 
     synthesis: Synthesis
@@ -82,12 +82,12 @@ class Result:
 def best_of(
     flag: str, tries: Sequence[Try], seen: ExemplarPixels, stats: Stats, progress: Progress,
     original: SomeRows | None = None,
-) -> Result:  # fmt: skip
+) -> JudgedTile:  # fmt: skip
     """The first tile that is good; if none is, the one with the highest fidelity.
 
     `progress` is that of the first; `original` as of `fidelity_of`.
     """
-    best: Result | None = None
+    best: JudgedTile | None = None
     for number, one in enumerate(tries):
         if best is not None:
             log.info("%s: %s with %s; trying %s", flag, best.kept, best.spelled, one.spelled)
@@ -105,7 +105,7 @@ def best_of(
         with stats.time("fidelity"):
             kept = fidelity_of(seen, synthesis.source, recipe, original)
         if best is None or best.kept is None or (kept is not None and kept.value > best.kept.value):
-            best = Result(synthesis, recipe, one.spelled, kept)
+            best = JudgedTile(synthesis, recipe, one.spelled, kept)
         if best.kept is None or best.kept.value >= GOOD:
             break
     return present(best)

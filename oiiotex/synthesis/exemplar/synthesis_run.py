@@ -27,9 +27,9 @@ from ..layout.limits import fits_layout
 from ..layout.mending import mended
 from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
-from ..patchmatch.optimization import Synthesis, synthesize, texture_lost
+from ..patchmatch.optimization import Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
-from ..quality.lost_structure import regularity_of, say_what_was_lost
+from ..quality.lost_structure import regularity_of, say_what_was_lost, texture_lost
 from ..quality.report import Look, Quality
 from ..wang.atlas import packed, shared_pixels
 from ..wang.tiles import COUNTS, runs_for, wang_tiles
@@ -263,7 +263,8 @@ class SynthesisRun:
         if plan.second is not None:
             share, patch = plan.second
             other = replace(recipe, sigma=max(recipe.size) / share, patch=patch)
-            if fits_layout(self._op.exemplar.first.spec, self._resources):
+            is_asked_for_statistics = recipe.measure != "histogram"  # which a layout does not have
+            if not is_asked_for_statistics and fits_layout(self._op.exemplar.first.spec, self._resources):
                 tries.append(layout)
             tries.append(Try(other.scales, lambda: (self._run(other, self._constraints), other)))
         return tries

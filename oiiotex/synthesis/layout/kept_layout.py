@@ -13,7 +13,7 @@ from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 from .periods import Jumps, cheapest_jumps, rise_of
 from .seam import Joint, starts
-from .strip import Strip
+from .strip import PhotoStrip
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def kept_layout(
         Whether the tile wraps along x, along y.
     """
     height, width = values.shape[:2]
-    strip = Strip(SourceMap.of(np.arange(height)[:, None], np.arange(width)), False, values, usable)
+    strip = PhotoStrip(SourceMap.of(np.arange(height)[:, None], np.arange(width)), False, values, usable)
     periods: list[Jumps | None] = [None, None]
     first = 0 if wraps[0] else 1  # leveling costs lines of the other axis, so what is only cropped is second
     is_along_x = False
@@ -73,7 +73,7 @@ def kept_layout(
     return KeptLayout((strip.turned(False) if is_along_x else strip).source, (periods[0], periods[1]))
 
 
-def _joined(strip: Strip, length: int | None, wraps: bool) -> tuple[Strip, Jumps | None]:
+def _joined(strip: PhotoStrip, length: int | None, wraps: bool) -> tuple[PhotoStrip, Jumps | None]:
     """The strip as long as requested, and its jumps; None if it is only cropped."""
     if not wraps and (length is None or length <= strip.length):
         at = 0 if length is None else (strip.length - length) // 2
@@ -83,7 +83,7 @@ def _joined(strip: Strip, length: int | None, wraps: bool) -> tuple[Strip, Jumps
     return _tile(strip, jumps.lengths), jumps
 
 
-def _tile(strip: Strip, jumps: tuple[int, ...]) -> Strip:
+def _tile(strip: PhotoStrip, jumps: tuple[int, ...]) -> PhotoStrip:
     """The strip joined at every jump."""
     joints = _joints(strip.length, jumps)
     packed = np.empty((sum(jumps), strip.width), np.uint32)
@@ -97,7 +97,7 @@ def _tile(strip: Strip, jumps: tuple[int, ...]) -> Strip:
         pieces = strip.source.packed[own], strip.source.packed[own + joint.jump]
         packed[(origin + own + joint.jump) % len(packed)] = np.where(starts(strip, joint), *pieces)
         origin += joint.jump
-    return Strip(SourceMap(packed), strip.closed, strip.values, strip.usable)
+    return PhotoStrip(SourceMap(packed), strip.closed, strip.values, strip.usable)
 
 
 def _joints(length: int, jumps: tuple[int, ...]) -> list[Joint]:

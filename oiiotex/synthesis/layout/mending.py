@@ -10,12 +10,10 @@ from ...engine.deferred import np
 from ...engine.errors import ImageError
 from ..patchmatch.constraints import Constraints, FixedPixels
 
-Synthesizer = Callable[[Constraints], SourceMap]
-
 _MOST = 0.5  # share of a tile that may be replaced: of more, its layout would not be the photo's
 
 
-def mended(source: SourceMap, usable: np.ndarray | None, synthesized: Synthesizer) -> SourceMap:
+def mended(source: SourceMap, usable: np.ndarray | None, synthesized: Callable[[Constraints], SourceMap]) -> SourceMap:
     """The tile without excluded pixels of the photo.
 
     Parameters

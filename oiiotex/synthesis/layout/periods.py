@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from ...engine.deferred import np
 from ..patchmatch.field import box_sums
-from .strip import Strip
+from .strip import PhotoStrip
 
 COARSEST = 96  # px, longer side on the level where all jumps are compared
 WIDEST = 1024  # px of a level across the jump: a seam that is longer is averaged
@@ -35,7 +35,7 @@ class Jumps:
     cost: float
 
 
-def rise_of(strip: Strip, least: float = LEAST_ALONE) -> tuple[int, int]:
+def rise_of(strip: PhotoStrip, least: float = LEAST_ALONE) -> tuple[int, int]:
     """The rise of the strip's best jump along its columns, and the length of the jump, px."""
     level = _Level.of(strip, 0)
     length, rise, _ = level.best(least, tilted=True)[0]
@@ -47,12 +47,12 @@ def rise_of(strip: Strip, least: float = LEAST_ALONE) -> tuple[int, int]:
     return round(rise * strip.width / level.invalid.shape[1]), length
 
 
-def levels_of(strip: Strip) -> int:
+def levels_of(strip: PhotoStrip) -> int:
     """Number of levels, a factor of 2 apart."""
     return 1 + max(0, math.ceil(math.log2(max(strip.length, strip.width) / COARSEST)))
 
 
-def cheapest_jumps(strip: Strip, length: int | None) -> Jumps:
+def cheapest_jumps(strip: PhotoStrip, length: int | None) -> Jumps:
     """The jumps around a tile of that length; None: one jump, of the best length."""
     level = _Level.of(strip, 0)
     if length is None:
@@ -85,7 +85,7 @@ class _Level:
     closed: bool
 
     @classmethod
-    def of(cls, strip: Strip, number: int) -> _Level:
+    def of(cls, strip: PhotoStrip, number: int) -> _Level:
         scale = min(1.0, COARSEST * 2**number / max(strip.length, strip.width))
         length, width = (max(1, round(n * scale)) for n in (strip.length, strip.width))
         colors, share = strip.reduced(length, min(width, WIDEST))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from ...engine.core.demand import SomeRows
 from ...engine.deferred import np
 from ..graphcut.seams import MOST_COST, NEIGHBORS, SeamPhoto, edges, minimum_cut
-from .strip import Strip
+from .strip import PhotoStrip
 
 _DECIDED = 1 << 14  # px that one cut decides on
 _LEAST_AROUND = 6  # px around the path
@@ -31,14 +31,14 @@ class Joint:
 class _Colors:
     """Grid colors of a photo that is read where a seam may run, as `SeamPhoto` indexes them."""
 
-    def __init__(self, strip: Strip, values: SomeRows):
+    def __init__(self, strip: PhotoStrip, values: SomeRows):
         self._strip, self.shape = strip, values.shape
 
     def __getitem__(self, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         return self._strip.photo_colors(*at)[..., :3]
 
 
-def starts(strip: Strip, joint: Joint) -> np.ndarray:
+def starts(strip: PhotoStrip, joint: Joint) -> np.ndarray:
     """The pixels of the overlap that show the start: (rows, width) bool."""
     rows = np.arange(-1, joint.rows + 1) + joint.first
     start, end = rows[:, None], rows[:, None] + joint.jump
@@ -51,7 +51,7 @@ def starts(strip: Strip, joint: Joint) -> np.ndarray:
     return _cut(strip, places, np.pad(decided, ((1, 1), (0, 0))), taken)[1:-1]
 
 
-def _cut(strip: Strip, places: list[np.ndarray], free: np.ndarray, taken: np.ndarray) -> np.ndarray:
+def _cut(strip: PhotoStrip, places: list[np.ndarray], free: np.ndarray, taken: np.ndarray) -> np.ndarray:
     """Which pixels show the start, (h, w) bool: those that are not `free` as in `taken`.
 
     `places`: of start and end, each (2, h * w) int.
@@ -94,7 +94,7 @@ def _edges(shape: tuple[int, int], step: tuple[int, int], closed: bool) -> tuple
     return np.concatenate([s, first + shape[1] - 1]), np.concatenate([t, first])
 
 
-def _decided(strip: Strip, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
+def _decided(strip: PhotoStrip, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
     """The pixels of the overlap that the cut decides on, and which of the others show the start; (rows, width) bool."""
     shape = joint.rows, strip.width
     if joint.rows * strip.width <= _DECIDED:
@@ -108,7 +108,7 @@ def _decided(strip: Strip, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
     return (rows >= low) & (rows <= high), rows > high
 
 
-def _path(strip: Strip, joint: Joint) -> np.ndarray:
+def _path(strip: PhotoStrip, joint: Joint) -> np.ndarray:
     """Row of the cheapest path in each column of the overlap, moving by at most one row: (width,) int."""
     rows = np.arange(joint.rows)
     order = np.arange(strip.width)

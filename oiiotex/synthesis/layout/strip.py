@@ -12,7 +12,7 @@ from ...engine.deferred import np
 
 
 @dataclass(frozen=True)
-class Strip:
+class PhotoStrip:
     """Source pixels in rows; joints run across them.
 
     Attributes
@@ -61,11 +61,11 @@ class Strip:
         shape = *self.source.packed.shape, pixels.shape[2]
         return MadeRows(shape, np.float32, lambda first, last: self.source[first:last].gather(pixels))
 
-    def part(self, rows: slice) -> Strip:
+    def part(self, rows: slice) -> PhotoStrip:
         """Some of its rows."""
-        return Strip(self.source[rows], self.closed, self.values, self.usable)
+        return PhotoStrip(self.source[rows], self.closed, self.values, self.usable)
 
-    def leveled(self, rise: int, length: int) -> Strip:
+    def leveled(self, rise: int, length: int) -> PhotoStrip:
         """The strip with its columns shifted so that what rises by `rise` px over `length` rows is level.
 
         The rows of a closed strip are rolled. Others lose the columns that would come from outside.
@@ -77,8 +77,8 @@ class Strip:
         if not self.closed:
             columns = columns[:, -int(shift.min()) : self.width - int(shift.max())]
         source = self.source[np.arange(self.length)[:, None], columns % self.width]
-        return Strip(source, self.closed, self.values, self.usable)
+        return PhotoStrip(source, self.closed, self.values, self.usable)
 
-    def turned(self, closed: bool) -> Strip:
+    def turned(self, closed: bool) -> PhotoStrip:
         """The strip with rows and columns exchanged."""
-        return Strip(SourceMap(np.ascontiguousarray(self.source.packed.T)), closed, self.values, self.usable)
+        return PhotoStrip(SourceMap(np.ascontiguousarray(self.source.packed.T)), closed, self.values, self.usable)

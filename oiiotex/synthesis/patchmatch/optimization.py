@@ -210,13 +210,6 @@ def synthesize(
         return Synthesis(source, present(field), lost)
 
 
-def texture_lost(exemplar: SomeRows, usable: np.ndarray | None, source: SourceMap, recipe: Recipe) -> Lost:
-    """The texture that a tile copied from an exemplar lacks, however it was made; as for `Synthesis.lost`."""
-    geometry = geometry_at(recipe, exemplar.shape, 1.0)
-    image = grid_image(Octaves(exemplar, usable), geometry, isinstance(exemplar, np.ndarray))
-    return lost_texture(source, image, allowed_patches(usable, geometry), geometry)
-
-
 def _starts_shifted(recipe: Recipe, weights: np.ndarray | None, allowed: np.ndarray | None) -> bool:
     """Start from the shifted exemplar, unless large parts are masked or the target has borders: it would stay as it is.
 

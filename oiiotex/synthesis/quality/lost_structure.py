@@ -19,8 +19,11 @@ from ...engine.core.demand import MadeRows, SomeRows
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 from ...engine.errors import ImageError, modifier, spelled, texture_filter
-from ..patchmatch.recipe import Recipe
-from ..patchmatch.use_prices import Lost
+from ..patchmatch.constraints import Octaves
+from ..patchmatch.field import allowed_patches
+from ..patchmatch.optimization import grid_image
+from ..patchmatch.recipe import Recipe, geometry_at
+from ..patchmatch.use_prices import Lost, lost_texture
 
 if TYPE_CHECKING:
     from ...analysis.regularity.offset_prices import InStep
@@ -63,6 +66,13 @@ def _regularity(places: SourceMap, photo: SomeRows, lattice: Lattice, torus: boo
 def regularity_bytes(*sizes: tuple[int, int]) -> int:
     """Memory of `regularity_of`, for images of these (width, height)."""
     return _BYTES * max(min(width * height, _SIDE**2) for width, height in sizes)
+
+
+def texture_lost(exemplar: SomeRows, usable: np.ndarray | None, source: SourceMap, recipe: Recipe) -> Lost:
+    """The texture that a tile copied from an exemplar lacks, however it was made; as for `Synthesis.lost`."""
+    geometry = geometry_at(recipe, exemplar.shape, 1.0)
+    image = grid_image(Octaves(exemplar, usable), geometry, isinstance(exemplar, np.ndarray))
+    return lost_texture(source, image, allowed_patches(usable, geometry), geometry)
 
 
 def say_what_was_lost(flag: str, lost: Lost) -> None:

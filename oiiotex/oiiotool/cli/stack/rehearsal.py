@@ -162,6 +162,7 @@ class _Rehearsal(Chain):
         self.files: list[str] = []  # the file written next after each of them
         self._idle: list[str] = []  # settings of outputs since the last one
         self._last = ""  # the last op
+        self._made, self._outputs_before = 0, 0  # number of its images, and of outputs before it
         self._notes: list[tuple[int, int, str]] = []  # step, level and text
         self.globals = contextlib.ExitStack()  # restores attributes of OpenImageIO
 
@@ -174,6 +175,10 @@ class _Rehearsal(Chain):
             notes.append((logging.WARNING, "no file was written: did you forget -o?"))
         elif self.unwritten and self._outputs:
             notes.append((logging.WARNING, f"{self._last} after the last output is skipped: did you forget -o?"))
+        left, written = min(self._made, len(self.stack)), self._outputs - self._outputs_before
+        if self._made > 1 and 0 < written < left:
+            text = f"{written} of the {left} images of {self._last} is written: to write all, use -o:all=0 NAME_%d.png"
+            notes.append((logging.WARNING, text))
         if self._outputs and self._idle:
             notes.append((logging.WARNING, f"{', '.join(self._idle)} after the last output has no effect"))
         return Foresight(needed, tuple(notes), tuple(self.files))
@@ -207,7 +212,9 @@ class _Rehearsal(Chain):
         if op.files() or measured or any(map(op.judges, op.outputs)):
             self._needed = self.position
         with self._certainly():
-            return planned(op, self.session.resources, self.written)
+            images = planned(op, self.session.resources, self.written)
+        self._made, self._outputs_before = len(images), self._outputs
+        return images
 
     @contextlib.contextmanager
     def _certainly(self) -> Iterator[None]:

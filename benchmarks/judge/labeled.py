@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The judge against the eye: tiles that people labeled, by what the judge calls them.
 
-    python -m benchmarks.tiles.judge labels.json
+    python -m benchmarks.judge.labeled labels.json
 
-The file is a list of tiles: {"photo": "a.png", "st": "a.st.exr", "kind": "setts", "set": "tune", "label": "ship",
+The file is a list of tiles: {"photo": "a.png", "st": "a.st.exr", "kind": "cobbles", "set": "tune", "label": "ship",
 "before": "good"}. `st` is the tile's part of that name. Labels are ship, work or unusable, and "before" is an earlier
 verdict. Paths are relative to the file. Photos and tiles are not in the repository.
 """
