@@ -36,7 +36,7 @@ _RIDGE = 0.02  # regularization of the slope fit, relative to sigma^2
 
 
 @dataclass(frozen=True)
-class Scale:
+class ValueRange:
     """Kind and range of values: `limits` are the lowest and highest value of L or data; not `in_lab`: data."""
 
     limits: tuple[float, float]
@@ -62,7 +62,7 @@ class Drift:
         1 in regions of another material. `level` and `contrast` there are those of their surroundings.
     overall_level, overall_contrast : (channels,) float
         Medians over the image.
-    scale : Scale
+    scale : ValueRange
     """
 
     cells: Cells
@@ -72,7 +72,7 @@ class Drift:
     objects: np.ndarray
     overall_level: np.ndarray
     overall_contrast: np.ndarray
-    scale: Scale
+    scale: ValueRange
 
     def stained(self) -> np.ndarray | None:
         """Pixels of `stains` and `objects`, (height, width) bool; None: there are none.
@@ -150,7 +150,7 @@ def drift_of(
     if not sums[..., 0].any():
         return None
     lowest, highest = zip(*limits, strict=True)
-    return _drift(cells, scratch, radius, robust, Scale((min(lowest), max(highest)), in_lab))
+    return _drift(cells, scratch, radius, robust, ValueRange((min(lowest), max(highest)), in_lab))
 
 
 def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np.ndarray:
@@ -178,7 +178,7 @@ def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np
     return out
 
 
-def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: bool, scale: Scale) -> Drift:
+def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: bool, scale: ValueRange) -> Drift:
     """Compute the statistics from sums into preallocated arrays, channel by channel to limit temporaries."""
     wraps = cells.wraps
     torus = tuple(slice(MARGIN, -MARGIN) if around else slice(None) for around in wraps)  # wrapped axes without margin
