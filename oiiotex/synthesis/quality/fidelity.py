@@ -36,6 +36,7 @@ _ORDER = 1.5  # ratio to the correlation that chance explains: above it, the pho
 _MOST = 2 * SIDE  # px of a result that are measured, in its middle
 _INVISIBLE = 0.1  # Lab: a band with less energy has none; a constant image has lost nothing
 _AREA = 48  # the longer side over the sigma of a salient area
+_EVERY = 3  # pixels whose colors are counted
 _COLORS = 20.0, 8.0, 8.0  # L, a, b: colors nearer than this are shared out among neighbors
 # a part, the last values that are good and fair, and what to say beyond the first
 _LIMITS = (
@@ -274,6 +275,7 @@ def _broken(photo: SomeRows, reduced: np.ndarray, source: SourceMap | None, wrap
 
 def _missing(photo: np.ndarray, result: np.ndarray) -> float:
     """Share of the photo's pixels (n, 3) whose color the result does not have, by trilinear histograms."""
+    photo, result = photo[::_EVERY], result[::_EVERY]
     both = np.concatenate([photo, result]) / _COLORS
     cells = np.floor(both).astype(np.int64)
     part = both - cells

@@ -10,7 +10,7 @@ from ...engine.core.demand import SomeRows
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 
-_PLACES = 2000  # patches that are looked at, on a grid
+_PLACES = 1500  # patches that are looked at, on a grid
 _ACROSS = 9  # samples along a patch, and it is 1/12 of the photo's longer side: as large as what is seen as an object
 _REACH = 12 * (_ACROSS - 1)
 _GAINS = 0.7, 1.4  # of a copy that evening out may have made lighter or more contrasty
