@@ -162,7 +162,7 @@ def specs_of(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio
                 spec.attribute("PixelAspectRatio", shared)
             if not spec.tile_width or not part.levels:
                 spec.erase_attribute("textureformat")
-            if out.format_name() == "pnm":  # PFM has its rows from the bottom up; the writer would also flip other kinds
+            if out.format_name() == "pnm":  # PFM stores rows from the bottom, other kinds do not
                 spec.attribute("pnm:pfmflip", int(spec.format in (oiio.FLOAT, oiio.HALF)))
             for name, value in how.attributes.items():
                 if value is None:
