@@ -40,7 +40,7 @@ WORDS = CLI | {"engine.core", "engine.deferred", "engine.errors", "engine.stats"
 NOT_FOUND = WORDS | {"python.declared_entries"}  # where a name may be a filter's of another package
 HOST = NOT_FOUND | {"oiiotool.host", "engine.io", "engine.machine", "engine.session"}
 FILTER = HOST - {"oiiotool.host"} | {
-    f"engine.{name}" for name in ("color", "opencl", "scan")
+    f"engine.{name}" for name in ("color", "opencl", "scan", "shipped")
 }  # and the techniques that it calls
 LINE = WORDS | {f"engine.{name}" for name in ("io", "machine", "operands", "run", "session")}
 LINE |= {"oiiotool.cli.files", "oiiotool.cli.stack"}
