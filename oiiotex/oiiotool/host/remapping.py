@@ -13,6 +13,7 @@ from ...engine.core.access import Gather, Neighborhood
 from ...engine.core.demand import cached, materialized
 from ...engine.core.image import Image, Part, Pixels
 from ...engine.core.parameters import image
+from ...engine.core.tiling import repeated
 from ...engine.core.window import Window
 from ...engine.deferred import oiio
 from ...engine.errors import ImageError, ParameterError
@@ -61,6 +62,8 @@ class Remap(_Resampled, Gather):
 class Area(_Resampled, Neighborhood):
     """Neighborhood: its function gets the window with a halo, and the window itself as a ROI."""
 
+    wraps: ClassVar[bool] = True
+
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
         """The window with its halo."""
         return [window.grown(*self.halo())]
@@ -103,14 +106,16 @@ def remapped(
 ) -> Part:
     """The result of a resampling op over the windows of `target`, not yet computed.
 
-    `needs` and `apply` are those of `Remap` and `Area`. With `scattered` reads, sources are first copied to memory or
-    a temporary file. Raises ImageError if the result has no pixel.
+    `needs` and `apply` are those of `Remap` and `Area`. With `op.wraps` a tile is repeated beyond its border. With
+    `scattered` reads, sources are first copied to memory or a temporary file.
+    Raises ImageError if the result has no pixel.
     """
     whole = Window.data(target)
     if whole.empty or target.full_width < 1 or target.full_height < 1:
         raise ImageError(f"the result would have {max(0, whole.width)}x{max(0, whole.height)} pixels")
     bring = functools.partial(materialized, budget=facts.budget)
     near = [once(part, bring) if scattered else cached(part, facts.cache) for part in parts]
+    near = [repeated(part) for part in near] if op.wraps else near
 
     def at(window: Window) -> oiio.ImageBuf:
         pieces = [(part, _seen(wanted, part)) for part, wanted in zip(near, needs(window), strict=True)]

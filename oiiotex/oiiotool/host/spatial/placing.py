@@ -15,6 +15,7 @@ from ....engine.core.demand import bands, cached, on_a_torus
 from ....engine.core.image import Image, Part, derived_spec
 from ....engine.core.op import Plan
 from ....engine.core.parameters import Size, argument, image, param
+from ....engine.core.tiling import retiled
 from ....engine.core.window import Window
 from ....engine.deferred import oiio
 from ....engine.errors import ParameterError
@@ -72,6 +73,7 @@ class Cut(Crop):
     """Cut out a region and move it to the origin."""
 
     name: ClassVar[str] = "cut"
+    untiles: ClassVar[bool] = True
 
     def idle(self, parts: Sequence[Part]) -> bool:
         """Never: the display window changes."""
@@ -247,6 +249,11 @@ class Turned(Remap):
         display.show_in(spec)
         return spec
 
+    def tiling(self, parts: Sequence[Part], made: Part) -> str:
+        """Those of its source, turned with it."""
+        axes = super().tiling(parts, made)
+        return {"x": "y", "y": "x"}.get(axes, axes) if self.swaps else axes
+
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
         """The window that the pixels come from."""
         shown, display = Window.display(specs[0]), self.display(specs[0])
@@ -319,7 +326,9 @@ class Reorient(Hosted, Gather):
         turned = worked(part)
         for step in _UPRIGHT.get(_orientation(part), ()):
             turn: Any = next(turn for turn in _TURNS if turn.name == step)
-            turned = turn(source=self.source).result([turned], facts)
+            use = turn(source=self.source)
+            made = use.result([turned], facts)
+            turned = retiled(made, use.tiling([turned], made))
         upright = turned.respecced(lambda spec: spec.attribute("Orientation", 1))
         return dataclasses.replace(upright, stored=part.stored, exact=True) if part.exact else upright
 
