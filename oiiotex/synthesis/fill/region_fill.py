@@ -14,8 +14,9 @@ from ...analysis.stationarity.row_bands import row_bands
 from ...engine.color.config import as_float
 from ...engine.color.lab import lens_of
 from ...engine.core.demand import SomeRows, first_channels, rows_of
-from ...engine.core.image import Image, Part, derived_spec, spec_beside
+from ...engine.core.image import Image, Part, spec_beside
 from ...engine.core.source_map import SourceMap, tile_spec
+from ...engine.core.tiling import tiling_of
 from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.errors import ImageError, MemoryBudgetError
@@ -92,7 +93,8 @@ class RegionFill:
             self._marked = marked_pixels(
                 op.exemplar, op.region, op.labels, op.replace, op.labellevel, op.mattes, op.matte
             )
-        self._wraps = "x" in op.tiled, "y" in op.tiled
+        self._tiling = op.tiled or tiling_of(op.exemplar.first.spec)
+        self._wraps = "x" in self._tiling, "y" in self._tiling
         self._quality, self._measured = quality.during(resources, progress), progress.measure
         self._light: tuple[Light, Light] | None = None
 
@@ -214,7 +216,7 @@ class RegionFill:
     def _recipe(self, window: Window) -> Recipe:
         op = self._op
         return Recipe.tiling(
-            *window.size, op.tiled, sigma=None, patch=op.side, iterations=op.iterations, seed=op.seed,
+            *window.size, self._tiling, sigma=None, patch=op.side, iterations=op.iterations, seed=op.seed,
             uniformity=_UNIFORMITY, contrast=0.0, flat=False, fine=_FINE,
         )  # fmt: skip
 
@@ -296,7 +298,7 @@ class RegionFill:
     def _filled_part(self, photo: Part, source: Part, filling: Filling, changed: np.ndarray | None) -> Part:
         """The photo with the shown pixels copied from the source, and moved into its light."""
         op, held = self._op, self._op.holds_photo(self._resources)
-        spec = tile_spec(photo.spec, op.tiled) if op.tiled != "none" else derived_spec(photo.spec)
+        spec = tile_spec(photo.spec, self._tiling)
         pixels: SomeRows = np.ascontiguousarray(source.pixels()) if held else rows_of(op.in_any_order(source, False))
         lens = None if changed is None else lens_of(op.exemplar, self._resources, op.first_space)
         place = filling.window.shifted(*photo.window[:2])

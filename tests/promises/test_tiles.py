@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Promise 15: what is tagged periodic is periodic after every op that can keep it so, and no longer tagged after others.
+
+Every op of `host.OPS` runs on a tile with the uses of test_streaming.py: its result is as seamless as the tile, or not
+tagged. A tile that is shifted circularly before an op over a neighborhood gives the shifted result, to the bit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from oiiotex import filters
+from oiiotex.engine.core.access import Neighborhood
+from oiiotex.engine.core.image import Image, Part, from_pixels
+from oiiotex.engine.core.tiling import tiling_of
+from oiiotex.engine.session import Session
+from oiiotex.oiiotool import host
+from oiiotex.oiiotool.host.kinds import HostOp
+from oiiotex.synthesis.quality.seam_measures import seam_ratio
+
+from ..conftest import made_by
+from .test_streaming import SAMPLES
+
+SIDE = 256
+TILE = gaussian_filter(np.random.default_rng(3).random((SIDE, SIDE, 4)), (1, 1, 0), mode="wrap")
+TILE = (0.5 + (TILE - 0.5) / TILE.std() * 0.1).astype(np.float32)
+SHIFT = (101, 29)  # rows, columns
+MOST = 1.15  # times the seam before
+USES = SAMPLES | {
+    "fit": [{"size": "150x150"}, {"size": "31x64"}, *SAMPLES["fit"]],
+    "resize": [{"size": "200%"}, {"size": "37x50"}, *SAMPLES["resize"]],
+    "resample": [{"size": "200%"}, *SAMPLES["resample"]],
+    "fill": [{"size": "20x30+3+1", "color": (0.2,)}],
+}
+KEPT = {
+    "blur", "convolve", "median", "dilate", "erode", "unsharp", "laplacian", "fillholes", "resize", "resample", "fit",
+    "pixelaspect", "st_warp", "cshift", "flip", "flop", "rotate90", "rotate180", "rotate270", "transpose", "mulc",
+    "tocolorspace", "ch", "add", "over", "attrib",
+}  # fmt: skip
+DROPPED = {
+    "crop", "cut", "paste", "mosaic", "warp", "rotate", "origin", "originoffset", "fullsize", "box", "line", "text",
+    "fft", "demosaic",
+}  # fmt: skip
+
+
+def tile(modes: str = "periodic,periodic", pixels: np.ndarray = TILE, **attributes: Any) -> Part:
+    height, width, channels = pixels.shape
+    spec = oiio.ImageSpec(width, height, channels, "float")
+    for name, value in {"wrapmodes": modes, "oiio:ColorSpace": "lin_rec709_scene", **attributes}.items():
+        spec.attribute(name, value)
+    return from_pixels("tile", np.ascontiguousarray(pixels, np.float32), spec)
+
+
+def images_for(op: type[HostOp], pixels: np.ndarray = TILE) -> dict[str, Any]:
+    """Images that all tile, of the kinds that the op takes."""
+    rgba = Image((tile(pixels=pixels),), "rgba")
+    given: dict[str, Any] = {s.name: (rgba, rgba) if s.many else rgba for s in op.images()}
+    if op.name in ("polar", "unpolar", "ifft"):
+        given = {"source": Image((tile(pixels=pixels[..., :2]),), "two")}
+    elif op.name == "demosaic":
+        given = {"source": Image((tile(pixels=pixels[..., :1], **{"raw:FilterPattern": "RGGB"}),), "raw")}
+    elif op.name == "scale":
+        given["b"] = Image((tile(pixels=pixels[..., :1]),), "gray")
+    elif op.name == "fillholes":
+        seen = (gaussian_filter(pixels[..., 3], 3, mode="wrap") < 0.52).astype(np.float32)[..., None]
+        given = {"source": Image((tile(pixels=pixels * [1, 1, 1, 0] * seen + [0, 0, 0, 1] * seen),), "holes")}
+    elif op.name == "convolve":
+        spec = oiio.ImageSpec(5, 3, 1, "float")
+        spec.x, spec.y = -1, -1
+        given["kernel"] = Image((from_pixels("kernel", np.arange(1, 16, dtype=np.float32).reshape(3, 5, 1), spec),), "k")
+    elif op.name == "st_warp":
+        t, s = (np.indices((SIDE, SIDE)) + 0.5) / SIDE
+        wave = 0.02 * np.sin(2 * np.pi * np.stack([t, s], -1)) + 0.3  # it reads beyond the border, and coordinates > 1
+        given["st"] = Image((tile(pixels=np.stack([s, t], -1) + wave),), "st")
+    return given
+
+
+def seams(pixels: np.ndarray, axes: str) -> list[float]:
+    return [seam_ratio(np.asarray(pixels, np.float32), "yx".index(axis)) for axis in axes if axis in "xy"]
+
+
+def result_of(op: type[HostOp], arguments: dict[str, Any], pixels: np.ndarray = TILE) -> Part:
+    return made_by(op(**images_for(op, pixels), **arguments), Session()).first
+
+
+CASES = [
+    pytest.param(op, n, id=f"{op.name}-{n}")
+    for op in host.OPS
+    for n in range(len(USES[op.name]))
+    if op.images() and op.name not in ("zover", "flatten")
+]
+BEFORE = max(seams(TILE, "xy"))
+
+
+@pytest.mark.parametrize(("op", "number"), CASES)
+def test_a_tile_stays_a_tile_or_is_not_called_one(op: type[HostOp], number: int):
+    made = result_of(op, USES[op.name][number])
+    axes = tiling_of(made.spec)
+    assert "periodic" not in made.spec.get_string_attribute("wrapmodes") or axes != "none"
+    pixels = np.nan_to_num(np.array(made.read(made.window), np.float64))
+    assert all(seam <= MOST * BEFORE for seam in seams(pixels, axes)), seams(pixels, axes)
+    if number == 0:
+        assert op.name not in KEPT or axes == "xy"
+        assert op.name not in DROPPED or axes == "none"
+
+
+def test_what_must_keep_a_tile_or_must_not_is_tried():
+    assert {op.name for op in host.OPS} >= KEPT | DROPPED
+    assert {op.name for op in host.OPS if op.wraps} <= KEPT
+    assert {op.name for op in host.OPS if op.untiles} <= DROPPED | {"ifft", "point", "fill"}
+
+
+@pytest.mark.parametrize(
+    ("op", "number"), [case for case in CASES if issubclass(case.values[0], Neighborhood) and case.values[0].wraps]
+)
+def test_where_a_tile_begins_does_not_show(op: type[HostOp], number: int):
+    arguments = USES[op.name][number]
+    made, turned = (result_of(op, arguments, pixels) for pixels in (TILE, np.roll(TILE, SHIFT, (0, 1))))
+    np.testing.assert_array_equal(turned.pixels(), np.roll(made.pixels(), SHIFT, (0, 1)))
+
+
+@pytest.mark.parametrize(("modes", "axes"), [("periodic,black", "x"), ("clamp,periodic", "y"), ("black,black", "none")])
+def test_a_tile_along_one_axis(modes: str, axes: str):
+    blur = next(op for op in host.OPS if op.name == "blur")
+    made = made_by(blur(source=Image((tile(modes),), "tile"), size="9x9"), Session()).first
+    assert tiling_of(made.spec) == axes
+    pixels = made.pixels()
+    for axis, name in enumerate("yx"):
+        assert (seam_ratio(pixels, axis) <= MOST * BEFORE) == (name in axes)
+    turned = next(op for op in host.OPS if op.name == "rotate90")(source=Image((tile(modes),), "tile"))
+    assert tiling_of(made_by(turned, Session()).first.spec) == {"x": "y", "y": "x"}.get(axes, axes)
