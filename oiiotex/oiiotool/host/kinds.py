@@ -41,7 +41,7 @@ class HostOp(Op):
     mixes: ClassVar[bool] = True  # it computes new values; otherwise it only moves or copies the source's
     keeps: ClassVar[bool] = False  # parts that it does not work on are kept
     wraps: ClassVar[bool] = False  # it reads pixels around a pixel, of a tile beyond its border
-    untiles: ClassVar[bool] = False  # its result is no tile, even if its source is one
+    untiles: ClassVar[bool] = False  # its result does not tile, even if its source does
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("image", Kind.PIXELS, "Result."),)
     function: ClassVar[str | Callable[..., Any]]  # the name of one of ImageBufAlgo, or ours

@@ -89,12 +89,11 @@ class RegionFill:
         self._photos = op.all_maps()
         self._sources = op.source_maps()
         self._other = op.donor is not None
+        given = op.exemplar, op.region, op.labels, op.replace, op.labellevel, op.mattes, op.matte
         with resources.stats.time("read and color"):
-            self._marked = marked_pixels(
-                op.exemplar, op.region, op.labels, op.replace, op.labellevel, op.mattes, op.matte
-            )
-        self._tiling = op.tiled or tiling_of(op.exemplar.first.spec)
-        self._wraps = "x" in self._tiling, "y" in self._tiling
+            self._marked = marked_pixels(*given)
+        self._tiling = tiling = op.tiled or tiling_of(op.exemplar.first.spec)
+        self._wraps = "x" in tiling, "y" in tiling
         self._quality, self._measured = quality.during(resources, progress), progress.measure
         self._light: tuple[Light, Light] | None = None
 

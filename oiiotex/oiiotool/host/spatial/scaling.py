@@ -246,7 +246,7 @@ class Fit(HostOp, Gather):
         return self._padded(self._fitted(part, box, facts), box)
 
     def tiling(self, parts: Sequence[Part], made: Part) -> str:
-        """Those of its source, along the side that it fills, unless black or half pixels are beside it."""
+        """Those of its source, along the side that it fills, unless it is padded or off the pixel grid."""
         return "none" if self.exact or self.pad else super().tiling(parts, made)
 
     def _box(self) -> Window:
