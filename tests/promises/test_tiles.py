@@ -16,6 +16,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from oiiotex import filters
+from oiiotex.engine.core import demand
 from oiiotex.engine.core.access import Neighborhood
 from oiiotex.engine.core.image import Image, Part, from_pixels
 from oiiotex.engine.core.tiling import tiling_of
@@ -26,7 +27,7 @@ from oiiotex.oiiotool.host.kinds import HostOp
 from oiiotex.synthesis.quality.seam_measures import seam_ratio
 
 from ..conftest import made_by, oiiotex
-from .test_streaming import SAMPLES
+from .test_streaming import SAMPLES, windows_of
 
 SIDE = 256
 TILE = gaussian_filter(np.random.default_rng(3).random((SIDE, SIDE, 4)), (1, 1, 0), mode="wrap")
@@ -76,7 +77,7 @@ def images_for(op: type[HostOp], pixels: np.ndarray = TILE) -> dict[str, Any]:
             (from_pixels("kernel", np.arange(1, 16, dtype=np.float32).reshape(3, 5, 1), spec),), "k"
         )
     elif op.name == "st_warp":
-        t, s = (np.indices((SIDE, SIDE)) + 0.5) / SIDE
+        t, s = (np.indices(pixels.shape[:2]) + 0.5) / np.reshape(pixels.shape[:2], (2, 1, 1))
         wave = 0.02 * np.sin(2 * np.pi * np.stack([t, s], -1)) + 0.3  # it reads beyond the border, and coordinates > 1
         given["st"] = Image((tile(pixels=np.stack([s, t], -1) + wave),), "st")
     return given
@@ -229,3 +230,17 @@ def test_textures_carry_the_tag(tmp_path):
         assert oiio.ImageBuf(str(tmp_path / "tile.tx")).spec().get_string_attribute("wrapmodes") == modes
     oiiotex(tiled, "--cut", "64x64+3+3", "-otex", tmp_path / "cut.tx")
     assert oiio.ImageBuf(str(tmp_path / "cut.tx")).spec().get_string_attribute("wrapmodes") == "black,black"
+
+
+@pytest.mark.parametrize(
+    ("op", "number"), [case for case in CASES if case.values[0].wraps and case.values[0].name != "fillholes"]
+)
+def test_windows_of_a_tile_do_not_show(op: type[HostOp], number: int, monkeypatch: pytest.MonkeyPatch):
+    """It streams: a window reads what it needs of the other border, and gives the same pixels in any pieces."""
+    monkeypatch.setattr(demand, "BAND_BYTES", 8 << 10)
+    pixels = np.ascontiguousarray(TILE[:61, :47])
+    whole = result_of(op, USES[op.name][number], pixels).pixels()
+    part = result_of(op, USES[op.name][number], pixels)
+    for windows in windows_of(part.window):
+        for window in windows:
+            np.testing.assert_array_equal(part.read(window), whole[window.inside(part.window)], str(window))
