@@ -218,6 +218,12 @@ def test_a_map_of_a_tile_is_a_tile(name: str, arguments: dict[str, Any]):
         np.testing.assert_array_equal(given.get_pixels("float"), untagged.get_pixels("float"))
 
 
+def test_help_says_what_becomes_of_a_tile():
+    assert "is repeated beyond its border" in oiiotex("--help", "blur").stdout
+    assert "The result does not tile" in oiiotex("--help", "--cut").stdout
+    assert "tile" not in oiiotex("--help", "mulc").stdout
+
+
 def test_textures_carry_the_tag(tmp_path):
     tiled = tmp_path / "tile.exr"
     photo("periodic,black").write(str(tiled))
