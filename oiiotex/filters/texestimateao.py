@@ -12,6 +12,7 @@ from ..engine.core.demand import PIECE_PIXELS, cached
 from ..engine.core.image import Image, Part, channels_of, measure_spec
 from ..engine.core.op import Kind, Output, Plan, Space, no_pixels
 from ..engine.core.parameters import image, param
+from ..engine.core.tiling import TILED, tiled_spec, tiling_of
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.session import Session
@@ -47,7 +48,7 @@ class EstimateAO(Gather):
         None, ge=1e-6, le=1e6, unit="px", unset="the attribute oiiotex:heightpx, else longer side / 32", example="24",
         help="Height that a value of 1 stands for.",
     )  # fmt: skip
-    tiled: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the heights tile.")
+    tiled: str | None = TILED
 
     def plan(self, facts: Facts) -> Plan:
         """The map, and the scale of its heights."""
@@ -55,7 +56,7 @@ class EstimateAO(Gather):
         said = part.spec.get_float_attribute(HEIGHT_PX, 0.0)  # PNG stores it as a string
         said = said if 1e-6 <= said <= 1e6 else 0.0
         scale = self.relief or said or max(part.spec.width, part.spec.height) * _RELIEF
-        spec = measure_spec(part.spec)
+        spec = tiled_spec(measure_spec(part.spec), self.tiled or tiling_of(part.spec))
         spec.attribute(ESTIMATE, f"ambient occlusion from heights of {scale:g} px")
         return Plan({"ao": Part(part.name, spec, no_pixels)}, scale)
 
@@ -66,7 +67,8 @@ class EstimateAO(Gather):
         part, scale = self.source.first, plan.work
         self.inform("a height of 1 is %g px", scale)
         near, channel = cached(part, session.resources.cache), channels_of(part.spec).first
-        wraps = "x" in self.tiled, "y" in self.tiled
+        tiling = self.tiled or tiling_of(part.spec)
+        wraps = "x" in tiling, "y" in tiling
 
         def look(heights: np.ndarray) -> np.ndarray:
             return visible_sky(heights, self.radius)[..., None]

@@ -15,7 +15,8 @@ from ..engine.core.attributes import ESTIMATE, HEIGHT_PX
 from ..engine.core.image import Image, Part, from_pixels, measure_spec
 from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import image, param
-from ..engine.deferred import np
+from ..engine.core.tiling import TILED, tiled_spec, tiling_of
+from ..engine.deferred import np, oiio
 from ..engine.errors import ImageError, ParameterError, modifier
 from ..engine.session import Session
 from ..engine.session.facts import Facts
@@ -78,7 +79,7 @@ class EstimateHeight(Whole):
     normals: str = param(
         "opengl", choices=("opengl", "directx"), help="Green channel of the normals. opengl: up; directx: down."
     )
-    tiled: str = param("none", choices=("none", "x", "y", "xy"), help="Axes along which the photo tiles.")
+    tiled: str | None = TILED
     data: bool = param(False, advanced=True, help="Treat the first channel as luminance, not color.")
 
     def plan(self, facts: Facts) -> Plan:
@@ -88,19 +89,21 @@ class EstimateHeight(Whole):
         if self.overcast and self.light is not None:
             problem = f"conflicts with {modifier(overcast=True)}"
             raise ParameterError(problem, parameter="light", value=f"{self.light:g}")
-        part, wraps = self.source.first, ("y" in self.tiled, "x" in self.tiled)
+        part = self.source.first
+        tiling = self.tiled or tiling_of(part.spec)
+        wraps = "y" in tiling, "x" in tiling
         width, height = part.spec.width, part.spec.height
         sigma = self.sigma or max(1.0, max(width, height) / 8)
         facts.require(BYTES * math.prod(padded_size((height, width), sigma, wraps)), f"heights of {width}x{height}")
         color_to_convert(self.source, facts, self.working_space)
-        return Plan(work=(sigma, wraps))
+        return Plan(work=(sigma, wraps, tiling))
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any]:
         """Heights, and normals if requested."""
         from ..surfaces.capture.shading import has_two_albedos, luminance, normals_of, relief
 
         resources, progress, part = session.resources, session.progress, self.source.first
-        sigma, wraps = plan.work
+        sigma, wraps, tiling = plan.work
         values, opaque = working_values(self.source, resources, self.working_space)
         if opaque is not None and not opaque.any():
             raise ImageError(f"{self.source.source}: alpha is 0 everywhere: expected opaque pixels")
@@ -122,17 +125,18 @@ class EstimateHeight(Whole):
         low = float(found.heights.min())
         most = max(float(found.heights.max()) - low, 1e-6)
         self.inform("light from %s; heights of %.1f px", side, most)
-        spec = measure_spec(part.spec)
+        spec = tiled_spec(measure_spec(part.spec), tiling)
         spec.attribute(HEIGHT_PX, most)
         spec.attribute(ESTIMATE, f"height from shading, light from {side}")
         heights = ((found.heights - np.float32(low)) / np.float32(most))[..., None]
         return {
             "height": from_pixels(part.name, heights, spec),
-            "normal": lambda: self._normals(normals_of(found.heights * np.float32(self.strength), wraps), part, side),
+            "normal": lambda: self._normals(normals_of(found.heights * np.float32(self.strength), wraps), spec, side),
         }
 
-    def _normals(self, normals: np.ndarray, part: Part, side: str) -> Part:
-        spec = measure_spec(part.spec, ("R", "G", "B"))
+    def _normals(self, normals: np.ndarray, heights: oiio.ImageSpec, side: str) -> Part:
+        spec = tiled_spec(measure_spec(heights, ("R", "G", "B")), tiling_of(heights))
+        spec.erase_attribute(HEIGHT_PX)
         spec.attribute(ESTIMATE, f"normal from shading, light from {side}")
         if self.normals == "directx":
             normals = normals * np.array([1, -1, 1], np.float32)

@@ -14,6 +14,7 @@ from ..engine.core.attributes import ESTIMATE
 from ..engine.core.image import Image, Part, channels_of, measure_spec
 from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import image, param
+from ..engine.core.tiling import TILED, tiled_spec, tiling_of
 from ..engine.core.window import Window
 from ..engine.deferred import np
 from ..engine.session import Session
@@ -50,6 +51,7 @@ class EstimateRoughness(ScanThenMap):
     )
     middle: float = param(0.6, ge=0, le=1, help="Roughness where the local contrast is average.")
     spread: float = param(0.3, ge=0, le=1, help="Maximum deviation from middle.")
+    tiled: str | None = TILED
     data: bool = param(False, advanced=True, help="Treat the first channel as lightness, not color.")
 
     def plan(self, facts: Facts) -> Plan:
@@ -65,10 +67,12 @@ class EstimateRoughness(ScanThenMap):
         part = self.source.first
         lens = lens_of(self.source, session.resources, self.working_space)
         sigma = self.sigma or max(2.0, max(part.spec.width, part.spec.height) / 16)
-        fine = Image((fine_detail(part, lens),), self.source.source)
+        tiling = self.tiled or tiling_of(part.spec)
+        fine = Image((fine_detail(part, lens, tiling),), self.source.source)
         plain = Lens(fine.source, channels_of(fine.first.spec))
-        drift = drift_of(fine, plain, 2 * sigma, session.resources, session.progress, robust=False)
-        spec = measure_spec(part.spec)
+        wraps = "y" in tiling, "x" in tiling
+        drift = drift_of(fine, plain, 2 * sigma, session.resources, session.progress, wraps, robust=False)
+        spec = tiled_spec(measure_spec(part.spec), tiling)
         spec.attribute(ESTIMATE, f"roughness from local contrast at sigma {sigma:g} px")
         middle, amount = np.float32(self.middle), np.float32(self.spread)
         overall = np.float32(0 if drift is None else drift.overall_level[0])

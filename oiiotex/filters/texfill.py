@@ -13,6 +13,7 @@ from ..engine.core.image import Image
 from ..engine.core.op import Kind, Output, Plan, Space
 from ..engine.core.parameters import Numbers, Parameter, image, param
 from ..engine.core.source_map import ST
+from ..engine.core.tiling import TILED
 from ..engine.core.window import Window
 from ..engine.errors import ImageError, ParameterError, modifier, whole_budget
 from ..engine.session import Session
@@ -108,12 +109,7 @@ class Fill(Reported, MaterialOp, InBands):
         help="Width over which the step at the border fades out into the fill. 0: none; without matchlight, every"
         " pixel is then a verbatim copy.",
     )
-    tiled: str = param(
-        "none",
-        choices=("none", "x", "y", "xy"),
-        advanced=True,
-        help="Axes along which the photo tiles: the fill continues across these borders.",
-    )
+    tiled: str | None = TILED
     patch: int | None = param(
         None, example="21", choices=(*PATCHES, None), unit="px", unset=str(PATCH), help=PATCH_HELP
     )

@@ -13,6 +13,7 @@ from ..engine.core.access import ScanThenMap
 from ..engine.core.image import Image, Part, derived_spec
 from ..engine.core.op import Kind, Output, Plan, Space, no_pixels
 from ..engine.core.parameters import image, param
+from ..engine.core.tiling import TILED, tiled_spec, tiling_of
 from ..engine.session import Session
 from ..engine.session.facts import Facts
 from ..synthesis.exemplar.exemplar_masks import laid_over, masked_pixels
@@ -56,11 +57,7 @@ class Flatten(ScanThenMap):
         le=1,
         help="Fraction of the variation in local contrast to remove. Reduce it if dark joints become gray.",
     )
-    tiled: str = param(
-        "none",
-        choices=("none", "x", "y", "xy"),
-        help="Axes along which the image tiles. The result then tiles along the same axes.",
-    )
+    tiled: str | None = TILED
     tone: str = param(
         "photo",
         choices=("photo", "gray"),
@@ -76,20 +73,19 @@ class Flatten(ScanThenMap):
         if self.mask is not None:
             laid_over(self.mask.first, self.source, "mask")
         part = self.source.first
-        spec = derived_spec(part.spec)
-        if self.tiled != "none":
-            spec.attribute("wrapmodes", ",".join("periodic" if axis in self.tiled else "black" for axis in "xy"))
+        spec = tiled_spec(derived_spec(part.spec), self.tiled or tiling_of(part.spec))
         flat = replace(part, spec=spec, fetch=no_pixels, levels=(), ready=False)
         return Plan({"flat": flat, "drift": replace(correction_part(None, part), fetch=no_pixels)})
 
     def make(self, plan: Plan, session: Session) -> dict[str, Part]:
         """The first part flattened."""
+        tiling = self.tiled or tiling_of(self.source.first.spec)
         how = Flattening(
             radius=self.radius,
             amount=self.flattening,
             contrast=self.localcontrast,
             centered=self.tone == "gray",
-            wraps=("y" in self.tiled, "x" in self.tiled),
+            wraps=("y" in tiling, "x" in tiling),
         )
         usable = None if self.mask is None else masked_pixels(self.mask, self.source)
         resources, progress = session.resources, session.progress

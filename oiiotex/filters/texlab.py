@@ -15,6 +15,7 @@ from ..engine.core.attributes import TAG, tag_colors
 from ..engine.core.image import Channels, Image, Part, channels_of, derived_spec
 from ..engine.core.op import Kind, Output, Plan, Space, no_pixels
 from ..engine.core.parameters import image, param
+from ..engine.core.tiling import tiled_spec, tiling_of
 from ..engine.core.window import Window
 from ..engine.deferred import np, oiio
 from ..engine.errors import COLORSPACE, ColorError, ImageError, ParameterError, modifier
@@ -87,7 +88,7 @@ class Lab(Pointwise):
             values, _opaque = lens.values(rows)
             return _merged(values, rows, places)
 
-        spec = derived_spec(part.spec)
+        spec = tiled_spec(derived_spec(part.spec), tiling_of(part.spec))
         names = [*part.spec.channelnames]
         if len(lens.channels.color) == 1:
             names[lens.channels.color[0] : lens.channels.color[0] + 1] = ["R", "G", "B"]
@@ -125,7 +126,7 @@ class Lab(Pointwise):
                 values *= divisor(as_float(rows[..., channels.alpha]))[..., None]
             return _merged(values, rows, places)
 
-        spec = derived_spec(part.spec)
+        spec = tiled_spec(derived_spec(part.spec), tiling_of(part.spec))
         spec.set_format(oiio.TypeDesc(oiio.FLOAT))
         spec.channelformats = ()
         for stale in ("oiio:BitsPerSample", FROM):

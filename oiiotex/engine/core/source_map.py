@@ -13,6 +13,7 @@ from ..errors import ImageError
 from .demand import SomeRows, rows_of
 from .image import Part, derived_spec, spec_beside
 from .op import Kind, Output
+from .tiling import tiled_spec
 from .window import Window
 
 if TYPE_CHECKING:
@@ -175,6 +176,4 @@ def require_addressable(shape: tuple[int, ...]) -> None:
 
 def tile_spec(spec: oiio.ImageSpec, tiling: str, size: tuple[int, int] | None = None) -> oiio.ImageSpec:
     """The spec of a result that wraps along some axes; without `size`, in the windows of its exemplar."""
-    new = derived_spec(spec, *(size or ()))
-    new.attribute("wrapmodes", ",".join("periodic" if axis in tiling else "black" for axis in "xy"))
-    return new
+    return tiled_spec(derived_spec(spec, *(size or ())), tiling)

@@ -91,6 +91,7 @@ class Drawn(HostOp, Pointwise):
     """Draws at absolute coordinates: its function gets a buffer and the spec of the whole image."""
 
     keeps: ClassVar[bool] = True
+    untiles: ClassVar[bool] = True
 
     source: Image = image(help="Input image.")
 

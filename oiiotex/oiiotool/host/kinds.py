@@ -21,6 +21,7 @@ from ...engine.core.access import Pointwise, Whole
 from ...engine.core.image import Image, Part, Pixels, cropped, in_memory
 from ...engine.core.op import Kind, Op, Output, Plan, Space, no_pixels
 from ...engine.core.parameters import Parameter, declared, image, param
+from ...engine.core.tiling import retiled, shared_tiling, tiling_of
 from ...engine.core.window import Window
 from ...engine.deferred import oiio
 from ...engine.errors import ImageError, ParameterError, one_line
@@ -42,6 +43,8 @@ class HostOp(Op):
     mixes: ClassVar[bool] = True  # it computes new values; otherwise it only moves or copies the source's
     spares: ClassVar[bool] = False  # it copies channels that are not color, such as ids of Cryptomatte
     keeps: ClassVar[bool] = False  # parts that it does not work on are kept
+    wraps: ClassVar[bool] = False  # it reads pixels around a pixel, of a tile beyond its border
+    untiles: ClassVar[bool] = False  # its result does not tile, even if its source does
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("image", Kind.PIXELS, "Result."),)
     function: ClassVar[str | Callable[..., Any]]  # the name of one of ImageBufAlgo, or ours
@@ -65,6 +68,10 @@ class HostOp(Op):
         function = self.function
         called: Callable[..., Any] = getattr(oiio.ImageBufAlgo, function) if isinstance(function, str) else function
         return called(*given, *self.operands_after(*given))
+
+    def tiling(self, parts: Sequence[Part], made: Part) -> str:
+        """Axes along which its result tiles: those along which all images do that it takes the pixels from."""
+        return "none" if self.untiles else shared_tiling(part.spec for part in (parts[:1] if self.wraps else parts))
 
     def provenance(self) -> dict[str, Any]:
         """Nothing: files made by oiiotool's ops carry oiiotool's metadata."""
@@ -94,12 +101,20 @@ class HostOp(Op):
         return Image((*parts, *(first.parts[count:] if self.keeps else ())), first.source)
 
     def _worked(self, parts: Sequence[Part], facts: Facts, result: Callable[[Sequence[Part], Facts], Part]) -> Part:
-        """The op's result; ids and coordinates keep their type, and an op that would mix them is refused."""
+        """The op's result, tagged as a tile if it is one.
+
+        Ids and coordinates keep their type, and an op that would mix them is refused.
+        """
         part = parts[0]
         if self.mixes and not self.spares:
             require_unmixed(part, self.flag())
+
+        def tile() -> Part:
+            made = result(parts, facts)
+            return retiled(made, self.tiling(parts, made))
+
         if not part.exact:
-            made, typed = result(parts, facts), next((one for one in parts if one.typed), None)
+            made, typed = tile(), next((one for one in parts if one.typed), None)
             return made if typed is None else dataclasses.replace(made, stored=typed.stored, typed=True)
         if self.mixes:
             content = "source coordinates" if part.spec.format == oiio.FLOAT else "ids"
@@ -107,7 +122,7 @@ class HostOp(Op):
                 f"part '{part.name}' holds {content}, which must not be interpolated",
                 hint=f"exclude it: :subimages=-{part.name}, or no -a",
             )
-        return dataclasses.replace(result(parts, facts), stored=part.stored, exact=True)
+        return dataclasses.replace(tile(), stored=part.stored, exact=True)
 
     def inputs(self) -> list[Image]:
         """The given images, in the order of declaration."""
@@ -321,3 +336,7 @@ class Respec(HostOp, Pointwise):
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The part with its new spec, in its own type."""
         return parts[0].respecced(self.called)
+
+    def tiling(self, parts: Sequence[Part], made: Part) -> str:
+        """As its metadata say, if its windows still allow it."""
+        return tiling_of(made.spec)

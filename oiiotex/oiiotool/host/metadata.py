@@ -13,6 +13,7 @@ from ...engine.core.access import Pointwise
 from ...engine.core.attributes import set_attribute
 from ...engine.core.image import Image, Part, copied
 from ...engine.core.parameters import argument, image, param
+from ...engine.core.tiling import tiling_of
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
 from ...engine.errors import ImageError, ParameterError
@@ -109,6 +110,10 @@ class PasteMetadata(HostOp, Pointwise):
     def inputs(self) -> list[Image]:
         """The second image first: the result has its parts."""
         return [self.pixels, self.metadata]
+
+    def tiling(self, parts: Sequence[Part], made: Part) -> str:
+        """As the copied metadata say."""
+        return tiling_of(made.spec)
 
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The second image's pixels with the new spec."""

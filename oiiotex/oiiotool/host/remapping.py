@@ -13,6 +13,7 @@ from ...engine.core.access import Gather, Neighborhood
 from ...engine.core.demand import cached, materialized
 from ...engine.core.image import Image, Part, Pixels
 from ...engine.core.parameters import image
+from ...engine.core.tiling import repeated
 from ...engine.core.window import Window
 from ...engine.deferred import oiio
 from ...engine.errors import ImageError, ParameterError
@@ -60,6 +61,8 @@ class Remap(_Resampled, Gather):
 @dataclass(frozen=True, kw_only=True)
 class Area(_Resampled, Neighborhood):
     """Neighborhood: its function gets the window with a halo, and the window itself as a ROI."""
+
+    wraps: ClassVar[bool] = True
 
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
         """The window with its halo."""
@@ -111,13 +114,15 @@ def remapped(
 ) -> Part:
     """The result of a resampling op over the windows of `target`, not yet computed.
 
-    `needs` and `apply` are those of `Remap` and `Area`. With `scattered` reads, sources are first copied to memory or
-    a temporary file. Raises ImageError if the result has no pixel.
+    `needs` and `apply` are those of `Remap` and `Area`. With `op.wraps` a tile is repeated beyond its border. With
+    `scattered` reads, sources are first copied to memory or a temporary file.
+    Raises ImageError if the result has no pixel.
     """
     whole = Window.data(target)
     require_pixels(whole, Window.display(target))
     bring = functools.partial(materialized, budget=facts.budget)
     near = [once(part, bring) if scattered else cached(part, facts.cache) for part in parts]
+    near = [repeated(part) for part in near] if op.wraps else near
 
     def at(window: Window) -> oiio.ImageBuf:
         pieces = [(part, _seen(wanted, part)) for part, wanted in zip(near, needs(window), strict=True)]

@@ -8,6 +8,7 @@ from dataclasses import replace
 from ...engine.color.lens import Lens
 from ...engine.core.demand import rows_for
 from ...engine.core.image import Part, spec_beside
+from ...engine.core.tiling import repeated
 from ...engine.core.window import Window
 from ...engine.deferred import np
 from .shading import luminance
@@ -17,7 +18,7 @@ _TAPS = (1, 4, 6, 4, 1)  # a Gaussian of sigma 1
 _REACH = 2
 
 
-def fine_detail(part: Part, lens: Lens) -> Part:
+def fine_detail(part: Part, lens: Lens, tiling: str) -> Part:
     """Absolute difference between the luminance of each pixel and its surroundings, in `STEPS` per white; alpha 0 or 1.
 
     Parameters
@@ -26,12 +27,14 @@ def fine_detail(part: Part, lens: Lens) -> Part:
         The photo, read in bands of full rows.
     lens : Lens
         Its color conversion.
+    tiling : str
+        Axes along which it tiles.
     """
-    whole = part.window
+    plane = repeated(part, tiling)
 
     def fetch(window: Window) -> np.ndarray:
-        around = window.grown(_REACH) & whole
-        seen = [lens.values(part.read(band)) for band in around.cells(around.width, rows_for(part))]
+        around = window.grown(_REACH) & plane.window
+        seen = [lens.values(plane.read(band)) for band in around.cells(around.width, rows_for(part))]
         values = np.concatenate([v[..., 0] for v, _ in seen])
         opaque = np.concatenate([np.ones(v.shape[:2], bool) if there is None else there for v, there in seen])
         light = values / np.float32(100) if lens.space is None else luminance(values)

@@ -14,8 +14,9 @@ from ...analysis.stationarity.row_bands import row_bands
 from ...engine.color.config import as_float
 from ...engine.color.lab import lens_of
 from ...engine.core.demand import SomeRows, rows_of
-from ...engine.core.image import Image, Part, derived_spec, spec_beside
+from ...engine.core.image import Image, Part, spec_beside
 from ...engine.core.source_map import SourceMap, tile_spec
+from ...engine.core.tiling import tiling_of
 from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.errors import ImageError, MemoryBudgetError
@@ -87,11 +88,11 @@ class RegionFill:
         self._photos = op.all_maps()
         self._sources = op.source_maps()
         self._other = op.donor is not None
+        given = op.exemplar, op.region, op.labels, op.replace, op.labellevel, op.mattes, op.matte
         with resources.stats.time("read and color"):
-            self._marked = marked_pixels(
-                op.exemplar, op.region, op.labels, op.replace, op.labellevel, op.mattes, op.matte
-            )
-        self._wraps = "x" in op.tiled, "y" in op.tiled
+            self._marked = marked_pixels(*given)
+        self._tiling = tiling = op.tiled or tiling_of(op.exemplar.first.spec)
+        self._wraps = "x" in tiling, "y" in tiling
         self._quality, self._measured = quality.during(resources, progress), progress.measure
         self._light: tuple[Light, Light] | None = None
 
@@ -211,7 +212,7 @@ class RegionFill:
     def _recipe(self, window: Window) -> Recipe:
         op = self._op
         return Recipe.tiling(
-            *window.size, op.tiled, sigma=None, patch=op.side, iterations=op.iterations, seed=op.seed,
+            *window.size, self._tiling, sigma=None, patch=op.side, iterations=op.iterations, seed=op.seed,
             uniformity=_UNIFORMITY, contrast=0.0, flat=False, fine=_FINE,
         )  # fmt: skip
 
@@ -293,7 +294,7 @@ class RegionFill:
     def _filled_part(self, photo: Part, source: Part, filling: Filling, changed: np.ndarray | None) -> Part:
         """The photo with the shown pixels copied from the source, and moved into its light."""
         op, by_rows = self._op, not self._op.holds_photo(self._resources)
-        spec = tile_spec(photo.spec, op.tiled) if op.tiled != "none" else derived_spec(photo.spec)
+        spec = tile_spec(photo.spec, self._tiling)
         pixels: SomeRows = rows_of(op.in_any_order(source, False)) if by_rows else np.ascontiguousarray(source.pixels())
         lens = None if changed is None else lens_of(op.exemplar, self._resources, op.first_space)
         place = filling.window.shifted(*photo.window[:2])

@@ -114,7 +114,6 @@ def _tile(part: Part, window: Window) -> Part:
     def begin_at_0(spec: oiio.ImageSpec) -> None:
         spec.x = spec.y = spec.full_x = spec.full_y = 0
         spec.full_width, spec.full_height = window.width, window.height
-        spec.attribute("wrapmodes", "black,black")
 
     return cropped(part, window).respecced(begin_at_0)
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from ....engine.core.image import Image, Part, type_named
 from ....engine.core.parameters import Size, param
+from ....engine.core.tiling import tiling_of
 from ....engine.deferred import oiio
 from ....engine.errors import ImageError, ParameterError, one_line
 from ....engine.io.atomic import part_of, take, temporary_beside
@@ -31,7 +32,10 @@ _WRAPS = ("black", "clamp", "periodic", "mirror")
 class TextureModifiers:
     """Modifiers of -otex, -oenv and -obump."""
 
-    wrap: str = param("black", choices=_WRAPS, help="Wrap mode outside the image.")
+    wrap: str | None = param(
+        None, choices=(*_WRAPS, None), unset="periodic along axes that the image's wrapmodes call periodic, else black",
+        help="Wrap mode outside the image.",
+    )  # fmt: skip
     swrap: str | None = param(None, choices=(*_WRAPS, None), unset="that of wrap", help="Horizontal wrap mode.")
     twrap: str | None = param(None, choices=(*_WRAPS, None), unset="that of wrap", help="Vertical wrap mode.")
     type: str | None = param(None, unset="that of -d", example="half", help="Pixel type, such as uint8, half or float.")
@@ -105,7 +109,7 @@ def write_texture(mode: str) -> Any:
         session = chain.session
         timed, checkpoints = session.resources.stats.time("make texture"), session.resources.checkpoints(path)
         with timed, checkpoints, temporary_beside(Path(checked_name(path))) as temporary:
-            config = _config(chain, part.stored, given)
+            config = _config(chain, part, given)
             out = oiio.ImageOutput.create(given.fileformatname or str(temporary))
             format_name = out.format_name() if out is not None else ""
             says = is_ours(part.spec) or given.incolorspace or given.outcolorspace
@@ -137,16 +141,23 @@ def _converted(chain: Chain, given: TextureModifiers) -> Part:
     return dataclasses.replace(image.first, stored=chain.top.first.stored)
 
 
-def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers) -> oiio.ImageSpec:
-    """The settings of make_texture, as attributes of a spec."""
+def _wrap_modes(spec: oiio.ImageSpec, given: TextureModifiers) -> str:
+    """The wrap modes, x and y: those given, else that of a tile."""
+    axes = tiling_of(spec)
+    own = ("periodic" if axis in axes else "black" for axis in "xy")
+    return ",".join(one or given.wrap or tag for one, tag in zip((given.swrap, given.twrap), own, strict=True))
+
+
+def _config(chain: Chain, part: Part, given: TextureModifiers) -> oiio.ImageSpec:
+    """The settings of make_texture for a part, as attributes of a spec."""
     config = oiio.ImageSpec()
     kind = type_named(given.type) if given.type else chain.settings.get("-d", (None, 0))[0]
-    kind = kind or stored or chain.first.pixel_type
+    kind = kind or part.stored or chain.first.pixel_type
     if kind is not None:
         config.set_format(kind)
     config.tile_width, config.tile_height = given.tile or chain.settings.get("--tile") or (64, 64)
     config.tile_depth = 1
-    config.attribute("wrapmodes", f"{given.swrap or given.wrap},{given.twrap or given.wrap}")
+    config.attribute("wrapmodes", _wrap_modes(part.spec, given))
     values = {name: value for name, value in vars(given).items() if name not in _ELSEWHERE}
     for name, other in _BOTH.items():
         values[name] = values[name] or getattr(given, other)

@@ -18,6 +18,8 @@ from ..language.parse import Option, Refused, names_of
 from ..vocabulary import LANGUAGE
 
 _WIDEST = 110  # columns: longer lines are hard to read
+_WRAPS = "An image that tiles (its wrapmodes are periodic) is repeated beyond its border."
+_UNTILES = "The result does not tile: it loses periodic wrapmodes."
 
 
 def declarations() -> Iterator[tuple[str, tuple[str, ...], str, tuple[Parameter, ...]]]:
@@ -92,6 +94,8 @@ def described(modifier: Parameter, declaration: type[Op] | Option | Refused) -> 
 
 
 def _op_page(op: type[Op]) -> str:
+    from ...host.kinds import HostOp  # the overview needs no op
+
     images = " ".join(i.name for i in op.images())
     further = op.further_images()
     images += f" {further.name}" if further else ""
@@ -102,6 +106,8 @@ def _op_page(op: type[Op]) -> str:
     lines += ["", *(_modifier_rows(op.modifiers(), op) or ["Modifiers: none"])]
     if len(op.outputs) > 1 or op.prefix == Op.prefix:
         lines += ["", "Outputs:", *(_entry(o.name, on_a_line(o.text, op)) for o in op.outputs)]
+    if issubclass(op, HostOp) and (op.wraps or op.untiles):
+        lines += ["", _filled(_WRAPS if op.wraps else _UNTILES)]
     return "\n".join([*lines, "", _filled(f"Works in {op.space.value}; {op.reach}.")])
 
 

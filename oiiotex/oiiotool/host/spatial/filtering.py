@@ -13,6 +13,7 @@ from ....engine.core.access import Whole
 from ....engine.core.image import Image, Part, in_memory
 from ....engine.core.op import Plan
 from ....engine.core.parameters import Numbers, argument, image, nearest, param
+from ....engine.core.tiling import repeated, retiled
 from ....engine.core.window import Window
 from ....engine.deferred import oiio
 from ....engine.errors import ImageError, ParameterError
@@ -171,6 +172,7 @@ class FillHoles(Hosted, Whole):
     """Fill holes (pixels with alpha below 1) from their surroundings."""
 
     name: ClassVar[str] = "fillholes"
+    wraps: ClassVar[bool] = True
 
     source: Image = image(help="Image with alpha.")
 
@@ -178,24 +180,32 @@ class FillHoles(Hosted, Whole):
         """The union of data and display window."""
         part = self.source.first
         require_unmixed(part, self.flag())
-        whole = part.window | Window.display(part.spec)
-        pixels = (part.spec.width * part.spec.height) * 4 + whole.width * whole.height
+        whole, around = part.window | Window.display(part.spec), self._around(part)
+        pixels = (around.width * around.height) * 4 + whole.width * whole.height
         facts.require(pixels * part.spec.nchannels * 4, self.flag())
         return Plan(work=whole)
 
+    def _around(self, part: Part) -> Window:
+        """The pixels that holes are filled from: of a tile, also half of it beyond the border."""
+        return part.window.grown(part.window.width // 2, part.window.height // 2) & repeated(part).window
+
     def make(self, plan: Plan, session: Session) -> Image:
         """The first part, filled over that window."""
-        part, whole = self.source.first, plan.work
-        spec = whole.apply_to(part.spec)
+        part, whole, around = self.source.first, plan.work, self._around(self.source.first)
+        spec = (whole | around).apply_to(part.spec)
         spec.set_format(part.working_type)
         result = oiio.ImageBuf(spec)
-        oiio.ImageBufAlgo.fillholes_pushpull(result, part.buffer(part.window))
-        return Image((in_memory(part.name, checked(result)),), self.source.source)
+        oiio.ImageBufAlgo.fillholes_pushpull(result, repeated(part).buffer(around))
+        filled = oiio.ImageBufAlgo.crop(checked(result), roi=whole.roi(spec.nchannels))
+        made = in_memory(part.name, checked(filled))
+        return Image((retiled(made, self.tiling([part], made)),), self.source.source)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fourier(AtOnce):
     """A Fourier transform."""
+
+    untiles: ClassVar[bool] = True
 
     source: Image = image(help="Input image.")
 
@@ -275,6 +285,7 @@ FILTERING = (
        mode=param("covariance", choices=("covariance", "correlation"),
                   help="Matrix whose eigenvectors are the stretched axes.")),
     op("demosaic", "Interpolate color from a raw mosaic.", Area, _demosaic,
+       wraps=False, untiles=True,  # a tile need not be a multiple of the pattern
        halo=lambda use: (_PERIOD + 4, _PERIOD + 4),  # two pixels, and at the edges a period of the pattern
        source=(Image, image(help="Raw mosaic.")),
        pattern=param("auto", choices=("auto", "bayer", "xtrans"), help="Type of mosaic. auto: from the metadata."),

@@ -15,6 +15,7 @@ from ....engine.core.demand import bands, cached, materialized, on_a_torus
 from ....engine.core.image import IDS, Image, Part, copied, cropped, derived_spec, dtype_of, pixels_of
 from ....engine.core.op import Plan
 from ....engine.core.parameters import Size, argument, image, param
+from ....engine.core.tiling import retiled
 from ....engine.core.window import Window
 from ....engine.deferred import np, oiio
 from ....engine.errors import ImageError, ParameterError
@@ -75,6 +76,7 @@ class Cut(Crop):
     """Cut out a region and move it to the origin."""
 
     name: ClassVar[str] = "cut"
+    untiles: ClassVar[bool] = True
 
     def idle(self, parts: Sequence[Part]) -> bool:
         """Never: the display window changes."""
@@ -271,6 +273,11 @@ class Turned(HostOp, Gather):
             turned.erase_attribute(".*")
         return turned
 
+    def tiling(self, parts: Sequence[Part], made: Part) -> str:
+        """Those of its source, turned with it."""
+        axes = super().tiling(parts, made)
+        return {"x": "y", "y": "x"}.get(axes, axes) if self.swaps else axes
+
     def needs(self, window: Window, spec: oiio.ImageSpec) -> Window:
         """The window that the pixels come from."""
         shown, display = Window.display(spec), self.display(spec)
@@ -339,7 +346,9 @@ class Reorient(Hosted, Gather):
         turned = part
         for step in _UPRIGHT.get(_orientation(part), ()):
             turn: Any = next(turn for turn in _TURNS if turn.name == step)
-            turned = turn(source=self.source).result([turned], facts)
+            use = turn(source=self.source)
+            made = use.result([turned], facts)
+            turned = retiled(made, use.tiling([turned], made))
         return turned.respecced(lambda spec: spec.attribute("Orientation", 1))
 
 

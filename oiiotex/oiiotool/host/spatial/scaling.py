@@ -113,6 +113,7 @@ class Resize(HostOp, Gather):
 
     name: ClassVar[str] = "resize"
     rescales: ClassVar[bool] = True
+    wraps: ClassVar[bool] = True
 
     source: Image = image(help="Input image.")
     size: str = _SIZE
@@ -138,6 +139,10 @@ class Resize(HostOp, Gather):
         if min(*begin[2:], *end[2:]) <= 0:
             raise ParameterError(f"from={self.from_}, to={self.to}", expected="a width and height > 0")
         return None if begin == box_of(shown) and end == box_of(sized) else (begin, end)
+
+    def tiling(self, parts: Sequence[Part], made: Part) -> str:
+        """Those of its source, unless regions are mapped."""
+        return "none" if self.from_ or self.to else super().tiling(parts, made)
 
     def idle(self, parts: Sequence[Part]) -> bool:
         """Whether no size changes."""
@@ -172,6 +177,7 @@ class Resample(Remap):
 
     name: ClassVar[str] = "resample"
     rescales: ClassVar[bool] = True
+    wraps: ClassVar[bool] = True
     deep: ClassVar[bool] = True
 
     size: str = _SIZE
@@ -205,6 +211,7 @@ class Fit(HostOp, Gather):
 
     name: ClassVar[str] = "fit"
     rescales: ClassVar[bool] = True
+    wraps: ClassVar[bool] = True
 
     source: Image = image(help="Input image.")
     size: str = argument(help="New display window: WxH or WxH+X+Y.", example="640x480")
@@ -237,6 +244,10 @@ class Fit(HostOp, Gather):
             facts.require(pixels * part.spec.nchannels * 4 * 2, self.flag())
             return dataclasses.replace(part, fetch=no_pixels)
         return self._padded(self._fitted(part, box, facts), box)
+
+    def tiling(self, parts: Sequence[Part], made: Part) -> str:
+        """Those of its source, along the side that it fills, unless it is padded or off the pixel grid."""
+        return "none" if self.exact or self.pad else super().tiling(parts, made)
 
     def _box(self) -> Window:
         box = parse_box(self.size, box_of(Window.display(self.source.first.spec))).window()

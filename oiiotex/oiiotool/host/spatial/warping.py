@@ -11,11 +11,12 @@ from typing import ClassVar
 from ....engine.core.access import Gather
 from ....engine.core.image import Image, Part, derived_spec, in_memory, pixels_of
 from ....engine.core.parameters import Numbers, argument, image, nearest, param
+from ....engine.core.tiling import repeated, tiling_of
 from ....engine.core.window import Window, warp_needs
 from ....engine.deferred import np, oiio
 from ....engine.errors import ImageError, ParameterError
 from ....engine.session.facts import Facts
-from ..kinds import HostOp, checked, like, once, worked
+from ..kinds import HostOp, checked, filled, like, once, worked
 from ..remapping import remapped, require_kernel
 
 # OpenImageIO's filters and their widths in pixels
@@ -25,6 +26,8 @@ FILTERS = {
     "keys": 4, "simon": 4, "rifman": 4,
 }  # fmt: skip
 HIGHLIGHTS = param(False, help="Compress highlights before filtering and expand them afterwards, to avoid ringing.")
+_FAR = 1 << 24  # px
+_BESIDE = 8  # px around a tile that --st_warp reads: more than half of the widest filter
 _WRAPS = ("default", "black", "clamp", "periodic", "mirror")
 
 
@@ -130,19 +133,35 @@ def warped(
     return remapped(op, [part], target, needs, apply, facts, scattered=scattered)
 
 
+def _black_beside(part: Part, tiling: str) -> Part:
+    """The part in a display window that is far larger along the axes along which it does not tile.
+
+    ImageBufAlgo::warp repeats the display window along both axes.
+    """
+
+    def widen(spec: oiio.ImageSpec) -> None:
+        Window.display(spec).grown(_FAR * ("x" not in tiling), _FAR * ("y" not in tiling)).show_in(spec)
+
+    return part.respecced(widen)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Warped(HostOp, Gather):
     """Warps by a matrix."""
 
     rescales: ClassVar[bool] = True
+    untiles: ClassVar[bool] = True
     source: Image = image(help="Input image.")
     filter: str = param("", unset="lanczos3", help="Name of the resampling filter.", example="mitchell")
     recompute_roi: bool = param(False, help="Grow or shrink the data window to the warped image.")
     highlightcomp: bool = HIGHLIGHTS
 
     def warped(self, part: Part, matrix: np.ndarray, wrap: str, facts: Facts) -> Part:
-        """The part warped by a matrix, not yet computed."""
+        """The part warped by a matrix, not yet computed; by default a tile is repeated beyond its border."""
         target = (_forward_window(matrix, part.window) if self.recompute_roi else part.window).apply_to(part.spec)
+        tiling = tiling_of(part.spec)
+        if wrap == "default" and tiling != "none":
+            part, wrap = _black_beside(part, tiling), "periodic"
         return warped(self, part, target, matrix, self.filter, self.highlightcomp, facts, wrap=wrap, scattered=True)
 
 
@@ -156,7 +175,12 @@ class Warp(Warped):
         help="9 values, row by row. The matrix maps row vectors (x, y, 1) from the source to the result.",
         example="0.5,0,0,0,0.5,0,0,0,1",
     )
-    wrap: str = param("default", choices=_WRAPS, help="Pixels outside the image. `default` is black.")
+    wrap: str = param(
+        "default",
+        choices=_WRAPS,
+        help="Pixels outside the image. `default` is black, or periodic along the"
+        " axes that the image's wrapmodes call periodic.",
+    )
 
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The warped part, not yet computed."""
@@ -185,7 +209,7 @@ class Rotate(Warped):
                 raise ParameterError(parameter="center", value=self.center, expected="X,Y")
             x, y = self.center
         radians = float(np.float32(self.angle) * np.float32(math.pi / 180))
-        return self.warped(parts[0], _rotation(radians, x, y), "black", facts)
+        return self.warped(parts[0], _rotation(radians, x, y), "default", facts)
 
 
 def _rotation(radians: float, x: float, y: float) -> np.ndarray:
@@ -201,12 +225,22 @@ def _rotation(radians: float, x: float, y: float) -> np.ndarray:
     return product(product(move, turn), back)
 
 
+def _without_turns(st: oiio.ImageBuf, channels: Sequence[int]) -> oiio.ImageBuf:
+    """The ST map with these channels modulo 1: on a tile, where each coordinate has a pixel."""
+    if not channels:
+        return st
+    values = pixels_of(st, oiio.FLOAT)
+    values[..., channels] %= 1
+    return filled(like(st.spec(), format=oiio.TypeFloat), values)
+
+
 @dataclass(frozen=True, kw_only=True)
 class STWarp(HostOp, Gather):
     """Warp an image by a second one that contains normalized source coordinates (an ST map)."""
 
     name: ClassVar[str] = "st_warp"
     rescales: ClassVar[bool] = True
+    wraps: ClassVar[bool] = True
 
     source: Image = image(help="Image to warp.")
     st: Image = image(help="ST map: source coordinates from 0 to 1.")
@@ -215,6 +249,10 @@ class STWarp(HostOp, Gather):
     chan_t: int = param(1, ge=0, help="Channel of the ST map that contains t.")
     flip_s: bool = param(False, help="Flip s: 0 is at the right.")
     flip_t: bool = param(False, help="Flip t: 0 is at the bottom.")
+
+    def tiling(self, parts: Sequence[Part], made: Part) -> str:
+        """Those of the ST map: a pixel is that at its coordinates."""
+        return tiling_of(parts[1].spec) if parts[1].window == made.window else "none"
 
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The warped part, not yet computed: any of its windows may read any pixel of the source."""
@@ -229,16 +267,18 @@ class STWarp(HostOp, Gather):
             raise ImageError("the data windows of the image and the ST map do not overlap")
         facts.require(source.spec.width * source.spec.height * source.pixel_bytes, self.flag())
         cached = once(source, lambda part: in_memory(part.name, part.buffer(part.window)))
-        spec = derived_spec(source.spec)
+        plane, axes, spec = repeated(cached), tiling_of(source.spec), derived_spec(source.spec)
+        around = cached.window.grown(_BESIDE) & plane.window
+        turns = [channel for channel, axis in ((self.chan_s, "x"), (self.chan_t, "y")) if axis in axes]
 
         def fetch(window: Window) -> oiio.ImageBuf:
-            whole = cached.buffer(cached.window)
+            whole = plane.buffer(around)
             result = blank(window.apply_to(spec), whole)
             seen = window & st.window
             if not seen.empty:
                 oiio.ImageBufAlgo.st_warp(
-                    result, whole, st.buffer(seen), self.filter, 0.0, self.chan_s, self.chan_t, self.flip_s,
-                    self.flip_t, seen.roi(spec.nchannels),
+                    result, whole, _without_turns(st.buffer(seen), turns), self.filter, 0.0, self.chan_s, self.chan_t,
+                    self.flip_s, self.flip_t, seen.roi(spec.nchannels),
                 )  # fmt: skip
             return checked(result)
 
