@@ -49,8 +49,8 @@ made(recipe, exemplar, fixed=fixed, sigmas=np.geomspace(2, 5, 30).astype(np.floa
 lattice = Lattice(np.array([[0.2, 0.05], [-0.03, 0.3]]), 9.0, np.eye(64))
 recipe = replace(recipe, in_step=InStep(lattice, lattice.frequencies, 0.5))
 made(recipe, exemplar)
-from oiiotex.synthesis.patchmatch import exemplar_rows, memory, optimization, use_prices
-exemplar_rows.REGION = use_prices.REGION = 3
+from oiiotex.synthesis.patchmatch import exemplar_rows, memory, optimization
+exemplar_rows._REGION = 3
 def in_pieces(device, shape, recipe, geometries, scales, constraints, budget, held):
     grids = memory.grids_of(recipe, geometries, scales, constraints)
     layout = memory.layout(recipe, geometries, grids, constraints, None, None, 3 + exemplar_rows.piece_halo(5))

@@ -36,13 +36,13 @@ PYOPENCLS = {
 
 # rooms: packages of a floor, or modules that lie there alone; those of the command line are one level deeper
 CLI = {f"oiiotool.cli.{name}" for name in ("language", "main", "printing", "running", "vocabulary")}
-WORDS = CLI | {"engine.core", "engine.deferred", "engine.errors", "engine.stats"}
+WORDS = CLI | {"engine.core", "engine.deferred", "engine.errors", "engine.shipped", "engine.stats"}
 NOT_FOUND = WORDS | {"python.declared_entries"}  # where a name may be a filter's of another package
-HOST = NOT_FOUND | {"oiiotool.host", "engine.io", "engine.machine", "engine.session"}
+HOST = NOT_FOUND | {"oiiotool.host", "engine.io", "engine.machine", "engine.patterns", "engine.session"}
 FILTER = HOST - {"oiiotool.host"} | {
-    f"engine.{name}" for name in ("color", "opencl", "scan", "shipped")
+    f"engine.{name}" for name in ("color", "opencl", "scan")
 }  # and the techniques that it calls
-LINE = WORDS | {f"engine.{name}" for name in ("io", "machine", "operands", "run", "session")}
+LINE = WORDS | {f"engine.{name}" for name in ("io", "machine", "operands", "patterns", "run", "session")}
 LINE |= {"oiiotool.cli.files", "oiiotool.cli.stack"}
 ALL = FILTER | LINE | {"oiiotool.host"}
 TECHNIQUES = ("analysis.", "synthesis.", "surfaces.")

@@ -15,7 +15,7 @@ from oiiotex.engine.core.scratch import RowStore
 from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.engine.errors import Interrupted
 from oiiotex.engine.io.checkpoint import Checkpoint
-from oiiotex.synthesis.patchmatch import exemplar_rows, memory, optimization, use_prices
+from oiiotex.synthesis.patchmatch import exemplar_rows, memory, optimization
 from oiiotex.synthesis.patchmatch.constraints import Constraints, FixedPixels
 from oiiotex.synthesis.patchmatch.exemplar_rows import piece_halo
 from oiiotex.synthesis.patchmatch.level_rows import halo
@@ -97,8 +97,7 @@ def made(
 ) -> Synthesis:  # fmt: skip
     own, more = CASES[case]
     rows, cell_rows, stores, e_rows = (*plan, None)[:4]
-    for module in (exemplar_rows, use_prices):  # else halos are as high as levels
-        monkeypatch.setattr(module, "REGION", 20)
+    monkeypatch.setattr(exemplar_rows, "_REGION", 20)  # else halos are as high as levels
 
     def planned(device, exemplar, recipe, geometries, scales, constraints, budget, held):
         grids = memory.grids_of(recipe, geometries, scales, constraints)

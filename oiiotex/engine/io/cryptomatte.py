@@ -17,8 +17,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import mmh3
-
 from ..core.image import Image, Part
 from ..core.label_map import LabelMap
 from ..core.window import Window
@@ -30,9 +28,16 @@ from .owned import checked_name
 
 def hashed(name: str) -> int:
     """The 32-bit hash of a name: MurmurHash3_x86_32, adjusted so that it is never a NaN, Inf or denormal float."""
-    bits = mmh3.hash(name.encode(), 0, signed=False)
+    bits = _murmur(name)
     exponent = bits >> 23 & 255
     return bits ^ 1 << 23 if exponent in (0, 255) else bits
+
+
+def _murmur(name: str) -> int:
+    """MurmurHash3_x86_32 of a name."""
+    import mmh3  # not needed by lines without mattes
+
+    return mmh3.hash(name.encode(), 0, signed=False)
 
 
 def hashes(names: Iterable[str]) -> dict[str, int]:
@@ -140,7 +145,7 @@ def cryptomatte_part(
 
 
 def _metadata(name: str, manifest: Mapping[str, str], manifest_file: str | None) -> dict[str, str]:
-    key = f"{mmh3.hash(name.encode(), 0, signed=False):08x}"[:7]
+    key = f"{_murmur(name):08x}"[:7]
     facts = {"name": name, "hash": "MurmurHash3_32", "conversion": "uint32_to_float32"}
     if manifest_file is None:
         facts["manifest"] = json.dumps(manifest, separators=(",", ":"))
