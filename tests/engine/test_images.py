@@ -246,7 +246,7 @@ def test_a_derived_spec_of_another_size_has_a_new_window_at_the_origin():
 
 def test_a_tag_is_set_on_the_first_part_of_a_new_image():
     image = Image((part_of("a", "half", 3, 4, 3, Artist="Ada"), part_of("b", "half", 3, 4, 3)), "a.exr")
-    new = tagged(image, "oiio:ColorSpace", "ACEScg")
+    new = tagged(image, "ACEScg")
     assert new.first.spec.get_string_attribute("oiio:ColorSpace") == "ACEScg"
     assert new.first.spec.get_string_attribute("Artist") == "Ada"
     assert (new.first.name, new.source, new.parts[1]) == ("a", "a.exr", image.parts[1])

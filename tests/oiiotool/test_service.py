@@ -64,7 +64,7 @@ def photo(client: Client, pixels: np.ndarray) -> int:
 
 
 def image(pixels: np.ndarray) -> Image:
-    return tagged(from_array(pixels), "oiio:ColorSpace", SPACE)
+    return tagged(from_array(pixels), SPACE)
 
 
 def wait_for(condition, seconds: float = 20.0) -> None:

@@ -178,7 +178,7 @@ def test_whoever_opens_a_file_does_it_where_the_folder_is_looked_at():
                 found.add(name)
                 door = r"from \.+((engine\.)?io\.)?atomic import|from \.+api\.files import"
                 assert name == "engine/io/atomic.py" or re.search(door, text), name
-    assert {"engine/io/atomic.py", "engine/io/checkpoint.py", "oiiotool/cli/files/output.py", "engine/run.py"} <= found
+    assert {"engine/io/atomic.py", "engine/io/sealed.py", "oiiotool/cli/files/output.py", "engine/run.py"} <= found
 
 
 # --- all that leads there ---

@@ -103,11 +103,13 @@ def test_the_index_image_is_the_first_period_of_an_endless_texture(tmp_path):
 
 
 def test_a_set_of_tiles_that_are_too_small_is_warned_about(caplog):
+    """A wall, whose courses are broken in tiles of four bricks."""
+    wall = buffer(pictures.stained(pictures.bricks(96, 112, 1)))
     given = {"pack": "atlas", "variants": 4, "size": (52, 52), "iterations": 2}
     with caplog.at_level("WARNING", "oiiotex"):
-        filters.stationarize(buffer(PHOTO), patch=7, **given)
+        filters.stationarize(wall, patch=7, **given)
         assert "fidelity" not in caplog.text  # scales that the user chose
-        filters.stationarize(buffer(PHOTO), **given)
+        filters.stationarize(wall, **given)
     assert "Tiles must be several times larger than the photo's elements" in caplog.text
 
 
