@@ -21,7 +21,7 @@ from ..core.image import Image, Part
 from ..core.label_map import LabelMap
 from ..core.window import Window
 from ..deferred import np, oiio
-from ..errors import ImageError, ParameterError
+from ..errors import ImageError, ParameterError, either
 from .documents import require_regular
 from .owned import checked_name
 
@@ -195,7 +195,10 @@ def require_unmixed(part: Part, op: str) -> None:
         others = ",".join(name for n, name in enumerate(names) if n not in mattes) or "none"
         raise ImageError(
             f"{names[mattes[0]]} and others are Cryptomatte, whose ids {op} would change",
-            hint=f"unfold them first: --cryptomatte-unfold '*', or keep the other channels only: --ch {others}",
+            hint=either(
+                f"unfold them first: --cryptomatte-unfold '*', or keep the other channels only: --ch {others}",
+                f"keep the other channels only: {others}",
+            ),
         )
 
 

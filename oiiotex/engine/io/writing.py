@@ -15,13 +15,13 @@ from ..core.demand import BAND_BYTES, rows_for, stream
 from ..core.image import Image, Part, dtype_of
 from ..core.window import Window
 from ..deferred import np, oiio
-from ..errors import ImageError, present
+from ..errors import ImageError, either, present
 from ..machine import program, start
 from .atomic import held_beside, release, temporary_beside
 from .cryptomatte import matte_channels
 from .description import warn_of_loss
 from .formats import Format, fitted, keeps_type, specs_of, tile_of, wanted_type
-from .reading import checked_name, error_text, keep_readable, read
+from .reading import FilePixels, checked_name, error_text, keep_readable, read
 
 log = logging.getLogger("oiiotex")
 
@@ -143,7 +143,12 @@ def _uninterrupted() -> Iterator[None]:
 
 def _error_text(out: oiio.ImageOutput | oiio.ImageBuf, temporary: Path, path: Path) -> str:
     """The writer's error, with the final file name."""
-    return error_text(out.geterror).replace(str(temporary), str(path))
+    return _of_target(error_text(out.geterror), temporary, path)
+
+
+def _of_target(text: str, temporary: Path, path: Path) -> str:
+    """The text with the name of the file that it is about to have."""
+    return text.replace(str(temporary), str(path))
 
 
 # --- writing ---
@@ -344,7 +349,7 @@ def _keep_mattes(out: oiio.ImageOutput, path: Path, part: Part, spec: oiio.Image
     holds = out.format_name() == "openexr" or (not spec.channelformats and out.format_name() in ("tiff", "sgi"))
     if not holds:
         problem = f"{path}: {out.format_name()} cannot hold Cryptomatte channels {names} as 32-bit floats"
-        raise ImageError(problem, hint="use EXR, or select other channels with --ch")
+        raise ImageError(problem, hint=f"use EXR, or {either('select other channels with --ch', 'write other channels')}")
     if any(spec.channelformat(c) == oiio.HALF != part.spec.channelformat(c) for c in range(spec.nchannels)):
         log.warning("%s: %s stay float: half would change the ids of Cryptomatte", path, names)
 
@@ -364,10 +369,10 @@ def require_arrived(temporary: Path, path: Path, image: Image, format_name: str)
         _require_room(temporary)
         arrived = read(temporary, turned=False).parts
         for level in (level for part in arrived for level in (part, *part.levels)):
-            last = level.window.bottom - 1
-            level.buffer(Window(level.window.left, last, level.window.right, last + 1))
+            last = Window(level.window.left, level.window.bottom - 1, level.window.right, level.window.bottom)
+            level.fetch.planes(last) if isinstance(level.fetch, FilePixels) else level.buffer(last)
     except (ImageError, OSError, ValueError) as error:
-        said = f" ({str(error).replace(str(temporary), path.name)})" if isinstance(error, ImageError) else ""
+        said = f" ({_of_target(str(error), temporary, path)})" if isinstance(error, ImageError) else ""
         raise ImageError(f"{path}: {_NOT_WHOLE}{said}") from error
     warn_of_loss(path, format_name, [part.spec for part in image.parts], [part.spec for part in arrived])
 
