@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from ..core.attributes import WINDOW
-from ..core.image import Image, Part, cropped
+from ..core.image import IDS, Image, Part, cropped
 from ..core.window import Window
 from ..deferred import oiio
 from ..errors import ImageError
+from .cryptomatte import matte_channels
 from .description import describe, is_ours
 
 log = logging.getLogger("oiiotex")
-
-_IDS = ("uint", "int")  # the types of ids
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,7 +191,7 @@ def _levels(part: Part, out: oiio.ImageOutput, how: Format, several: bool) -> tu
 
 def keeps_type(part: Part) -> bool:
     """Whether a file must keep the part's type: rounded ids would be wrong."""
-    return part.exact or str(part.stored) in _IDS
+    return part.exact or str(part.stored) in IDS
 
 
 def wanted_type(part: Part, how: Format, spec: oiio.ImageSpec) -> oiio.TypeDesc | None:
@@ -207,18 +206,25 @@ def wanted_type(part: Part, how: Format, spec: oiio.ImageSpec) -> oiio.TypeDesc 
 
 def _set_types(spec: oiio.ImageSpec, part: Part, how: Format, part_name: str) -> None:
     by_channel = dict(how.channel_types)
+    unchanged = [spec.channelformat(c) for c in range(spec.nchannels)]
     if how.pixel_type is not None and not keeps_type(part):
         spec.set_format(how.pixel_type)
     elif part.stored is not None:
         if part.stored != spec.format:
+            own = spec.channelformats
             spec.set_format(part.stored)
+            spec.channelformats = own
     else:
         spec.set_format(how.computed_type or spec.format)
         by_channel = {**how.computed_channels, **by_channel}
     types = [spec.channelformat(c) for c in range(spec.nchannels)]
+    if part.copied:
+        types = [own if str(own) in IDS else kind for own, kind in zip(unchanged, types, strict=True)]
     for c, name in enumerate(spec.channelnames):
         keys = (f"{part_name}.{name}", f"{part_name}.*", name)
         types[c] = next((by_channel[key] for key in keys if key in by_channel), None) or types[c]
+    for c in matte_channels(spec):
+        types[c] = oiio.TypeDesc(oiio.FLOAT) if unchanged[c] == oiio.FLOAT else types[c]
     if any(kind != types[0] for kind in types):
         spec.channelformats = tuple(types)
     else:
