@@ -11,7 +11,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.engine.core.image import Image, Part, from_pixels, tagged, type_named
+from oiiotex.engine.core.image import Image, Part, from_pixels, type_named
 from oiiotex.engine.core.window import Window
 from oiiotex.engine.io.formats import Format
 from oiiotex.engine.io.reading import read
@@ -339,7 +339,8 @@ def mapped(path: Path) -> Path:
 @pytest.mark.parametrize("source", ["a.exr", "a.tx"])
 def test_a_copy_keeps_the_smaller_versions(tmp_path, source, target):
     image = read(mapped(tmp_path / source))
-    write(tagged(image, "Artist", "Ada"), tmp_path / target)
+    said = image.first.respecced(lambda spec: spec.attribute("Artist", "Ada"))
+    write(Image((said,)), tmp_path / target)
     (part,) = read(tmp_path / target).parts
     assert part.spec.get_string_attribute("Artist") == "Ada"
     assert len(part.levels) == len(image.first.levels) >= 6

@@ -17,7 +17,7 @@ from ..core.piece_cache import PieceCache
 from ..core.upright import upright
 from ..core.window import Window
 from ..deferred import np, oiio
-from ..errors import ImageError, one_line
+from ..errors import ImageError, either, one_line
 from .atomic import held_beside, part_of, release
 from .description import restore
 from .documents import require_regular
@@ -161,17 +161,14 @@ class _OpenFile:
         runs = list(_runs(spec, channels))
         with self._lock:
             planes = [self._planes(place, spec, where, run) for run in runs]
-            if _state_of(self.place) != self._state:  # the rows may come from two files
-                raise ImageError(f"{self.path}: the file was changed by another program while it was read")
         if len(runs) == 1:
             return planes[0]
         try:
             return np.concatenate(list(map(unrounded, planes)), axis=-1)
         except ImageError as error:
             names = ", ".join(spec.channelnames[c] for c in channels if str(spec.channelformat(c)) in IDS)
-            raise ImageError(
-                f"{self.path}: {names}: {error}", hint=f"write them to a separate file: --ch {names}"
-            ) from None
+            hint = either(f"write them to a separate file: --ch {names}", "write them to a separate file")
+            raise ImageError(f"{self.path}: {names}: {error}", hint=hint) from None
 
     def _planes(self, place: Window, spec: oiio.ImageSpec, where: tuple[int, int], run: range) -> np.ndarray:
         """Consecutive channels of one type."""
@@ -183,6 +180,8 @@ class _OpenFile:
             square = place.left, place.right, place.top, place.bottom
             pixels = self._input.read_tiles(*where, *square, 0, 1, run.start, run.stop, kind)
         message = error_text(self._input.geterror)
+        if _state_of(self.place) != self._state:  # the rows may come from two files
+            raise ImageError(f"{self.path}: the file was changed by another program while it was read")
         if pixels is None or message:  # libjpeg fills missing pixels, and only reports it
             rows_text = f"rows {place.top - spec.y} to {place.bottom - spec.y - 1}"
             raise ImageError(f"{self.path}: cannot read {rows_text}: {message or 'the file is damaged'}")
@@ -303,6 +302,10 @@ class FilePixels:
         spec = oiio.ImageSpec(self.spec)
         spec.set_format(spec.channelformat(channel))
         return dataclasses.replace(self, spec=spec, channels=range(channel, channel + 1))
+
+    def planes(self, window: Window) -> list[np.ndarray]:
+        """The pixels of a window, consecutive channels of one type together."""
+        return [dataclasses.replace(self, channels=run)(window) for run in _runs(self.spec, self.channels)]
 
     def _piece(self, place: Window) -> np.ndarray:
         whole, cell = Window.data(self.spec), _piece_size(self.spec)
