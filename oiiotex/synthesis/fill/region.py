@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ...engine.core.window import Window
 from ...engine.deferred import np
 from ...engine.errors import ImageError, ParameterError, present
-from ...engine.io.cryptomatte import coverage_of
+from ...engine.io.cryptomatte import coverage_of, matte_channels
 from ..exemplar.exemplar_masks import label_map, labeled_pixels, laid_over, mask_pixels
 
 if TYPE_CHECKING:
@@ -47,6 +47,8 @@ def marked_pixels(
     if replaced is not None:
         return labeled_pixels(label_map(photo, labels, level), replaced, "replace")
     if matte is not None:
+        if mattes is None and not any(matte_channels(part.spec) for part in photo.parts):
+            raise ImageError("has no Cryptomatte channels", subject=photo.source, hint="name its file with mattes=")
         window, holder = photo.first.window, mattes or photo
         covered = np.zeros((window.height, window.width), bool)
         own, coverage = coverage_of(holder, matte)
