@@ -53,7 +53,7 @@ def _write(path: Path, seed: int) -> None:
 
 LINES = """
 a.exr | -o OUT.exr | --attrib shot 3 --eraseattrib Artist --origin +4-5 | -d half | -d Z=half -d A=float
-a.exr | --tile 4 4 --compression zip | --dup --pop --label x x --swap | --flatten | --flatten --resize 200% -d half
+a.exr | --tile 4 4 --compression zip | --dup --pop --label x x --swap | --flatten | --flatten --resize 200% -d float
 a.exr | --attrib shot 3 --flatten | --ch A,Z | --crop 4x3+2+1 | --crop 20x20-2-1 | --crop 20x20-2-1 --trim
 a.exr | --cut 4x3+2+1 | --fullsize 12x12 --croptofull | --resample 50%
 a.exr | --addc 0,0,0,0,10 --subc 0,0,0,0,1 --mulc 1,0.5,1,1,2 --divc 2

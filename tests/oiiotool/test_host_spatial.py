@@ -64,7 +64,7 @@ FILTERED = """
 plain.tif | --blur 5x5 | --kernel laplacian 3x3 --convolve -d float | --median 4x0 | --median 1x1 | --erode 3x4
 plain.tif | --unsharp | --fft -d float -o OUT.exr
 plain.tif | --decorrstretch:firstchannel=1:nchannels=2:scale=1.5:sigma=0.2:mean=0.5 -d float -o OUT.exr
-over.exr | --blur 5x3 | --kernel gaussian 7x3 --convolve | --median 3x3 | --dilate 3x3 | --erode 1x7
+over.exr | --blur 5x3 | --kernel gaussian 7x3 --convolve | --median 3x3 | --dilate 3x3 | --erode 1x7 -d float
 over.exr | --unsharp:width=5:contrast=1.5 | --laplacian | --fillholes | --fft -d float
 over.exr | --decorrstretch:percentile=5:mode=correlation
 inset.exr | --blur:kernel=box 4x7 | --median 5x2 | --dilate 5x2 | --unsharp:kernel=median:width=4:threshold=0.2
