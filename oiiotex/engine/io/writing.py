@@ -349,7 +349,9 @@ def _keep_mattes(out: oiio.ImageOutput, path: Path, part: Part, spec: oiio.Image
     holds = out.format_name() == "openexr" or (not spec.channelformats and out.format_name() in ("tiff", "sgi"))
     if not holds:
         problem = f"{path}: {out.format_name()} cannot hold Cryptomatte channels {names} as 32-bit floats"
-        raise ImageError(problem, hint=f"use EXR, or {either('select other channels with --ch', 'write other channels')}")
+        raise ImageError(
+            problem, hint=f"use EXR, or {either('select other channels with --ch', 'write other channels')}"
+        )
     if any(spec.channelformat(c) == oiio.HALF != part.spec.channelformat(c) for c in range(spec.nchannels)):
         log.warning("%s: %s stay float: half would change the ids of Cryptomatte", path, names)
 
