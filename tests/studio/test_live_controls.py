@@ -199,7 +199,7 @@ def finished(page, **values) -> None:
 def test_a_preset_is_shown_coarse_and_chosen_by_a_click(page):
     """The photo is smaller than a coarse tile, so that it equals the full one."""
     thumbs = page.locator(".strip .group:first-child .thumb")
-    assert thumbs.all_inner_texts() == ["Automatic", "Even", "Clean", "Large"]
+    assert thumbs.all_inner_texts() == ["Automatic", "Even", "Clean", "Large", "Layout"]
     finished(page, **USUAL)
     page.get_by_role("button", name="Show presets").click()
     shown = {preset: page.evaluate(CANVAS, ["strip", "presets", preset]) for preset in ("", "even", "large")}

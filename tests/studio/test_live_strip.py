@@ -50,7 +50,7 @@ def test_photos_are_added_asked_for_their_color_space_and_get_the_settings_of_an
     page.wait_for_selector("[data-tile=whole]")
     wait(page, "document.querySelector('.line').value.includes('loose.tif --iscolorspace ACEScg --tex')")
     coarse = "import('./main.js').then(({ rooms }) => rooms.tile.strip.presets)"
-    wait(page, f"{coarse}.then((all) => all.size === 4)")
+    wait(page, f"{coarse}.then((all) => all.size === 5)")
     assert page.evaluate(f"{coarse}.then((all) => [all.get('').width, all.get('clean').width])") == [128, 192]
     chosen(page, tmp_path / "loose.tif")  # the same again
     wait(page, "document.getElementById('status').textContent === 'This photo is already open'")
