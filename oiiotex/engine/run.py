@@ -28,7 +28,7 @@ from .core.op import Kind, Op, Output, Plan, Space, errors_of, no_pixels
 from .deferred import np, oiio
 from .errors import Error, ImageError, ParameterError, present
 from .io.atomic import require_place, temporary_beside
-from .io.cryptomatte import cryptomatte_part, require_unmixed
+from .io.cryptomatte import cryptomatte_part
 from .io.movie import require_encoder, write_movie
 from .io.paint_palette import require_palette, write_palette
 from .io.writing import require_writable, write
@@ -82,7 +82,6 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
         _require_free(op, files, written)
         check_operands(op, session.resources)
         session.resources.require_streamable(*op.scanned())
-        _require_unmixed(op)
         facts = _facts(op)
         # first, so that its errors precede reading the photo for its hash
         results = op.make(op.plan(session.resources), session)
@@ -108,7 +107,6 @@ def planned(op: Op, facts: Facts, written: set[str]) -> tuple[Image, ...]:
         _require_free(op, files, written)
         check_operands(op, facts)
         facts.require_streamable(*op.scanned())
-        _require_unmixed(op)
         reads_written = any(os.path.realpath(path) in written for path in op.paths_read())
         written.update(os.path.realpath(path) for path in files.values())
         if not reads_written:  # otherwise its input is not written yet
@@ -276,13 +274,6 @@ class _Runner:
 
 
 # --- before the work ---
-
-
-def _require_unmixed(op: Op) -> None:
-    """Refuse a filter that would resample ids of Cryptomatte; ops of the host know for each part."""
-    for slot, given in op.given() if op.rescales and op.prefix == Op.prefix else ():
-        if slot in op.images():
-            require_unmixed(given.first, op.flag())
 
 
 def _require_free(op: Op, files: Mapping[str, Path], written: set[str]) -> None:
