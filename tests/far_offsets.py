@@ -366,6 +366,7 @@ def multiscale(far: Far) -> None:
         stack,
         finer,
         spacing,
+        np.ones(finer.shape, np.int32),  # all exemplars tile
         5,
         *places,
         *far_away,

@@ -38,6 +38,7 @@ _INVISIBLE = 0.1  # Lab: a band with less energy has none; a constant image has 
 _AREA = 48  # the longer side over the sigma of a salient area
 _EVERY = 3  # pixels whose colors are counted
 _COLORS = 20.0, 8.0, 8.0  # L, a, b: colors nearer than this are shared out among neighbors
+_MOST_CELLS = 64.0  # of these, along each axis; colors beyond count as the limit
 # a part, the last values that are good and fair, and what to say beyond the first
 _LIMITS = (
     ("broken", 0.04, 0.06, "objects or patterns are cut"),
@@ -276,7 +277,7 @@ def _broken(photo: SomeRows, reduced: np.ndarray, source: SourceMap | None, wrap
 def _missing(photo: np.ndarray, result: np.ndarray) -> float:
     """Share of the photo's pixels (n, 3) whose color the result does not have, by trilinear histograms."""
     photo, result = photo[::_EVERY], result[::_EVERY]
-    both = np.concatenate([photo, result]) / _COLORS
+    both = np.clip(np.concatenate([photo, result]) / _COLORS, -_MOST_CELLS, _MOST_CELLS)
     cells = np.floor(both).astype(np.int64)
     part = both - cells
     cells -= cells.min(0)
