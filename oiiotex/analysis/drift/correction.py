@@ -74,9 +74,10 @@ class Correction:
 
     def _relit(self, values: np.ndarray, field: np.ndarray) -> None:
         """Correct Lab in place."""
-        gain, offset, ratio, *chroma = np.moveaxis(field, -1, 0)
-        own = np.maximum(values[..., 0], np.float32(0))  # negative values of HDR images are kept
-        f_y, f_xz = _f_of_lab(own, values[..., 1], values[..., 2])
+        gain, offset, ratio, *chroma = np.ascontiguousarray(np.moveaxis(field, -1, 0))
+        lightness, a, b = np.ascontiguousarray(np.moveaxis(values[..., :3], -1, 0))
+        own = np.maximum(lightness, np.float32(0))  # negative values of HDR images are kept
+        f_y, f_xz = _f_of_lab(own, a, b)
         least = own * np.minimum(ratio, 1) * np.float32(1 / MOST_GAIN)
         most = own * np.maximum(ratio, 1) * np.float32(MOST_GAIN)  # black stays black
         brightest = np.float32((self.limits[1] + _BLACK) / 116)
