@@ -40,8 +40,7 @@ static inline uint texel_within(int level, int y, int x, int side, int tiles) {
 
 // The texel moved so that pixel (px, py) is in phase with the exemplar's lattice: by steps[0] to steps[3] for a full
 // cycle of both phases, and by a lattice vector (the following steps) if it would leave the exemplar.
-static inline uint in_step(uint texel, int px, int py, __constant uint *phases, __constant int *steps, int side,
-                           int tiles) {
+static inline uint in_step(uint texel, int px, int py, __constant uint *phases, __constant int *steps, int side) {
   int x = TEXEL_X(texel, side), y = TEXEL_Y(texel, side), outside = ~((1 << side) - 1);
   int2 off = phases_of_offset(phases, px, py, x, y);
   x -= (int)(((long)off.x * steps[0] + (long)off.y * steps[2] + (1l << 39)) >> 40);
@@ -52,7 +51,7 @@ static inline uint in_step(uint texel, int px, int py, __constant uint *phases, 
     x = from_x + ((u * steps[4] + v * steps[6] + 128) >> 8);
     y = from_y + ((u * steps[5] + v * steps[7] + 128) >> 8);
   }
-  return (x | y) & outside ? texel_within(TEXEL_LEVEL(texel, side), from_y, from_x, side, tiles)
+  return (x | y) & outside ? texel_at(TEXEL_LEVEL(texel, side), from_y, from_x, side)
                            : texel_at(TEXEL_LEVEL(texel, side), y, x, side);
 }
 
@@ -90,8 +89,8 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
     x += (int)(((long)h * rho * ((int)(bits >> 16) - 32768) + (1 << 22)) >> 23);
     y += (int)(((long)h * rho * ((int)(bits & 0xFFFFu) - 32768) + (1 << 22)) >> 23);
   }
-  uint made = texel_within(now, y, x, side, tiles[now]);
-  if (regular) made = in_step(made, (int)at_x, (int)at_y, phases, steps, side, tiles[now]);
+  uint made = texel_within(now, y, x, side, regular || tiles[now]);   // in phase, opposite borders look alike
+  if (regular) made = in_step(made, (int)at_x, (int)at_y, phases, steps, side);
   long nx = 2 * odd_x - 1, ny = (2 * odd_y - 1) * (long)parent_width;   // the four nearest parents
   int4 inherited = 9 * convert_int4(parent_r[p]) + 3 * convert_int4(parent_r[p + nx]) +
                    3 * convert_int4(parent_r[p + ny]) + convert_int4(parent_r[p + nx + ny]);

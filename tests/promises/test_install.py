@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from oiiotex.engine import machine
+from oiiotex.engine.io.sealed import read_sealed
 from oiiotex.engine.opencl import device_choice, runtime
 from tests.conftest import oiiotex
 from tools.docs.stubs import stub_text
@@ -81,7 +82,7 @@ def test_without_a_linker_pocl_works_through_lld(tmp_path, photo):
     done = without_linker(script, str(tmp_path / "cache"))
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "tile.png").exists()
-    answers = [json.loads(p.read_text()) for p in (tmp_path / "cache" / "oiiotex").glob("probe-*")]
+    answers = [json.loads(read_sealed(p).read()) for p in (tmp_path / "cache" / "oiiotex").glob("probe-*")]
     assert [answer["works"]["linker"] for answer in answers] == ["lld"]
     assert any("ld" in words for _, words in answers[0]["failures"])
 

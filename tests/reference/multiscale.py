@@ -62,8 +62,9 @@ class Oracle:
             v += int(np.floor(h * (rho / 256) * ((bits & 0xFFFF) - 32768) / 32768 + 0.5))
         if self.s.steps is not None and level <= self.n.bit_length() - 1:
             width, height = self.s.period(level)
-            u, v = self.within(finer, u), self.within(finer, v)
+            u, v = u % self.n, v % self.n
             u, v = self.in_step(u, v, level, x % width if width else x, y % height if height else y)
+            u, v = u % self.n, v % self.n  # in phase, opposite borders look alike
         others = [self.done(level - 1, px + a, py + b)[1] for a, b in ((sx, 0), (0, sy), (sx, sy))]
         r = (9 * r + 3 * others[0] + 3 * others[1] + others[2]) * round(256 * self.s.kept)
         return (finer, self.within(finer, v), self.within(finer, u)), np.clip((r + 2048) >> 12, -8191, 8191)
