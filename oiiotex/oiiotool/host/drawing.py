@@ -388,7 +388,6 @@ class Kernel(Hosted, AnyWindow):
     """Create a convolution kernel, centered at the origin."""
 
     name: ClassVar[str] = "kernel"
-
     kernel: str = argument(help="Kernel, such as gaussian, box, binomial or laplacian.", example="gaussian")
     size: str = argument(help="Width and height WxH, in integer or fractional pixels.", example="5x5")
 
