@@ -353,7 +353,6 @@ def multiscale(far: Far) -> None:
     parent[py, px], parent_r[py - 1 : py + 2, px - 1 : px + 2] = 5, 16
     places = WIDTH, 29000, 24000, WIDTH, HEIGHT
     far_away = (np.int64(0),) * 4
-    numbers = np.uint32(3), np.uint32(1), 0, 256
     steps = 0, np.zeros(10, np.uint32), np.zeros(4, np.int32)  # no lattice to keep in step with
     run(
         "upsample",
@@ -366,11 +365,11 @@ def multiscale(far: Far) -> None:
         stack,
         finer,
         spacing,
-        np.ones(finer.shape, np.int32),  # all exemplars tile
+        np.ones(1, np.int32),
         5,
         *places,
         *far_away,
-        *numbers,
+        *(np.uint32(3), np.uint32(1), 0, 256),
         *steps,
     )
     assert texel[Y, X] == 5
