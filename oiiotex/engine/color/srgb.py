@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from ..deferred import np
+from ..io.icc import D65, lab_of_xyz
 
 LUMA = (0.2126, 0.7152, 0.0722)  # luminance of linear Rec. 709
-_WHITE = (0.95047, 1.0, 1.08883)  # XYZ of D65
 
 
 def encoded(linear: np.ndarray) -> np.ndarray:
@@ -24,15 +24,14 @@ def lab_of_linear(linear: np.ndarray) -> np.ndarray:
     """Convert linear Rec. 709 to CIE Lab D65, (..., 3)."""
     xyz = linear @ np.array([[0.4124564, 0.2126729, 0.0193339],
                              [0.3575761, 0.7151522, 0.1191920],
-                             [0.1804375, 0.0721750, 0.9503041]]) / _WHITE  # fmt: skip
-    f = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
-    return np.stack([116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], axis=-1)
+                             [0.1804375, 0.0721750, 0.9503041]])  # fmt: skip
+    return lab_of_xyz(xyz / D65)
 
 
 def srgb_of_lab(lab: np.ndarray) -> np.ndarray:
     """Convert CIE Lab D65 to sRGB, clipped to 0 to 1, (..., 3)."""
     f = (lab[..., :1] + 16) / 116 + np.stack([lab[..., 1] / 500, np.zeros_like(lab[..., 1]), -lab[..., 2] / 200], -1)
-    xyz = np.where(f > 6 / 29, f**3, (f - 4 / 29) * 3 * (6 / 29) ** 2) * _WHITE
+    xyz = np.where(f > 6 / 29, f**3, (f - 4 / 29) * 3 * (6 / 29) ** 2) * D65
     return encoded(xyz @ np.array([[3.2404542, -0.9692660, 0.0556434],
                                    [-1.5371385, 1.8760108, -0.2040259],
                                    [-0.4985314, 0.0415560, 1.0572252]]))  # fmt: skip

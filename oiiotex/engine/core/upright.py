@@ -42,38 +42,53 @@ def orientation_of(spec: oiio.ImageSpec) -> int:
 
 
 @dataclass(frozen=True)
-class _Turn:
-    """A turn of windows within the display window, which keeps its corner."""
+class Turn:
+    """Rows and columns swapped, or not, then mirrored within a display window.
 
-    corner: tuple[int, int]
-    size: tuple[int, int]  # of the upright display window
+    Attributes
+    ----------
+    before, after : Window
+        The display window, and the turned one.
+    swaps : bool
+        Rows and columns are swapped.
+    mirrors : (bool, bool)
+        Columns are mirrored, rows are.
+    """
+
+    before: Window
+    after: Window
     swaps: bool
-    across: bool
-    down: bool
+    mirrors: tuple[bool, bool]
 
-    def upright(self, window: Window) -> Window:
-        """A window of the stored image in the upright one."""
-        x, y = self.corner
-        return self._mirrored(self._swapped(window.shifted(-x, -y))).shifted(x, y)
+    def turned(self, window: Window) -> Window:
+        """Where the pixels of a window come to lie."""
+        (x, y), (left, top) = self.before[:2], self.after[:2]
+        return self._mirrored(self._swapped(window.shifted(-x, -y))).shifted(left, top)
 
-    def stored(self, window: Window) -> Window:
-        """A window of the upright image in the stored one."""
-        x, y = self.corner
-        return self._swapped(self._mirrored(window.shifted(-x, -y))).shifted(x, y)
+    def back(self, window: Window) -> Window:
+        """Where the turned pixels of a window come from."""
+        (x, y), (left, top) = self.before[:2], self.after[:2]
+        return self._swapped(self._mirrored(window.shifted(-left, -top))).shifted(x, y)
 
-    def pixels(self, stored: np.ndarray) -> np.ndarray:
-        """Pixels of the stored image, (height, width, channels), upright."""
-        turned = stored.swapaxes(0, 1) if self.swaps else stored
-        return np.ascontiguousarray(turned[:: -1 if self.down else 1, :: -1 if self.across else 1])
+    def spec(self, spec: oiio.ImageSpec) -> oiio.ImageSpec:
+        """A copy of a spec with both windows turned."""
+        new = self.turned(Window.data(spec)).apply_to(spec)
+        self.after.show_in(new)
+        return new
+
+    def pixels(self, before: np.ndarray) -> np.ndarray:
+        """Pixels (height, width, channels), turned."""
+        columns, rows = (-1 if mirror else 1 for mirror in self.mirrors)
+        return np.ascontiguousarray((before.swapaxes(0, 1) if self.swaps else before)[::rows, ::columns])
 
     def _swapped(self, window: Window) -> Window:
         left, top, right, bottom = window
         return Window(top, left, bottom, right) if self.swaps else window
 
     def _mirrored(self, window: Window) -> Window:
-        (left, top, right, bottom), (width, height) = window, self.size
-        left, right = (width - right, width - left) if self.across else (left, right)
-        top, bottom = (height - bottom, height - top) if self.down else (top, bottom)
+        (left, top, right, bottom), (width, height) = window, self.after.size
+        left, right = (width - right, width - left) if self.mirrors[0] else (left, right)
+        top, bottom = (height - bottom, height - top) if self.mirrors[1] else (top, bottom)
         return Window(left, top, right, bottom)
 
 
@@ -81,18 +96,17 @@ def _upright(part: Part) -> Part:
     orientation, display = orientation_of(part.spec), Window.display(part.spec)
     if orientation == 1 or part.spec.deep:
         return part
-    swaps, across, down = _TURNS[orientation]
-    size = (display.height, display.width) if swaps else display.size
-    turn = _Turn((display.left, display.top), size, swaps, across, down)
-    source = _at_random(part) if swaps or down else part
-    spec = turn.upright(part.window).apply_to(part.spec)
-    turn.upright(display).show_in(spec)
+    swaps, *mirrors = _TURNS[orientation]
+    size = display.size[::-1] if swaps else display.size
+    turn = Turn(display, Window.sized(display.left, display.top, *size), swaps, (mirrors[0], mirrors[1]))
+    source = _at_random(part) if swaps or turn.mirrors[1] else part
+    spec = turn.spec(part.spec)
     _describe(spec, swaps)
     small = part.thumbnail
     return dataclasses.replace(
         part,
         spec=spec,
-        fetch=lambda window: turn.pixels(source.read(turn.stored(window))),
+        fetch=lambda window: turn.pixels(source.read(turn.back(window))),
         ready=source.ready,
         levels=(),
         thumbnail=None if small is None else lambda: _thumbnail(small(), orientation),
@@ -107,6 +121,9 @@ def _describe(spec: oiio.ImageSpec, swaps: bool) -> None:
     if not swaps:
         return
     spec.tile_width, spec.tile_height = spec.tile_height, spec.tile_width
+    across, comma, down = spec.get_string_attribute("wrapmodes").partition(",")
+    if comma:
+        spec.attribute("wrapmodes", f"{down},{across}")
     for one, other in (("XResolution", "YResolution"), ("thumbnail_width", "thumbnail_height")):
         values = spec.getattribute(one), spec.getattribute(other)
         if None not in values:

@@ -19,6 +19,7 @@ from typing import Any
 from ..core.attributes import OURS, TAG
 from ..deferred import oiio
 from .evidence import contradicted
+from .icc import REC709
 
 log = logging.getLogger("oiiotex")
 
@@ -33,7 +34,6 @@ _SPACES = {  # that a format can tag itself
     "jpeg": (_SRGB,),
     "png": (_SRGB, "lin_rec709_scene", "g22_rec709_scene", "srgb_p3d65_scene"),
 }
-_REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x and y of red, green, blue and white
 _ROUNDING = 0.002  # largest difference of chromaticities that are the same
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _TAGGING = (b"sRGB", b"gAMA", b"iCCP", b"cICP", b"cHRM")  # chunks of PNG
@@ -194,7 +194,7 @@ def _read_chromaticities(spec: oiio.ImageSpec, path: str) -> None:
         return
     white_x, white_y, *primaries = (n / 100000 for n in struct.unpack(">8I", chunks[b"cHRM"]))
     values = (*primaries, white_x, white_y)
-    if max(abs(value - own) for value, own in zip(values, _REC709, strict=True)) > _ROUNDING:
+    if max(abs(value - own) for value, own in zip(values, REC709, strict=True)) > _ROUNDING:
         spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), values)
         spec.erase_attribute(TAG)
 

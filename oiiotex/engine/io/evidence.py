@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from ..core.attributes import TAG
 from ..core.image import Image
 from ..deferred import np, oiio
-from .icc import D50, Encoding, adapted, of_cicp, of_primaries, of_profile
+from ..errors import present
+from .icc import D50, D65, Encoding, adapted, lab_of_xyz, of_cicp, of_primaries, of_profile
 
 _ALIKE = 0.5  # largest difference in Lab of two descriptions of the same space: rounding of their numbers
 _SRGB = (1, 13)  # CICP
-_WHITE = (0.95047, 1.0, 1.08883)  # XYZ of D65
 _NOT_SRGB = (2, 65535)  # Exif:ColorSpace: Adobe RGB by convention, uncalibrated
 
 
@@ -58,8 +58,7 @@ def contradicted(spec: oiio.ImageSpec) -> bool:
         return False
     if evidence.encoding is None:
         return "srgb" not in plain(evidence.name)
-    srgb = of_cicp(_SRGB)
-    assert srgb is not None
+    srgb = present(of_cicp(_SRGB))
     return difference(lab_of(evidence.encoding, grid()), lab_of(srgb, grid())) > _ALIKE
 
 
@@ -83,9 +82,7 @@ def grid() -> np.ndarray:
 
 def lab_of(encoding: Encoding, values: np.ndarray) -> np.ndarray:
     """CIE Lab D65 of encoded values."""
-    xyz = adapted(encoding.xyz(values), D50, _WHITE) / np.array(_WHITE)
-    f = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
-    return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], -1)
+    return lab_of_xyz(adapted(encoding.xyz(values), D50, D65) / np.array(D65))
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> float:

@@ -15,8 +15,10 @@ from ..deferred import np
 Curve = Callable[["np.ndarray"], "np.ndarray"]
 
 D50 = (0.9642, 1.0, 0.8249)  # white of an ICC profile's connection space
-_PRIMARIES = {  # x and y of red, green, blue and white by the code of H.273, table 2
-    1: (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290),
+D65 = (0.95047, 1.0, 1.08883)
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x and y of red, green, blue and white
+_PRIMARIES = {  # by the code of H.273, table 2
+    1: REC709,
     9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),
     12: (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.3290),
 }
@@ -50,7 +52,7 @@ def of_profile(profile: bytes) -> Encoding | None:
     try:
         tags = _tags(profile)
         if profile[16:20] == b"GRAY":
-            return _of(_PRIMARIES[1], _curve(tags[b"kTRC"]))  # any primaries give the same gray
+            return _of(REC709, _curve(tags[b"kTRC"]))  # any primaries give the same gray
         columns = [struct.unpack(">3i", tags[name][8:20]) for name in (b"rXYZ", b"gXYZ", b"bXYZ")]
         red, green, blue = (_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC"))
     except (KeyError, ValueError, IndexError, struct.error):
@@ -78,6 +80,12 @@ def adapted(xyz: np.ndarray, white: Sequence[float], other: Sequence[float]) -> 
     ratio = (cone @ np.asarray(other)) / (cone @ np.asarray(white))
     change = np.linalg.inv(cone) @ np.diag(ratio) @ cone
     return np.asarray(xyz) @ change.T
+
+
+def lab_of_xyz(xyz: np.ndarray) -> np.ndarray:
+    """CIE Lab of XYZ relative to white, (..., 3) (CIE 15:2018, 8.2.1)."""
+    f = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
+    return np.stack([116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], -1)
 
 
 def _of(chromaticities: Sequence[float], curve: Curve) -> Encoding | None:

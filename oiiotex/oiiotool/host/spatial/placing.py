@@ -15,7 +15,7 @@ from ....engine.core.demand import bands, cached, materialized, on_a_torus
 from ....engine.core.image import IDS, Image, Part, copied, cropped, derived_spec, dtype_of, pixels_of
 from ....engine.core.op import Plan
 from ....engine.core.parameters import Size, argument, image, param
-from ....engine.core.tiling import retiled
+from ....engine.core.upright import Turn, orientation_of, upright
 from ....engine.core.window import Window
 from ....engine.deferred import np, oiio
 from ....engine.errors import ImageError, ParameterError
@@ -255,59 +255,27 @@ class Turned(HostOp, Gather):
 
     source: Image = image(help="Input image.")
 
-    def display(self, spec: oiio.ImageSpec) -> Window:
-        """The display window of the result: a rotation keeps its corner, a transposition swaps x and y."""
-        x, y, shown = spec.full_x, spec.full_y, Window.display(spec)
-        if not self.swaps:
-            return shown
-        return Window.sized(*((x, y) if any(self.mirrors) else (y, x)), shown.height, shown.width)
-
-    def target(self, spec: oiio.ImageSpec) -> oiio.ImageSpec:
-        """The spec with both windows turned; OpenImageIO drops the metadata of a transposed image."""
-        shown, display = Window.display(spec), self.display(spec)
-        data = Window.data(spec).shifted(-shown.left, -shown.top)
-        data = _mirrored(_swapped(data, self.swaps), self.mirrors, display.size)
-        turned = data.shifted(display.left, display.top).apply_to(spec)
-        display.show_in(turned)
-        if not any(self.mirrors):
-            turned.erase_attribute(".*")
-        return turned
+    def turn(self, spec: oiio.ImageSpec) -> Turn:
+        """The turn of an image: a rotation keeps the display window's corner, a transposition swaps its x and y."""
+        shown = Window.display(spec)
+        (x, y), size = shown[:2], shown.size[::-1] if self.swaps else shown.size
+        corner = (x, y) if any(self.mirrors) or not self.swaps else (y, x)
+        return Turn(shown, Window.sized(*corner, *size), self.swaps, self.mirrors)
 
     def tiling(self, parts: Sequence[Part], made: Part) -> str:
         """Those of its source, turned with it."""
         axes = super().tiling(parts, made)
         return {"x": "y", "y": "x"}.get(axes, axes) if self.swaps else axes
 
-    def needs(self, window: Window, spec: oiio.ImageSpec) -> Window:
-        """The window that the pixels come from."""
-        shown, display = Window.display(spec), self.display(spec)
-        back = _mirrored(window.shifted(-display.left, -display.top), self.mirrors, display.size)
-        return _swapped(back, self.swaps).shifted(shown.left, shown.top)
-
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
-        """The turned part, not yet computed."""
-        part, spec = parts[0], self.target(parts[0].spec)
-        columns, rows = (-1 if mirror else 1 for mirror in self.mirrors)
+        """The turned part, not yet computed; OpenImageIO drops the metadata of a transposed image."""
+        part, turn = parts[0], self.turn(parts[0].spec)
+        spec = turn.spec(part.spec)
+        if not any(self.mirrors):
+            spec.erase_attribute(".*")
         bring = functools.partial(materialized, budget=facts.budget)
         near = once(part, bring) if self.swaps else cached(part, facts.cache)
-
-        def fetch(window: Window) -> np.ndarray:
-            pixels = near.read(self.needs(window, part.spec))
-            return (pixels.swapaxes(0, 1) if self.swaps else pixels)[::rows, ::columns]
-
-        return copied(spec, fetch, part)
-
-
-def _swapped(window: Window, swaps: bool) -> Window:
-    return Window(window.top, window.left, window.bottom, window.right) if swaps else window
-
-
-def _mirrored(window: Window, mirrors: tuple[bool, bool], size: tuple[int, int]) -> Window:
-    """The window in a mirrored image of this size."""
-    left, top, right, bottom = window
-    left, right = (size[0] - right, size[0] - left) if mirrors[0] else (left, right)
-    top, bottom = (size[1] - bottom, size[1] - top) if mirrors[1] else (top, bottom)
-    return Window(left, top, right, bottom)
+        return copied(spec, lambda window: turn.pixels(near.read(turn.back(window))), part)
 
 
 _SWAPS = {"swaps": True}
@@ -319,10 +287,6 @@ _TURNS = (
     op("rotate270", "Rotate by 270 degrees clockwise.", Turned, mirrors=(False, True), **_SWAPS),
     op("transpose", "Transpose the image: swap rows and columns.", Turned, **_SWAPS),
 )
-_UPRIGHT = {
-    2: ("flop",), 3: ("rotate180",), 4: ("flip",), 5: ("rotate90", "flop"), 6: ("rotate90",), 7: ("flop", "rotate90"),
-    8: ("rotate270",),
-}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -336,24 +300,9 @@ class Reorient(Hosted, Gather):
     def plan(self, facts: Facts) -> Plan:
         """The upright image; the image itself if it is already upright."""
         parts = self.source.parts
-        if all(_orientation(part) == 1 for part in parts):
+        if all(orientation_of(part.spec) == 1 for part in parts):
             return Plan(self.source)
-        if not facts.settings.all_parts:
-            parts = parts[:1]
-        return Plan(Image(tuple(self._upright(part, facts) for part in parts), self.source.source))
-
-    def _upright(self, part: Part, facts: Facts) -> Part:
-        turned = part
-        for step in _UPRIGHT.get(_orientation(part), ()):
-            turn: Any = next(turn for turn in _TURNS if turn.name == step)
-            use = turn(source=self.source)
-            made = use.result([turned], facts)
-            turned = retiled(made, use.tiling([turned], made))
-        return turned.respecced(lambda spec: spec.attribute("Orientation", 1))
-
-
-def _orientation(part: Part) -> int:
-    return part.spec.get_int_attribute("Orientation", 1)
+        return Plan(upright(Image(parts if facts.settings.all_parts else parts[:1], self.source.source)))
 
 
 @dataclass(frozen=True, kw_only=True)
