@@ -178,11 +178,13 @@ True
 
     def _check_layout(self) -> None:
         """Refuse modifiers that have no meaning for a kept layout."""
+        why = f"conflicts with preset={LAYOUT}, which does not resynthesize the photo"
         for name in ("sigma", "evenness", "sigmamap", "weightmap"):
-            if getattr(self, name) is not None:
-                raise ParameterError(f"{name} conflicts with preset={LAYOUT}, which does not resynthesize the photo")
+            value = getattr(self, name)
+            if value is not None:
+                raise ParameterError(why, parameter=name, value=value.source if isinstance(value, Image) else value)
         if self.variants > 1:
-            raise ParameterError(f"conflicts with preset={LAYOUT}", parameter="variants", value=self.variants)
+            raise ParameterError(why, parameter="variants", value=self.variants)
 
     def make(self, plan: Plan, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The tile; the mask of preset=clean is made first."""
