@@ -24,7 +24,7 @@ WIDTH, HEIGHT = 23, 14
 def ramp(channels: int = 3) -> np.ndarray:
     """Different in all four corners: a flipped row order shows."""
     y, x = np.indices((HEIGHT, WIDTH))
-    planes = [x * 9, y * 16, (x * y) % 250, 250 - x * 3]
+    planes = [x * 5 + y * 7, y * 16, (x * y) % 250, 250 - x * 3]
     return np.stack(planes[:channels], -1).astype(np.uint8)
 
 
