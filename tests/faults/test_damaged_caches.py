@@ -32,9 +32,10 @@ def files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.is_file() and path.stat().st_size)
 
 
-def run(folder: Path, out: str) -> np.ndarray:
+def run(folder: Path, out: str, kernels: Path | None = None) -> np.ndarray:
     there = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache")}
     there.pop("POCL_CACHE_DIR", None)
+    there |= {} if kernels is None else {"POCL_CACHE_DIR": str(kernels)}
     done = installed("a.exr", "--texsuperpixel", "-q", "-o", out, cwd=folder, env=there)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", ""), done
     return load(folder / out)
@@ -52,6 +53,17 @@ def test_a_run_makes_again_what_is_damaged_in_its_caches(tmp_path, damage):
     for path in (path for path in files(tmp_path / "cache") if path.name == "program.bc"):
         path.write_bytes(DAMAGES[damage](path.read_bytes()))  # the list is whole, and knows what it was
     assert np.array_equal(run(tmp_path, "third.exr"), expected)
+
+
+def test_a_folder_that_the_user_names_for_kernels_loses_no_file(tmp_path):
+    save(np.random.default_rng(0).random((24, 24, 3)), tmp_path / "a.exr", "float", "lin_rec709_scene")
+    note = tmp_path / "named" / "below" / "note.txt"
+    note.parent.mkdir(parents=True)
+    for text in ("first", "then longer"):
+        note.write_text(text)
+        run(tmp_path, "out.exr", note.parents[1])
+        assert note.read_text() == text
+    assert not list(note.parents[1].glob(sealed._LIST))
 
 
 def test_a_program_without_its_kernels_is_built_once_more(tmp_path):

@@ -102,14 +102,17 @@ def _prepared(threads: int) -> None:
 def _check_kernels() -> None:
     """Name PoCL a folder for its kernels, without damaged ones, and seal those that it has when this process ends.
 
-    PoCL takes an empty program for a program without kernels, and crashes on half a kernel.
+    PoCL takes an empty program for a program without kernels, and crashes on half a kernel. A folder that
+    $POCL_CACHE_DIR names is not ours: it may have files of others, so nothing is removed or written there.
     """
     import atexit
 
     from ..io.sealed import SealedFolder
 
-    folder = os.environ.setdefault("POCL_CACHE_DIR", str(cache_folder() / "pocl"))
-    kernels, process = SealedFolder(Path(folder)), os.getpid()
+    own = cache_folder() / "pocl"
+    if Path(os.environ.setdefault("POCL_CACHE_DIR", str(own))) != own:
+        return
+    kernels, process = SealedFolder(own), os.getpid()
     kernels.remove_damaged()
     atexit.register(lambda: kernels.seal() if os.getpid() == process else None)
 
