@@ -217,13 +217,23 @@ def layers_of(image: Image) -> list[MatteLayer]:
         for name, pair in _pairs(part):
             ranks.setdefault(max((one for one in keys if name.endswith(one)), key=len, default=name), []).append(pair)
         for name, pairs in ranks.items():
-            if any(part.spec.channelformat(identity) == oiio.HALF for identity, _ in pairs):
-                problem = f"layer {name}: ids are half; Cryptomatte needs float"
-                raise ImageError(problem, subject=image.source, hint="render or write them again as 32-bit floats")
+            require_float_ids(part.spec, [identity for identity, _ in pairs], image.source)
             layers.append(MatteLayer(name, part, tuple(pairs), _manifest(image, part.spec, keys.get(name, ""))))
     if not layers:
         raise ImageError("has no Cryptomatte channels", subject=image.source, hint="expected channels NAME00.R ...")
     return layers
+
+
+def require_float_ids(spec: oiio.ImageSpec, channels: Iterable[int], subject: str) -> None:
+    """Refuse ids that are half: they name no object. `channels`: those of ids; `subject`: the image.
+
+    Raises
+    ------
+    ImageError
+    """
+    if any(spec.channelformat(n) == oiio.HALF for n in channels):
+        hint = "render or write them again as 32-bit floats"
+        raise ImageError("ids are half; Cryptomatte needs float", subject=subject, hint=hint)
 
 
 def _layer_names(spec: oiio.ImageSpec) -> dict[str, str]:
@@ -269,7 +279,7 @@ def mattes_named(layers: Sequence[MatteLayer], patterns: str) -> dict[str, list[
 
     Parameters
     ----------
-    layers : sequence of Layer
+    layers : sequence of MatteLayer
     patterns : str
         Comma-separated names with the wildcards * ? [], or ids of eight hexadecimal digits.
 

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ...engine.core.access import Pointwise
+from ...engine.core.attributes import mark_as_data
 from ...engine.core.image import Image, Part, cropped, pixels_of, spec_beside
 from ...engine.core.op import Kind, Output, Plan
 from ...engine.core.parameters import argument, image, param
 from ...engine.core.window import Window
 from ...engine.deferred import np, oiio
-from ...engine.errors import ImageError, ParameterError
-from ...engine.io.cryptomatte import MatteLayer, coverages, layers_of, mattes_named
+from ...engine.errors import ParameterError
+from ...engine.io.cryptomatte import MatteLayer, coverages, layers_of, mattes_named, require_float_ids
 from ...engine.io.owned import checked_name
 from ...engine.session import Session
 from ...engine.session.facts import Facts
@@ -42,9 +43,8 @@ class CryptomatteColors(OneImage):
     def result(self, parts: Sequence[Part], facts: Facts) -> Part:
         """The colors, not yet computed; ids in half are refused."""
         names, spec = re.compile(re.escape(self.layer) + r"\d\d\..*", re.ASCII), parts[0].spec
-        own = [spec.channelformat(n) for n, name in enumerate(spec.channelnames) if names.fullmatch(name)]
-        if oiio.TypeDesc(oiio.HALF) in own:
-            raise ImageError("ids are half; Cryptomatte needs float", hint="write them again as 32-bit floats")
+        own = [n for n, name in enumerate(spec.channelnames) if names.fullmatch(name)]
+        require_float_ids(spec, own, self.source.source)
         return super().result(parts, facts)
 
 
@@ -141,7 +141,7 @@ def _unfolded(name: str, mattes: Mapping[str, list[tuple[MatteLayer, int]]]) -> 
             ids.append(bits)
             channels.append(channel)
     spec = spec_beside(first.spec, tuple(mattes) if len(mattes) > 1 else ("Y",))
-    spec.attribute("oiio:ColorSpace", "data")
+    mark_as_data(spec)
 
     def fetch(window: Window) -> np.ndarray:
         out = np.zeros((window.height, window.width, len(mattes)), np.float32)
