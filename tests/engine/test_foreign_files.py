@@ -14,9 +14,11 @@ import pytest
 import tifffile
 from PIL import Image
 
+from oiiotex.engine.errors import ColorError
 from oiiotex.engine.io.reading import read
 from oiiotex.oiiotool.cli.running.line_run import run
 from tests.peer import OIIOTOOL
+from tests.refusals import refused
 
 WIDTH, HEIGHT = 23, 14
 
@@ -104,3 +106,12 @@ def test_our_files_are_upright_in_other_programs(tmp_path, suffix):
     theirs = np.asarray(Image.open(io.BytesIO((tmp_path / f"o.{suffix}").read_bytes())), np.float64)
     expected = (ramp(1)[..., 0] if gray else ramp()) / (255 if suffix == "pfm" else 1)
     np.testing.assert_allclose(theirs, expected, atol=1e-6)
+
+
+def test_a_netpbm_file_has_no_known_color_space(tmp_path, caplog):
+    """OpenImageIO tags all of them with a name that no config has."""
+    FOREIGN["p6.ppm"](tmp_path / "a.ppm")
+    assert run(shlex.split("a.ppm -o a.exr"), tmp_path) == 0 and not caplog.records
+    with refused(ColorError, problem="has no color space tag ('oiio:ColorSpace')"):
+        run(shlex.split("a.ppm --texflatten -o flat.exr"), tmp_path)
+    assert run(shlex.split("a.ppm --iscolorspace srgb_rec709_scene --texflatten -o flat.exr"), tmp_path) == 0

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from ..core.attributes import TAG
+from ..core.attributes import TAG, UNKNOWN
 from ..core.image import Image, channels_of
 from ..core.parameters import nearest
 from ..deferred import np, ocio, oiio
@@ -87,6 +87,10 @@ class ColorConfig:
                 f"{either('; oiiotex --colorconfiginfo lists them', '')}"
             )
         return space.getName()
+
+    def has(self, name: str) -> bool:
+        """Whether `resolve` finds a space."""
+        return bool(self._space(name) or self._space_called(name))
 
     def known_name(self, name: str) -> str:
         """OpenImageIO's name of a space that `resolve` finds; the given name if OpenImageIO knows it, or none."""
@@ -228,7 +232,7 @@ def _lab_config() -> ocio.Config:
 def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:
     """The image's color space: its tag, else its profile, else with `autocc` by the config's file rules."""
     tag = image.first.spec.get_string_attribute(TAG)
-    if tag:
+    if tag and (tag != UNKNOWN or config.has(tag)):
         return config.resolve(tag)
     described = config.described(image.first.spec)
     if described:

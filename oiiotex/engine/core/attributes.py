@@ -10,6 +10,7 @@ from ..deferred import np, oiio
 from ..errors import ParameterError
 
 TAG = "oiio:ColorSpace"
+UNKNOWN = "Rec709"  # OpenImageIO's tag of all PNM files; the configs do not know the name
 OURS = "oiiotex:"  # prefix of all following names
 SOURCE = "oiiotex:source"  # of a synthesized image: name of the photo, and hash of its pixels
 PARAMETERS = "oiiotex:parameters"  # of every result: the modifiers of its op

@@ -16,7 +16,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from ..core.attributes import OURS, TAG
+from ..core.attributes import OURS, TAG, UNKNOWN
 from ..deferred import oiio
 from .evidence import contradicted
 from .icc import REC709
@@ -217,7 +217,8 @@ def warn_of_loss(
 
 def _lost(wanted: oiio.ImageSpec, arrived: oiio.ImageSpec) -> Iterator[str]:
     read, space = arrived.get_string_attribute(TAG), wanted.get_string_attribute(TAG)
-    if not read and arrived.getattribute("ICCProfile") is not None:  # which describes the space
+    described = not read and arrived.getattribute("ICCProfile") is not None
+    if space == UNKNOWN or described:
         space = ""
     if space and (read or is_ours(wanted) or not _same(space, _SRGB)) and not (read and _encoded_alike(space, read)):
         yield f"the color space {space}" + (f" (it is read as {read})" if read else "")
