@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from unittest.mock import Mock
 
 import numpy as np
 import OpenImageIO as oiio
@@ -19,6 +20,7 @@ import oiiotex
 from oiiotex import filters
 from oiiotex.engine.core.op import Op
 from oiiotex.engine.errors import Error
+from oiiotex.engine.io import disk_cache
 from oiiotex.engine.opencl.device import Program
 from oiiotex.synthesis.graphcut.placement import Layout, graph_cut
 from tests import any_filter
@@ -27,7 +29,7 @@ from tests.any_filter import buffer, ids, scramble, settings
 SHAPES = ((1, 1), (1, 97), (97, 1), (2, 700), (700, 3))  # height, width
 SLOW_SHAPES = ((1, 2), (3, 3), (5, 5), (1, 4096), (4096, 1), (9, 31), (48, 40))
 CALLS, CALLS_PER_PIXEL = 60_000, 40  # of Python functions of this package; most are 37,000 for a photo of a pixel
-RUNS = {"composite": 4, "sigmas": 9}  # label maps that are grown; tiles that are made
+RUNS = {"composite": 4, "sigmas": 9, "zoom": 2}  # label maps that are grown; tiles made; sets of candidates
 CELLS, CELLS_PER_PIXEL = 1_000_000, 2_000  # work-items of kernels
 OUTPUT, OUTPUT_PER_PIXEL = 4_000_000, 200  # pixels
 _HERE = os.path.dirname(oiiotex.__file__)
@@ -35,7 +37,7 @@ _HERE = os.path.dirname(oiiotex.__file__)
 
 @contextmanager
 def counted(monkeypatch: pytest.MonkeyPatch) -> Iterator[Counter[str]]:
-    """Counts calls of functions, in all threads, and work-items of kernels."""
+    """Counts calls of functions, in all threads, and work-items of kernels. Nothing comes from the disk cache."""
     counts: Counter[str] = Counter()
     launch = Program.__call__
 
@@ -52,6 +54,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Iterator[Counter[str]]:
     before = sys.getprofile()
     with monkeypatch.context() as patch:
         patch.setattr(Program, "__call__", counting)
+        patch.setattr(disk_cache, "read_arrays", Mock(side_effect=FileNotFoundError))
         threading.setprofile(look)
         sys.setprofile(look)
         try:

@@ -119,10 +119,11 @@ class SealedFolder:
 
     def remove_damaged(self) -> None:
         """Remove each file that is not as it was sealed. The library makes it again."""
-        boot, sealed, complete_since = "", {}, _started()
+        same_boot, sealed, complete_since = False, {}, _started()
         try:
             document = json.loads(read_sealed(self.folder / _LIST).read())
-            boot, sealed = document["boot"], {name: tuple(seal) for name, seal in document["files"].items()}
+            same_boot = document["boot"] == _boot() != ""
+            sealed = {name: tuple(seal) for name, seal in document["files"].items()}
         except FileNotFoundError:
             pass
         except (OSError, ValueError):  # what has damaged the list may have damaged the files
@@ -132,7 +133,7 @@ class SealedFolder:
             with contextlib.suppress(OSError):  # another process has removed it
                 if seal is None and changed >= complete_since:
                     continue
-                if seal is not None and boot and boot == _boot() and seal[:2] == (size, changed):
+                if seal is not None and same_boot and seal[:2] == (size, changed):
                     self._seals[name] = seal
                 elif seal is not None and (size, _digest(path)) == (seal[0], seal[2]):
                     self._seals[name] = (size, changed, seal[2])
