@@ -61,13 +61,6 @@ class EstimateHeight(Whole):
         " direction is taken as overcast.",
     )  # fmt: skip
     overcast: bool = param(False, help="Overcast light, without a direction: dark is deep.")
-    elevation: float = param(
-        45.0,
-        ge=1,
-        le=89,
-        unit="degrees",
-        help="Elevation of the light above the surface. Lower values give flatter relief.",
-    )
     negate: bool = param(
         False, help="Swap raised and recessed parts. For overcast light, this means that bright is deep."
     )
@@ -75,7 +68,11 @@ class EstimateHeight(Whole):
         None, ge=1, le=1e6, unit="px", unset="longer side / 8", example="128",
         help="Scale above which variation is taken as color or uneven light, not relief.",
     )  # fmt: skip
-    strength: float = param(1.0, ge=0.01, le=100, help="Multiplier of the slopes in the normal map.")
+    strength: float = param(
+        1.0, ge=0.01, le=100,
+        help="Multiplier of the heights. 1 is right for a light 45 degrees above the surface; for another, set the"
+        " tangent of its elevation.",
+    )  # fmt: skip
     normals: str = param(
         "opengl", choices=("opengl", "directx"), help="Green channel of the normals. opengl: up; directx: down."
     )
@@ -117,9 +114,8 @@ class EstimateHeight(Whole):
                 hint=f"set {modifier(overcast=True)} if dark is deep, also {modifier(negate=True)} if bright is deep,"
                 " or light",
             )
-        found = relief(seen, opaque, sigma, self.light, self.overcast, self.elevation, wraps)
-        if self.negate:
-            found = replace(found, heights=-found.heights)
+        found = relief(seen, opaque, sigma, self.light, self.overcast, wraps)
+        found = replace(found, heights=found.heights * np.float32(-self.strength if self.negate else self.strength))
         progress.advance(2, 2)
         side = "an overcast sky" if found.light is None else f"{found.light:.0f} degrees"
         low = float(found.heights.min())
@@ -131,7 +127,7 @@ class EstimateHeight(Whole):
         heights = ((found.heights - np.float32(low)) / np.float32(most))[..., None]
         return {
             "height": from_pixels(part.name, heights, spec),
-            "normal": lambda: self._normals(normals_of(found.heights * np.float32(self.strength), wraps), spec, side),
+            "normal": lambda: self._normals(normals_of(found.heights, wraps), spec, side),
         }
 
     def _normals(self, normals: np.ndarray, heights: oiio.ImageSpec, side: str) -> Part:

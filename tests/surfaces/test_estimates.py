@@ -129,6 +129,19 @@ def test_normals_are_those_of_the_heights():
     np.testing.assert_allclose(pixels(down)[..., 1], 1 - pixels(made["normal"])[..., 1], atol=1e-6)
 
 
+@pytest.mark.parametrize("light", [{"light": 90}, {"overcast": True}])
+def test_strength_multiplies_the_heights(light):
+    photo = reliefs.lit(RELIEFS["hills"], 90)
+    once, twice = (height_of(photo, strength=strength, **light) for strength in (1, 2))
+    np.testing.assert_allclose(twice, 2 * once, atol=1e-4 * np.ptp(once))
+
+
+def test_a_lower_light_is_the_tangent_of_its_elevation():
+    low = height_of(reliefs.lit(0.1 * RELIEFS["hills"], 90, elevation=30), light=90, strength=np.tan(np.pi / 6))
+    high = height_of(reliefs.lit(0.1 * RELIEFS["hills"], 90, elevation=45), light=90)
+    assert 0.9 < low.std() / high.std() < 1.1
+
+
 def test_what_contradicts_itself_or_does_not_fit_is_refused():
     photo = gray(np.ones((64, 64)))
     with pytest.raises(errors.ParameterError, match="conflicts with overcast=True"):

@@ -58,7 +58,6 @@ def relief(
     sigma: float,
     light: float | None,
     overcast: bool,
-    elevation: float,
     wraps: tuple[bool, bool],
 ) -> Relief:
     """Heights from shading.
@@ -74,9 +73,7 @@ def relief(
     light : float or None
         Degrees counterclockwise from the right; None: estimated, from above rather than below.
     overcast : bool
-        The light has no direction.
-    elevation : float
-        Of the light over the surface, degrees.
+        The light has no direction. A light with one is taken to be 45 degrees above the surface.
     wraps : (bool, bool)
         The photo is periodic along y, along x.
     """
@@ -95,11 +92,10 @@ def relief(
         steep = steep / (1 + steep)
         heights *= steep / max(float(np.sqrt((slopes**2).mean())), 1e-12)
     else:
-        # p cos t + q sin t = -shading / tan(slant): y is down, angles are counterclockwise
+        # p cos t + q sin t = -shading, whose slant is 45 degrees: y is down, angles are counterclockwise
         toward = math.radians(light)
         along = 1j * (wx * math.cos(toward) - wy * math.sin(toward))
-        slope = -spectrum * math.tan(math.radians(elevation))
-        heights = np.fft.irfft2(integrated(slope, along, square), shape)
+        heights = np.fft.irfft2(integrated(-spectrum, along, square), shape)
     heights = heights[: luminance.shape[0], : luminance.shape[1]].astype(np.float32)
     seen = heights if opaque is None else heights[opaque]
     return Relief(heights - seen.mean(dtype=np.float64).astype(np.float32), light)
