@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from .core.op import Op, Space
 from .errors import ImageError
-from .io.cryptomatte import require_unmixed
+from .io.cryptomatte import require_no_ids, require_unmixed
 from .io.evidence import is_described
 
 if TYPE_CHECKING:
@@ -29,5 +29,6 @@ def check_operands(op: Op, facts: Facts) -> None:
     if op.blends:
         for image in (given for slot, given in op.given() if slot in op.images()):
             require_unmixed(image.first, op.flag())
+            require_no_ids(image.first, op.flag())
     if op.working_space is Space.LAB and any(map(is_described, op.operands())):
         op.change_images(facts.color.believed)

@@ -119,7 +119,8 @@ def test_ids_are_not_pasted_over_pixels_of_another_type(tmp_path):
 
 
 AVERAGING = """--resize 50%|--resample 50%|--fit 5x5|--rotate 30|--warp 0.5,0,0,0,0.5,0,0,0,1|--blur 3x3|--median 3x3
---dilate 3x3|--unsharp|--laplacian|--pixelaspect 2|--fillholes|--mosaic:fit=8x8 1x1""".replace("\n", "|")
+--dilate 3x3|--unsharp|--laplacian|--pixelaspect 2|--fillholes|--mosaic:fit=8x8 1x1|-otex
+--texrectify:corners=1,1,9,2,9,8,1,7|--texzoom:data=1:frame=2""".replace("\n", "|")
 
 
 @pytest.mark.parametrize("step", AVERAGING.split("|"))
@@ -127,7 +128,7 @@ AVERAGING = """--resize 50%|--resample 50%|--fit 5x5|--rotate 30|--warp 0.5,0,0,
 def test_ids_are_not_averaged(tmp_path, dtype, step):
     written(tmp_path / "in.tif", any_bits(dtype))
     with pytest.raises(Error, match=r"32-bit integers are ids.*--resample:interp=0.*-i:type=float"):
-        run(["in.tif", *step.split(), "-o", "no.tif"], tmp_path)
+        run(["in.tif", *step.split(), *(() if step == "-otex" else ("-o",)), "no.tif"], tmp_path)
     assert not (tmp_path / "no.tif").exists()
 
 

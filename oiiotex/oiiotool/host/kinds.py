@@ -18,14 +18,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ...engine.core.access import Pointwise, Whole
-from ...engine.core.image import IDS, Image, Part, Pixels, cropped, in_memory
+from ...engine.core.image import Image, Part, Pixels, cropped, in_memory
 from ...engine.core.op import Kind, Op, Output, Plan, Space, no_pixels
 from ...engine.core.parameters import Parameter, declared, image, param
 from ...engine.core.tiling import retiled, shared_tiling, tiling_of
 from ...engine.core.window import Window
 from ...engine.deferred import oiio
 from ...engine.errors import ImageError, ParameterError, one_line
-from ...engine.io.cryptomatte import require_unmixed
+from ...engine.io.cryptomatte import require_no_ids, require_unmixed
 
 if TYPE_CHECKING:
     from ...engine.session import Session
@@ -111,7 +111,7 @@ class HostOp(Op):
 
         def tile() -> Part:
             made = result(parts, facts)
-            if self.mixes and not isinstance(self, Pointwise) and made.stored is None:
+            if self.mixes and not isinstance(self, Pointwise) and made.stored is None and not part.exact:
                 require_no_ids(part, self.flag())
             return retiled(made, self.tiling(parts, made))
 
@@ -129,22 +129,6 @@ class HostOp(Op):
     def inputs(self) -> list[Image]:
         """The given images, in the order of declaration."""
         return [given for _, given in self.given()]
-
-
-def require_no_ids(part: Part, op: str) -> None:
-    """Refuse an op that would average 32-bit integers, which are ids: the average of two names a third object.
-
-    Raises
-    ------
-    ImageError
-    """
-    spec = part.spec
-    ids = [name for c, name in enumerate(spec.channelnames) if str(spec.channelformat(c)) in IDS]
-    if ids and not part.exact:
-        raise ImageError(
-            f"{', '.join(ids)}: 32-bit integers are ids, which {op} would average",
-            hint="--resample:interp=0 takes the nearest pixel; -i:type=float reads numbers that are no ids",
-        )
 
 
 def op(

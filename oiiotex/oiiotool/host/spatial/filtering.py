@@ -17,11 +17,11 @@ from ....engine.core.tiling import repeated, retiled
 from ....engine.core.window import Window
 from ....engine.deferred import oiio
 from ....engine.errors import ImageError, ParameterError
-from ....engine.io.cryptomatte import require_unmixed
+from ....engine.io.cryptomatte import require_no_ids, require_unmixed
 from ....engine.session import Session
 from ....engine.session.facts import Facts
 from ..geometry_text import parse_size
-from ..kinds import AtOnce, Hosted, checked, op, require_no_ids, window_of
+from ..kinds import AtOnce, Hosted, checked, op, window_of
 from ..remapping import Area, remapped, require_kernel, with_edges
 from .warping import FILTERS
 
