@@ -74,8 +74,7 @@ def fitted(image: Image, out: oiio.ImageOutput, path: Path, how: Format) -> Imag
     The first part decides whether windows are fitted: layers of a PSD file are not cut where they extend beyond it.
     """
     if len(image.parts) > 1 and not out.supports("multiimage"):
-        names = ", ".join(p.name for p in image.parts)
-        raise ImageError(f"{path}: {out.format_name()} holds one image, not {names}", hint="use EXR or TIFF")
+        image = _first_alone(image, out, path)
     if any(part.spec.deep for part in image.parts) and not out.supports("deepdata"):
         raise ImageError(f"{path}: {out.format_name()} cannot hold deep images", expected="EXR, or a flat image")
     parts = [_with_fitting_channels(part, out, path) for part in image.parts]
@@ -86,6 +85,15 @@ def fitted(image: Image, out: oiio.ImageOutput, path: Path, how: Format) -> Imag
     if any(part.window.empty for part in parts):
         raise ImageError(f"{path}: the image has no pixels")
     return Image(tuple(parts), image.source)
+
+
+def _first_alone(image: Image, out: oiio.ImageOutput, path: Path) -> Image:
+    """The first part of an image of the host, with a warning; parts that filters made are not left out."""
+    names, holds = ", ".join(part.name for part in image.parts), f"{path}: {out.format_name()} holds one image"
+    if any(part.exact or is_ours(part.spec) for part in image.parts):
+        raise ImageError(f"{holds}, not {names}", hint="use EXR or TIFF")
+    log.warning("%s; of %s only the first is written", holds, names)
+    return Image(image.parts[:1], image.source)
 
 
 def _with_fitting_channels(part: Part, out: oiio.ImageOutput, path: Path) -> Part:
