@@ -215,8 +215,8 @@ def require_no_ids(part: Part, op: str) -> None:
         raise ImageError(
             f"{', '.join(ids)}: 32-bit integers are ids, which {op} would average",
             hint=either(
-                "--resample:interp=0 takes the nearest pixel; -i:type=float reads numbers that are no ids",
-                "convert numbers that are no ids to float",
+                "--resample:interp=0 takes the nearest pixel; -i:type=float reads other numbers",
+                "convert other numbers to float",
             ),
         )
 

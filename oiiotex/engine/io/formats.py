@@ -88,7 +88,7 @@ def fitted(image: Image, out: oiio.ImageOutput, path: Path, how: Format) -> Imag
 
 
 def _first_alone(image: Image, out: oiio.ImageOutput, path: Path) -> Image:
-    """The first part of an image of the host, with a warning; parts that filters made are not left out."""
+    """The first part of an image of the host, with a warning; parts that filters made are refused."""
     names, holds = ", ".join(part.name for part in image.parts), f"{path}: {out.format_name()} holds one image"
     if any(part.exact or is_ours(part.spec) for part in image.parts):
         raise ImageError(f"{holds}, not {names}", hint="use EXR or TIFF")
