@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from .core.op import Op, Space
 from .errors import ImageError
-from .io.cryptomatte import require_unmixed
+from .io.cryptomatte import require_no_ids, require_unmixed
 from .io.evidence import is_described
 
 if TYPE_CHECKING:
@@ -20,14 +20,15 @@ def check_operands(op: Op, facts: Facts) -> None:
     Raises
     ------
     ImageError
-        An image has no pixels, as the first part of some FITS files, or a filter would resample ids of Cryptomatte.
+        An image has no pixels, as the first part of some FITS files, or a filter would average ids of Cryptomatte.
     """
     for image in op.operands():
         if image.first.window.empty:
             hint = "select another part: --subimage 1" if len(image.parts) > 1 else ""
             raise ImageError("has no pixels", subject=image.source, hint=hint)
-    if op.rescales and op.prefix == Op.prefix:  # ops of the host know for each part
+    if op.blends:
         for image in (given for slot, given in op.given() if slot in op.images()):
             require_unmixed(image.first, op.flag())
+            require_no_ids(image.first, op.flag())
     if op.working_space is Space.LAB and any(map(is_described, op.operands())):
         op.change_images(facts.color.believed)

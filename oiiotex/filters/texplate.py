@@ -43,6 +43,7 @@ class Plate(Whole):
 
     example: ClassVar[str] = '>>> plate = filters.plate("photo.png")'
     name: ClassVar[str] = "plate"
+    blends: ClassVar[bool] = True
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
         Output(

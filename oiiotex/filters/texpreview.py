@@ -48,6 +48,7 @@ class Preview(Gather):
 
     example: ClassVar[str] = '>>> sheet = filters.preview(filters.stationarize("photo.png"), panels=["3x3"])'
     name: ClassVar[str] = "preview"
+    blends: ClassVar[bool] = True
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("preview", Kind.PIXELS, "Panels side by side, in the tile's color space and type."),

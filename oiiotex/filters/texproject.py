@@ -38,6 +38,7 @@ class Project(Whole):
 
     example: ClassVar[str] = '>>> frame = filters.project("photo.png", "photo.png")'
     name: ClassVar[str] = "project"
+    blends: ClassVar[bool] = True
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("frame", Kind.PIXELS, "The frame with the plate in its region, in its own color space and type."),

@@ -63,6 +63,7 @@ class Rectify(Gather):
     example: ClassVar[str] = '>>> front = filters.rectify("photo.png", corners=(3, 2, 66, 5, 70, 60, 1, 62))'
     name: ClassVar[str] = "rectify"
     rescales: ClassVar[bool] = True
+    blends: ClassVar[bool] = True
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("rectified", Kind.PIXELS, "Surface seen from the front, in the photo's color space and type."),

@@ -42,6 +42,7 @@ class Zoom(Multiscale):
 
     example: ClassVar[str] = '>>> frames = [filters.zoom("photo.png", frame=n, size=(640, 360)) for n in (1, 2)]'
     name: ClassVar[str] = "zoom"
+    blends: ClassVar[bool] = True
     outputs: ClassVar[tuple[Output, ...]] = (
         Output(
             "frame",

@@ -17,17 +17,9 @@ from PIL import Image
 from oiiotex.engine.errors import ColorError
 from oiiotex.engine.io.reading import read
 from oiiotex.oiiotool.cli.running.line_run import run
-from tests.peer import OIIOTOOL
+from tests.foreign_bytes import BY_SPECIFICATION, FLOATS, HEIGHT, WIDTH, psd, ramp
+from tests.peer import OIIOTOOL, same
 from tests.refusals import refused
-
-WIDTH, HEIGHT = 23, 14
-
-
-def ramp(channels: int = 3) -> np.ndarray:
-    """Different in all four corners: a flipped row order shows."""
-    y, x = np.indices((HEIGHT, WIDTH))
-    planes = [x * 5 + y * 7, y * 16, (x * y) % 250, 250 - x * 3]
-    return np.stack(planes[:channels], -1).astype(np.uint8)
 
 
 def pil(channels: int = 3, mode: str = "", **how: object) -> Callable[[Path], object]:
@@ -56,7 +48,6 @@ def radiance(path: Path) -> None:
     path.write_bytes(f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {HEIGHT} +X {WIDTH}\n".encode() + pixels.tobytes())
 
 
-FLOATS = (ramp() / 255).astype(np.float32)
 FOREIGN: dict[str, Callable[[Path], object]] = {
     "rgb.bmp": pil(), "gray.bmp": pil(1), "palette.bmp": pil(mode="P"), "rgb.dds": pil(), "rgba.dds": pil(4),
     "palette.gif": pil(mode="P"), "rgba.ico": pil(4, sizes=[(16, 14)]), "lossless.jp2": pil(irreversible=False),
@@ -74,6 +65,7 @@ FOREIGN: dict[str, Callable[[Path], object]] = {
     "le.pfm": pnm("PF\n{} {}\n-1.0\n", FLOATS[::-1].astype("<f4")),
     "be.pfm": pnm("PF\n{} {}\n1.0\n", FLOATS[::-1].astype(">f4")),
     "gray.fits": fits, "flat.hdr": radiance,
+    **BY_SPECIFICATION,
 }  # fmt: skip
 
 
@@ -94,6 +86,50 @@ def test_a_foreign_file_has_its_rows_from_the_top(tmp_path, name):
     FOREIGN[name](tmp_path / name)
     pixels = read(tmp_path / name).first.pixels()
     np.testing.assert_array_equal(pixels, FLOATS if name.endswith("pfm") else ramp())
+
+
+@pytest.mark.parametrize("name", BY_SPECIFICATION)
+def test_a_file_by_its_specification_has_the_values_that_were_put_in(tmp_path, name):
+    """Halves and 10 bits are compared within their rounding."""
+    FOREIGN[name](tmp_path / name)
+    pixels = read(tmp_path / name).first.pixels()
+    if pixels.dtype.kind == "u":
+        pixels = pixels / np.iinfo(pixels.dtype).max
+    expected = ramp(1) / 16 + 1 if name.endswith("zfile") else FLOATS
+    np.testing.assert_allclose(pixels[..., : expected.shape[-1]], expected, atol=3e-3)
+
+
+def test_layers_are_whole_where_they_extend_beyond_the_image(tmp_path):
+    (tmp_path / "a.psd").write_bytes(psd({b"up": (-2, -1, 9, 12), b"down": (3, 4, 20, 30)}))
+    same(tmp_path, "a.psd", "-o", "OUT.tif")
+    same(tmp_path, "a.psd", "--subimage", "1", "-o", "OUT.tif")
+    same(tmp_path, "a.psd", "--subimage", "1", "-o", "OUT.exr")
+
+
+def test_names_in_other_encodings_are_spelled_out(tmp_path):
+    (tmp_path / "a.psd").write_bytes(psd({b"caf\x8e": (0, 0, 14, 23), b"\xe9\xff": (0, 0, 14, 23)}))
+    assert [part.name for part in read(tmp_path / "a.psd").parts] == ["part0", r"caf\x8e", r"\xe9\xff"]
+    assert run(["a.psd", "--subimage", r"caf\x8e", "-o", "one.exr"], tmp_path) == 0
+    assert run(["a.psd", "-o", "all.exr"], tmp_path) == 0
+    assert read(tmp_path / "all.exr").part(r"\xe9\xff") is not None
+
+
+def test_a_description_in_another_encoding_survives_a_filter(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", ramp(), photometric="rgb", description=b"\xa9 2003", metadata=None)
+    words = ["a.tif", "--iscolorspace", "srgb_rec709_scene", "--texlab", "-o", "o.tif", "-d", "uint8", "-o", "o.jpg"]
+    assert run(words, tmp_path) == 0
+    for name in ("o.tif", "o.jpg"):
+        assert run([name, "-o", "again.tif"], tmp_path) == 0
+        spec = read(tmp_path / "again.tif").first.spec
+        assert spec.get_string_attribute("ImageDescription").startswith("\\xa9 2003")
+
+
+def test_an_icon_of_palette_colors_keeps_its_8_bits(tmp_path):
+    """OpenImageIO's reader says 2 bits, the 8 of an index spread over four channels; oiiotool writes 2."""
+    pil(mode="P", sizes=[(16, 14), (8, 7)])(tmp_path / "a.ico")
+    assert run(shlex.split("a.ico -o o.tif"), tmp_path) == 0
+    for wanted, stored in zip(read(tmp_path / "a.ico").parts, read(tmp_path / "o.tif").parts, strict=True):
+        np.testing.assert_array_equal(stored.pixels(), wanted.pixels())
 
 
 @pytest.mark.parametrize("suffix", ["bmp", "png", "tga", "tif", "sgi", "ppm", "pgm", "pfm", "webp"])

@@ -116,3 +116,33 @@ def test_ids_are_not_pasted_over_pixels_of_another_type(tmp_path):
     written(tmp_path / "gray.tif", any_bits("uint8"))
     with pytest.raises(Error, match="ids cannot be combined with pixels of another type"):
         run(["ids.tif", "gray.tif", "--paste", "+1+1", "-o", "no.tif"], tmp_path)
+
+
+AVERAGING = """--resize 50%|--resample 50%|--fit 5x5|--rotate 30|--warp 0.5,0,0,0,0.5,0,0,0,1|--blur 3x3|--median 3x3
+--dilate 3x3|--unsharp|--laplacian|--pixelaspect 2|--fillholes|--mosaic:fit=8x8 1x1|-otex
+--texrectify:corners=1,1,9,2,9,8,1,7|--texzoom:data=1:frame=2""".replace("\n", "|")
+
+
+@pytest.mark.parametrize("step", AVERAGING.split("|"))
+@pytest.mark.parametrize("dtype", ["uint32", "int32"])
+def test_ids_are_not_averaged(tmp_path, dtype, step):
+    written(tmp_path / "in.tif", any_bits(dtype))
+    with pytest.raises(Error, match=r"32-bit integers are ids.*--resample:interp=0.*-i:type=float"):
+        run(["in.tif", *step.split(), *(() if step == "-otex" else ("-o",)), "no.tif"], tmp_path)
+    assert not (tmp_path / "no.tif").exists()
+
+
+@pytest.mark.parametrize("dtype", TYPES)
+def test_the_nearest_pixel_is_a_copy(tmp_path, dtype):
+    end = TYPES[dtype]
+    written(tmp_path / f"in.{end}", any_bits(dtype))
+    assert run([f"in.{end}", "--resample:interp=0", "26x3", "-o", f"out.{end}"], tmp_path) == 0
+    source = bits_of(tmp_path / f"in.{end}")
+    np.testing.assert_array_equal(bits_of(tmp_path / f"out.{end}"), source[1::3, np.arange(26) // 2])
+
+
+def test_numbers_that_are_no_ids_are_resized_on_request(tmp_path):
+    written(tmp_path / "in.tif", np.full((HEIGHT, WIDTH, 1), 1 << 31, np.uint32))
+    words = "-i:type=float in.tif --resize 5x5 -d float -o out.tif"
+    assert run(words.split(), tmp_path) == 0
+    np.testing.assert_allclose(oiio.ImageBuf(str(tmp_path / "out.tif")).get_pixels(oiio.FLOAT), 0.5, rtol=1e-6)

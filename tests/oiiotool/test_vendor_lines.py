@@ -21,7 +21,16 @@ LINES = [
     " -d uint8 -o OUT.jpg",
     "shot.0001.exr --ch R=R,G=R,B=R,A=A --attrib:type=string note made --crop 20x16+3+2 -o OUT.exr",
     "shot.0001.exr --oiioattrib try_all_readers 0 --dup --flop --over --resize 50% -d uint16 -o OUT.tif",
-]
+    *(f"--colorconfig {DEFAULT_CONFIG} layers.exr --ch R=R,G=G,B=B,A=A {COLOR} {how}"
+      for how in ("-d uint8 -o OUT.png", "-o OUT.jpg", "-d uint10 -o OUT.dpx", "-d half -o OUT.exr")),
+    "layers.exr -o OUT.png",
+    "-i:ch=R,G,B,A shot.0001.exr --ch R=R,G=G,B=B,A=A --resize 20x13 -o OUT.exr",
+    "-a layers.exr --ch R,G,B -o OUT.jpg",
+    "-i:ch=R,G,B,A shot.0001.exr --ch R=R,G=G,B=B,A=A --subimage 0 --resize:filter=lanczos3 20x13 --origin +0+2"
+    " --fullsize 20x17 --pattern constant:color=0.100,0.200,0.300,1.000 20x17 4 --over -d uint8 -o OUT.png",
+    f"--colorconfig {DEFAULT_CONFIG} -i:ch=R,G,B shot.0001.exr --ch R=R,G=G,B=B --ociodisplay:inverse=1:subimages=0"
+    " default default --colorconvert:subimages=0 scene_linear ACES2065-1 -d half -o OUT.exr",
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +41,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         words = f"--pattern noise:seed={number}:mean=0.4:stddev=0.1 36x24 5 --chnames R,G,B,A,Z -d half -d Z=float"
         words += f" --attrib comments x -o shot.{number:04}.exr"
         subprocess.run([OIIOTOOL, *words.split()], cwd=there, check=True)
+    layers = "--pattern noise 36x24 4 --chnames R,G,B,A --attrib oiio:subimagename rgba --pattern noise 36x24 3"
+    layers += " --chnames N.X,N.Y,N.Z --attrib oiio:subimagename N --siappend -d half -o layers.exr"
+    subprocess.run([OIIOTOOL, *layers.split()], cwd=there, check=True)
     return there
 
 

@@ -145,5 +145,9 @@ def require_utf8(*texts: str) -> None:
         try:
             text.encode()
         except UnicodeEncodeError:
-            shown = text.encode(errors="surrogateescape").decode(errors="backslashreplace")
-            raise ParameterError(f"'{shown}' is not UTF-8") from None
+            raise ParameterError(f"'{as_utf8(text)}' is not UTF-8") from None
+
+
+def as_utf8(text: str) -> str:
+    """Text of a file or of the command line in UTF-8: other bytes are spelled out, as in caf\\xe9."""
+    return text.encode(errors="surrogateescape").decode(errors="backslashreplace")

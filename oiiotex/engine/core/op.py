@@ -153,6 +153,7 @@ class Op:
     turns: ClassVar[bool] = True  # its images are turned upright, as their Orientation says
     copies: ClassVar[bool] = False  # every pixel of its result is a complete copy of a source pixel
     rescales: ClassVar[bool] = False  # its result has another pixel size than its source
+    blends: ClassVar[bool] = False  # it averages all channels, which ids of Cryptomatte do not survive
     example: ClassVar[str] = ""  # doctest code for its docstring; default: a call on one photo
     deep: ClassVar[bool] = False  # it accepts deep images
     carries: ClassVar[bool] = False  # further parts of its first image are appended to its result

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..core.image import Image, Part
+from ..core.image import IDS, Image, Part
 from ..core.label_map import LabelMap
 from ..core.window import Window
 from ..deferred import np, oiio
@@ -198,6 +198,25 @@ def require_unmixed(part: Part, op: str) -> None:
             hint=either(
                 f"unfold them first: --cryptomatte-unfold '*', or keep the other channels only: --ch {others}",
                 f"keep the other channels only: {others}",
+            ),
+        )
+
+
+def require_no_ids(part: Part, op: str) -> None:
+    """Refuse an op that would average 32-bit integers, which are ids: the average of two names a third object.
+
+    Raises
+    ------
+    ImageError
+        The part has channels of that type.
+    """
+    spec = part.spec
+    if ids := [name for c, name in enumerate(spec.channelnames) if str(spec.channelformat(c)) in IDS]:
+        raise ImageError(
+            f"{', '.join(ids)}: 32-bit integers are ids, which {op} would average",
+            hint=either(
+                "--resample:interp=0 takes the nearest pixel; -i:type=float reads other numbers",
+                "convert other numbers to float",
             ),
         )
 

@@ -16,7 +16,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from ..core.attributes import OURS, TAG, UNKNOWN
+from ..core.attributes import OURS, TAG, UNKNOWN, as_utf8
 from ..deferred import oiio
 from .evidence import contradicted
 from .icc import REC709
@@ -60,7 +60,7 @@ def describe(spec: oiio.ImageSpec, format_name: str) -> None:
         name = spec.get_string_attribute(NAME)
         carried |= {NAME: name} if name else {}
         if carried:
-            text = spec.get_string_attribute(_DESCRIPTION)
+            text = as_utf8(spec.get_string_attribute(_DESCRIPTION))
             line = f"oiiotex: {json.dumps(carried)}"
             spec.attribute(_DESCRIPTION, f"{text}\n{line}" if text else line)
 
@@ -118,7 +118,7 @@ def restore(spec: oiio.ImageSpec, format_name: str, path: str) -> None:
         carried = {SPACE: space} if space else {}
         spec.erase_attribute(SPACE)
     elif format_name in ("tiff", "jpeg"):
-        text, carried = _split(spec.get_string_attribute(_DESCRIPTION))
+        text, carried = _split(as_utf8(spec.get_string_attribute(_DESCRIPTION)))
         if carried:
             spec.erase_attribute(_DESCRIPTION)
             if text:

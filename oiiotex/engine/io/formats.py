@@ -35,8 +35,8 @@ class Format:
         Types of channels of computed parts, by name.
     computed_tile : (int, int) or None
         Width and height of the tiles of computed parts; None: scanlines.
-    bits : int
-        Significant bits, if fewer than the type has; 0: as in the source.
+    bits, computed_bits : int
+        Significant bits, if fewer than the type has, of all parts and of computed parts; 0: as in the source.
     channel_types : dict of str to oiio.TypeDesc or None
         Types of channels by name, or by 'part.name'; 'part.*' stands for all channels of a part. None: the part's type.
     tile : (int, int) or None
@@ -56,6 +56,7 @@ class Format:
     computed_channels: dict[str, oiio.TypeDesc] = field(default_factory=dict)
     computed_tile: tuple[int, int] | None = None
     bits: int = 0
+    computed_bits: int = 0
     channel_types: dict[str, oiio.TypeDesc | None] = field(default_factory=dict)
     tile: tuple[int, int] | None = None
     scanline: bool = False
@@ -68,20 +69,31 @@ class Format:
 
 
 def fitted(image: Image, out: oiio.ImageOutput, path: Path, how: Format) -> Image:
-    """The image with the channels, windows and origins that the format supports, as oiiotool fits it."""
+    """The image with the channels, windows and origins that the format supports, as oiiotool fits it.
+
+    The first part decides whether windows are fitted: layers of a PSD file are not cut where they extend beyond it.
+    """
     if len(image.parts) > 1 and not out.supports("multiimage"):
-        names = ", ".join(p.name for p in image.parts)
-        raise ImageError(f"{path}: {out.format_name()} holds one image, not {names}", hint="use EXR or TIFF")
+        image = _first_alone(image, out, path)
     if any(part.spec.deep for part in image.parts) and not out.supports("deepdata"):
         raise ImageError(f"{path}: {out.format_name()} cannot hold deep images", expected="EXR, or a flat image")
     parts = [_with_fitting_channels(part, out, path) for part in image.parts]
-    if how.autocrop and not out.supports("displaywindow"):
+    if how.autocrop and not out.supports("displaywindow") and parts[0].window != Window.display(parts[0].spec):
         parts = [_in_window(part, Window.display(part.spec)) for part in parts]
     if how.autocrop and not out.supports("negativeorigin"):
-        parts = [_without_negative_origin(part) for part in parts]
+        parts = _without_negative_origin(parts)
     if any(part.window.empty for part in parts):
         raise ImageError(f"{path}: the image has no pixels")
     return Image(tuple(parts), image.source)
+
+
+def _first_alone(image: Image, out: oiio.ImageOutput, path: Path) -> Image:
+    """The first part of an image of the host, with a warning; parts that filters made are refused."""
+    names, holds = ", ".join(part.name for part in image.parts), f"{path}: {out.format_name()} holds one image"
+    if any(part.exact or is_ours(part.spec) for part in image.parts):
+        raise ImageError(f"{holds}, not {names}", hint="use EXR or TIFF")
+    log.warning("%s; of %s only the first is written", holds, names)
+    return Image(image.parts[:1], image.source)
 
 
 def _with_fitting_channels(part: Part, out: oiio.ImageOutput, path: Path) -> Part:
@@ -118,22 +130,23 @@ def tile_of(spec: oiio.ImageSpec) -> tuple[int, int, int]:
     return spec.tile_width, spec.tile_height, spec.tile_depth
 
 
-def _without_negative_origin(part: Part) -> Part:
-    """Without pixels left of and above 0, as by oiiotool; a window of an unbounded texture is moved instead."""
-    display = Window.display(part.spec)
-    unbounded = bool(part.spec.get_string_attribute(WINDOW))  # cropping might leave no pixel
+def _without_negative_origin(parts: list[Part]) -> list[Part]:
+    """All parts without what is left of and above 0 in the first; a window of an unbounded texture is moved instead."""
+    display = Window.display(parts[0].spec)
+    unbounded = bool(parts[0].spec.get_string_attribute(WINDOW))  # cropping might leave no pixel
     right, down = (max(0, -n) if unbounded else 0 for n in (display.left, display.top))
 
     def move(spec: oiio.ImageSpec) -> None:
         spec.x, spec.full_x = spec.x + right, spec.full_x + right
         spec.y, spec.full_y = spec.y + down, spec.full_y + down
 
-    part = part.respecced(move) if right or down else part
-    window = part.window
+    parts = [part.respecced(move) for part in parts] if right or down else parts
+    window = parts[0].window
     if window.left >= 0 and window.top >= 0:
-        return part
+        return parts
     left, top = max(0, window.left), max(0, window.top)
-    return _in_window(part, Window(left, top, max(left + 1, window.right), max(top + 1, window.bottom)))
+    inside = Window(left, top, max(left + 1, window.right), max(top + 1, window.bottom))
+    return [_in_window(part, inside) for part in parts]
 
 
 # --- specs ---
@@ -229,8 +242,9 @@ def _set_types(spec: oiio.ImageSpec, part: Part, how: Format, part_name: str) ->
         spec.channelformats = tuple(types)
     else:
         spec.set_format(types[0])
-    if how.bits:
-        spec.attribute("oiio:BitsPerSample", how.bits)
+    bits = how.bits or (how.computed_bits if part.stored is None else 0)
+    if bits:
+        spec.attribute("oiio:BitsPerSample", bits)
     elif how.pixel_type is not None or part.stored is None:
         spec.erase_attribute("oiio:BitsPerSample")
 

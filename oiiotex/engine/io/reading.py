@@ -11,6 +11,7 @@ import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from ..core.attributes import as_utf8
 from ..core.demand import assembled
 from ..core.image import IDS, Image, Part, dtype_of, in_memory, unrounded
 from ..core.piece_cache import PieceCache
@@ -19,7 +20,7 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError, either, one_line
 from .atomic import held_beside, part_of, release
-from .description import restore
+from .description import NAME, restore
 from .documents import require_regular
 
 _PIECE_BYTES = 4 << 20
@@ -81,8 +82,7 @@ def checked_name(path: str | os.PathLike[str]) -> str:
     try:
         path.encode()
     except UnicodeEncodeError:
-        shown = path.encode(errors="surrogateescape").decode(errors="backslashreplace")
-        raise ImageError(f"{shown}: the file name is not UTF-8, as OpenImageIO requires") from None
+        raise ImageError(f"{as_utf8(path)}: the file name is not UTF-8, as OpenImageIO requires") from None
     return path
 
 
@@ -144,6 +144,8 @@ class _OpenFile:
             levels: list[oiio.ImageSpec] = []
             while self._input.seek_subimage(subimage, len(levels)):
                 spec = _checked(oiio.ImageSpec(self._input.spec()), self.path)
+                if self.format == "ico":  # its reader counts the bits of a palette index
+                    spec.erase_attribute("oiio:BitsPerSample")
                 if spec.depth > 1:
                     raise ImageError(f"{self.path}: volume images are not supported")
                 if self.format == "tiff" and spec.format == oiio.DOUBLE:
@@ -220,6 +222,11 @@ def _checked(spec: oiio.ImageSpec, path: str) -> oiio.ImageSpec:
         spec.default_channel_names()
     if len(spec.channelformats) not in (0, spec.nchannels):
         spec.channelformats = ()
+    name, channels = spec.get_string_attribute(NAME), spec.channelnames
+    if as_utf8(name) != name:  # PSD files have names in the encodings of old computers
+        spec.attribute(NAME, as_utf8(name))
+    if tuple(map(as_utf8, channels)) != channels:
+        spec.channelnames = tuple(map(as_utf8, channels))
     names = [name.lower() for name in spec.channelnames]
     if spec.alpha_channel not in range(-1, spec.nchannels):  # GIF: it counts from 1
         spec.alpha_channel = next((names.index(name) for name in ("a", "alpha") if name in names), -1)

@@ -28,6 +28,7 @@ log = logging.getLogger("oiiotex")
 _BLOCK_ROWS = 64  # bands are multiples of it: no format compresses more scanlines together, except DWAB with 256
 _PIPED = ("jpeg", "webp")  # on a full disk libjpeg ends the process, and libwebp's writer never returns
 _AT_CLOSE = ("gif", "jpegxl", "webp")  # encoded as a whole on close
+_AT_ONCE = ("openexr", "dpx")  # several parts require all specs up front
 _MOST_HALF = 65504.0
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _NOT_WHOLE = "the file is incomplete: is the disk full?"
@@ -264,7 +265,7 @@ def _open(
         opened = out.open(str(temporary), spec, "AppendMIPLevel" if out.supports("mipmap") else "AppendSubimage")
     elif part > 0:
         opened = out.open(str(temporary), spec, "AppendSubimage")
-    elif len(firsts) > 1 and out.format_name() == "openexr":  # multi-part EXR requires all specs up front
+    elif len(firsts) > 1 and out.format_name() in _AT_ONCE:
         opened = out.open(str(temporary), tuple(firsts))
     else:
         opened = out.open(str(temporary), spec)

@@ -25,7 +25,7 @@ from ...engine.core.tiling import retiled, shared_tiling, tiling_of
 from ...engine.core.window import Window
 from ...engine.deferred import oiio
 from ...engine.errors import ImageError, ParameterError, one_line
-from ...engine.io.cryptomatte import require_unmixed
+from ...engine.io.cryptomatte import require_no_ids, require_unmixed
 
 if TYPE_CHECKING:
     from ...engine.session import Session
@@ -111,6 +111,8 @@ class HostOp(Op):
 
         def tile() -> Part:
             made = result(parts, facts)
+            if self.mixes and not isinstance(self, Pointwise) and made.stored is None and not part.exact:
+                require_no_ids(part, self.flag())
             return retiled(made, self.tiling(parts, made))
 
         if not part.exact:

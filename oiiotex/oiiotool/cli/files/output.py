@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from .... import __version__
+from ....engine.core.attributes import as_utf8
 from ....engine.core.image import Image, Part, cropped
 from ....engine.core.parameters import Size, param
 from ....engine.core.window import Window
@@ -206,7 +207,8 @@ def _format(chain: Chain, path: str, given: WriteModifiers) -> Format:
         computed_tile=chain.first.tile,
         computed_channels={} if asked else chain.first.channel_types,
         channel_types=channels,
-        bits=bits or (0 if asked else chain.first.bits),
+        bits=bits,
+        computed_bits=0 if asked else chain.first.bits,
         tile=tuple(tile) if tile else None,
         scanline=_either(given.scanline, settings.get("--scanline")),
         attributes=_attributes(chain, path, given),
@@ -249,7 +251,7 @@ def software(chain: Chain) -> dict[str, Any]:
     attributes: dict[str, Any] = {"Software": f"{program} : {hashlib.sha1(line.encode()).hexdigest()}"}
     if chain.settings.get("--history"):
         attributes["Software"] = f"{program} : {line}"
-        before = chain.top.first.spec.get_string_attribute("Exif:ImageHistory") if chain.stack else ""
+        before = as_utf8(chain.top.first.spec.get_string_attribute("Exif:ImageHistory")) if chain.stack else ""
         attributes["Exif:ImageHistory"] = f"{before.rstrip()}\n{line}".lstrip()
     return attributes
 

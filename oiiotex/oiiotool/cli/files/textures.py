@@ -15,6 +15,7 @@ from ....engine.core.tiling import tiling_of
 from ....engine.deferred import oiio
 from ....engine.errors import ImageError, ParameterError, one_line
 from ....engine.io.atomic import part_of, take, temporary_beside
+from ....engine.io.cryptomatte import require_no_ids, require_unmixed
 from ....engine.io.description import describe, is_ours
 from ....engine.io.formats import Format
 from ....engine.io.reading import checked_name, keep_readable
@@ -98,6 +99,8 @@ def write_texture(mode: str) -> Any:
     def run(chain: Chain, path: str, given: TextureModifiers) -> None:
         require_flat([chain.top])
         part = _converted(chain, given)
+        require_unmixed(part, "a MIP-mapped texture")
+        require_no_ids(part, "a MIP-mapped texture")
         size = part.spec.width * part.spec.height * part.spec.nchannels * 4
         chain.session.resources.require(3 * size, "a MIP-mapped texture")
         image, how = Image((part,), chain.top.source), Format(format_name=given.fileformatname)

@@ -32,9 +32,9 @@ class First:
             prefix = part.spec.get_string_attribute("oiio:subimagename")
             if prefix:
                 self.channel_types.setdefault(f"{prefix}.*", own)
-            for channel, name in enumerate(part.spec.channelnames):
-                key = f"{prefix}.{name}" if prefix else name
-                self.channel_types.setdefault(key, part.spec.channelformat(channel))
+            kinds = part.spec.channelformats or [own] * part.spec.nchannels
+            for name, kind in zip(part.spec.channelnames, kinds, strict=True):
+                self.channel_types.setdefault(f"{prefix}.{name}" if prefix else name, kind)
 
 
 def merged_type(a: oiio.TypeDesc, b: oiio.TypeDesc) -> oiio.TypeDesc:

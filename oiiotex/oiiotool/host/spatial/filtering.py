@@ -17,7 +17,7 @@ from ....engine.core.tiling import repeated, retiled
 from ....engine.core.window import Window
 from ....engine.deferred import oiio
 from ....engine.errors import ImageError, ParameterError
-from ....engine.io.cryptomatte import require_unmixed
+from ....engine.io.cryptomatte import require_no_ids, require_unmixed
 from ....engine.session import Session
 from ....engine.session.facts import Facts
 from ..geometry_text import parse_size
@@ -180,6 +180,7 @@ class FillHoles(Hosted, Whole):
         """The union of data and display window."""
         part = self.source.first
         require_unmixed(part, self.flag())
+        require_no_ids(part, self.flag())
         whole, around = part.window | Window.display(part.spec), self._around(part)
         pixels = (around.width * around.height) * 4 + whole.width * whole.height
         facts.require(pixels * part.spec.nchannels * 4, self.flag())

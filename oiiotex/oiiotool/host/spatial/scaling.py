@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ....engine.core.access import Gather
+from ....engine.core.demand import cached
 from ....engine.core.image import Image, Part, copied, cropped, in_memory
 from ....engine.core.op import Plan, no_pixels
 from ....engine.core.parameters import argument, image, param
@@ -20,7 +21,7 @@ from ....engine.session import Session
 from ....engine.session.facts import Facts
 from ..geometry_text import Box, box_of, parse_box
 from ..kinds import Hosted, HostOp, checked
-from ..remapping import Remap, remapped
+from ..remapping import Remap, remapped, require_pixels
 from .warping import FILTERS, HIGHLIGHTS, blank, compressed, known_filter, warped
 
 _STACK = 6 << 20  # bytes; ImageBufAlgo::resize keeps a row's weights on a thread's stack, and crashes if it overflows
@@ -181,7 +182,12 @@ class Resample(Remap):
     deep: ClassVar[bool] = True
 
     size: str = _SIZE
-    interp: bool = param(True, help="Interpolate bilinearly. If 0, take the nearest pixel.")
+    interp: bool = param(True, help="Interpolate bilinearly. If 0, take the nearest pixel, also of ids.")
+
+    @property
+    def mixes(self) -> bool:  # type: ignore[override]
+        """Whether it interpolates: the nearest pixel is a copy, with all its channels."""
+        return self.interp
 
     def idle(self, parts: Sequence[Part]) -> bool:
         """Whether no size changes."""
@@ -198,11 +204,35 @@ class Resample(Remap):
         box = Window.display(self.target(specs))
         return [_scaled_back(window, box, Window.display(specs[0])).grown(3)]
 
+    def result(self, parts: Sequence[Part], facts: Facts) -> Part:
+        """The resampled part, not yet computed."""
+        part = parts[0]
+        if self.interp or part.spec.deep:
+            return super().result(parts, facts)
+        target = self.target([part.spec])
+        require_pixels(Window.data(target), Window.display(target))
+        near, box, source = cached(part, facts.cache), Window.display(target), Window.display(part.spec)
+
+        def fetch(window: Window) -> np.ndarray:
+            columns = _nearest(range(window.left, window.right), box.left, box.width, source.left, source.width)
+            rows = _nearest(range(window.top, window.bottom), box.top, box.height, source.top, source.height)
+            seen = Window(int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
+            facts.require(seen.width * seen.height * part.pixel_bytes, self.flag())
+            return cropped(near, seen).read(seen)[rows - seen.top][:, columns - seen.left]
+
+        return copied(target, fetch, part)
+
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """The resampled window."""
         result = blank(target, *buffers)
         oiio.ImageBufAlgo.resample(result, buffers[0], self.interp)
         return result
+
+
+def _nearest(places: range, begin: int, size: int, source_begin: int, source_size: int) -> np.ndarray:
+    """The source coordinate of each place along an axis, as ImageBufAlgo::resample rounds it in float."""
+    share = (np.array(places, np.float32) - np.float32(begin) + np.float32(0.5)) * (np.float32(1) / np.float32(size))
+    return np.floor(np.float32(source_begin) + share * np.float32(source_size)).astype(np.int64)
 
 
 @dataclass(frozen=True, kw_only=True)
