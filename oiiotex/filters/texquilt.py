@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -14,13 +15,18 @@ from ..engine.core.source_map import COPIED, ST
 from ..engine.errors import ImageError, ParameterError, present
 from ..engine.session import Session
 from ..engine.session.facts import Facts
-from ..synthesis.exemplar.exemplar_op import LABEL, MASK
+from ..engine.session.progress import Progress
+from ..engine.session.resources import Resources
+from ..synthesis.exemplar.exemplar_op import LABEL, MASK, ExemplarPixels
+from ..synthesis.exemplar.first_result import say_fidelity
 from ..synthesis.exemplar.photo_lattice import Structured
+from ..synthesis.quality.judged_tries import best_tried
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
 from ..synthesis.quilting.guide_map import SOFT, meaning_of, read_table
-from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts, sewn_whole
-from ..synthesis.quilting.quilt_plan import QuiltPlan, Renderer
+from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, fidelity_of_quilt, sewn_parts, sewn_whole
+from ..synthesis.quilting.quilt_plan import MOST_PATCH, QuiltPlan, Renderer
+from ..synthesis.quilting.quilter import Quilt
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +83,7 @@ class Quilting(Reported, Quilted, Structured):
     def plan(self, facts: Facts) -> Plan:
         """The measures, and how to quilt: the plan to render, or the patches to choose."""
         size = self.size or (self.guide or self.exemplar).first.window.size
-        quality = Quality.of_copies(self, facts, size)
+        quality = Quality.of_copies(self, facts, size, judged=self.guide is None)
         if self.fromplan is not None:
             return Plan(work=(quality, self._stored(self.fromplan, facts)))
         sewing = self._sewing()
@@ -93,7 +99,26 @@ class Quilting(Reported, Quilted, Structured):
         if isinstance(sewing, QuiltPlan):
             renderer = Renderer.of(resources.device, sewing, resources.budget)
             return quality.add_to_copies(sewn_parts(self, renderer.sources, sewing.grid, resources))
-        return quality.add_to_copies(sewn_whole(sewing, self.read(resources), resources, progress))
+        pixels = self.read(resources)
+        if self.guide is not None:  # a painting is not to look like the photo
+            return quality.add_to_copies(sewn_whole(self, sewing.quilt(pixels, resources, progress), resources))
+        best = best_tried(
+            self.flag(), self._tries(sewing, pixels, resources, progress), lambda quilt: fidelity_of_quilt(quilt, pixels)
+        )
+        say_fidelity(self.flag(), best.kept, best.spelled, warn=True)
+        return quality.add_to_copies(sewn_whole(self, best.made, resources))
+
+    def _tries(
+        self, sewing: Sewing, pixels: ExemplarPixels, resources: Resources, progress: Progress
+    ) -> Iterator[tuple[str, Callable[[], Quilt]]]:
+        """Patches of the default side or the given one; without a given one, also twice as large."""
+        first = sewing.quilt(pixels, resources, progress)
+        side = first.grid.patch
+        yield f"patch={side}", lambda: first
+        if self.patch is None and 2 * side <= min(MOST_PATCH, *pixels.values.shape[:2]):
+            larger = replace(sewing, patch=2 * side)
+            progress.lengthen(1.0)
+            yield f"patch={2 * side}", lambda: larger.quilt(pixels, resources, progress)
 
     def _sewing(self) -> Sewing:
         if self.guide is not None and self.label is not None:

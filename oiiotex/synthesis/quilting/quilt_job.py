@@ -22,6 +22,7 @@ from ...analysis.labels.content_table import (
 from ...analysis.regularity.lattice import Lattice
 from ...engine.color.lab_grid import COARSE_STEPS, to_grid
 from ...engine.core.access import Gather
+from ...engine.core.demand import MadeRows, first_channels
 from ...engine.core.image import Image, derived_spec
 from ...engine.core.label_map import LabelMap, label_maps
 from ...engine.core.op import Kind, Output
@@ -37,6 +38,7 @@ from ...engine.session.resources import Resources
 from ..exemplar.exemplar_masks import both, label_levels, label_map
 from ..exemplar.exemplar_op import ExemplarPixels, LabeledExemplar, tiles
 from ..exemplar.photo_lattice import Structured, fitting_size, least_size
+from ..quality.fidelity import Fidelity, fidelity
 from .guide_map import Meaning, keys_in, labels_met, meaning_of, wishes_of
 from .label_painting import Begun
 from .quilt_plan import AT_ONCE, MOST_PATCH, Grid, plan_bytes
@@ -48,6 +50,7 @@ CARRIED = Output(
 LEAST_PATCH, _LEAST_GUIDED = 8, 32
 _LAB_BYTES, _VALUE_BYTES = 14, 12  # per pixel of the exemplar: on the grid, masks, and reduced; as floats
 _GRID_ROWS = 256  # rows converted to the grid at a time
+_JUDGED_WHOLE = 1 << 22  # px of a quilt
 _REGIONS = 12  # minimum number of exemplar regions for each label of a guide
 
 
@@ -306,8 +309,18 @@ def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, res
     return sewn
 
 
-def sewn_whole(sewing: Sewing, pixels: ExemplarPixels, resources: Resources, progress: Progress) -> dict[str, Any]:
+def sewn_whole(op: Quilted, quilt: Quilt, resources: Resources) -> dict[str, Any]:
     """The result of one layer. If its plan is requested, it is finished first."""
-    quilt, spec = sewing.quilt(pixels, resources, progress), sewing.op.exemplar.first.spec
+    spec = op.exemplar.first.spec
     plan = {"planfile": lambda: quilt.finished().arrays((spec.width, spec.height))}
-    return sewn_parts(sewing.op, quilt.sources, quilt.grid, resources) | plan
+    return sewn_parts(op, quilt.sources, quilt.grid, resources) | plan
+
+
+def fidelity_of_quilt(quilt: Quilt, pixels: ExemplarPixels) -> Fidelity | None:
+    """Fidelity of a quilt, or of a piece of the photo's size if the quilt is large; None if it is too small."""
+    photo, grid = first_channels(pixels.values, 3), quilt.grid
+    whole = grid.width * grid.height <= _JUDGED_WHOLE
+    size = (grid.width, grid.height) if whole else (min(grid.width, photo.shape[1]), min(grid.height, photo.shape[0]))
+    source = quilt.sources(Window(0, 0, *size))
+    result = MadeRows((*source.packed.shape, 3), np.float32, lambda first, last: source[first:last].gather(photo))
+    return fidelity(photo, pixels.usable, result, (whole and grid.wrap_y, whole and grid.wrap_x), source)
