@@ -20,11 +20,13 @@ from ..engine.deferred import np, oiio
 from ..engine.errors import ParameterError, modifier
 from ..engine.session import Session
 from ..engine.session.facts import Facts
+from ..synthesis.exemplar.first_result import say_fidelity
 from ..synthesis.exemplar.photo_lattice import Structured, fitting_size
 from ..synthesis.multiscale.graph import Graph
-from ..synthesis.multiscale.infinite_plane import Plane, States, in_file
+from ..synthesis.multiscale.infinite_plane import Plane, States, analysis_folder, in_file
+from ..synthesis.multiscale.judged_jitter import best_jitter, spelled
 from ..synthesis.multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
-from ..synthesis.multiscale.synthesizer import MOST_LEVEL
+from ..synthesis.multiscale.synthesizer import MOST_LEVEL, PlaneSettings
 from ..synthesis.quality.report import REPORT, Quality
 
 _WINDOW = re.compile(r"([1-9]\d*)x([1-9]\d*)([+-]\d+)([+-]\d+)", re.ASCII)
@@ -95,6 +97,11 @@ class Synth(Multiscale, Structured):
         help="Source coordinates of every pixel. 1: append them as parts; a file name: write them to that file.",
     )
 
+    @property
+    def most_side(self) -> int:
+        """As `Multiscale.most_side`, and more of a single photo, so that its places repeat less often."""
+        return self.exemplarside or (256 if self.graph or self.paper else 512)
+
     def single(self, name: str) -> Graph:
         """A graph of one exemplar without edges."""
         return Graph.single(name)
@@ -129,6 +136,8 @@ class Synth(Multiscale, Structured):
         in_step = self._in_step(plane, level, around, session)
         how: dict[str, Any] = {"seed": self.seed, "lock": self.keeplayout, "jitter": self.jitter}
         settings = plane.settings(**how, around=around, around_level=level, in_step=in_step)
+        if self._is_judged:
+            settings = self._judged(plane, settings, session)
         maker = self.maker(plane, settings, resources)
         is_crop = bool(self.window and self.size)  # of a display window; tiles of an endless plane are not joined
         key = plane.key(settings, level) if self.resume or is_crop else ""
@@ -148,6 +157,22 @@ class Synth(Multiscale, Structured):
 
         copies = self.graph is None and level >= plane.finest  # of the single exemplar, unchanged
         return with_report(quality, plane, results, source if copies else None)
+
+    @property
+    def _is_judged(self) -> bool:
+        """Whether the photo decides the jitter."""
+        return self.graph is None and self.jitter is None and not self.keeplayout and not self.paper
+
+    def _judged(self, plane: Plane, settings: PlaneSettings, session: Session) -> PlaneSettings:
+        """The settings with the jitter that keeps the photo's objects whole; warns if none does."""
+        resources = session.resources
+        endless = replace(settings, around=None, around_level=0)  # decided for the whole plane, however it repeats
+        with resources.stats.time("fidelity"):
+            best, kept = best_jitter(
+                self.flag(), plane, endless, lambda one: self.maker(plane, one, resources), analysis_folder()
+            )
+        say_fidelity(self.flag(), kept, spelled(best), warn=True)
+        return replace(settings, jitter=best.jitter)
 
     def _asked_window(self) -> Window | None:
         """The value of `window`, which must lie inside `size`; None if not given."""

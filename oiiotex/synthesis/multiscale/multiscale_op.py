@@ -67,10 +67,12 @@ class Multiscale(InLab, Reported, AnyWindow):
         " 0 for verbatim colors.",
         advanced=True,
     )
-    exemplarside: int = param(
-        256,
-        choices=(16, 32, 64, 128, 256, 512, 1024),
+    exemplarside: int | None = param(
+        None,
+        example="256",
+        choices=(16, 32, 64, 128, 256, 512, 1024, None),
         unit="px",
+        unset="512 for a texture from one exemplar, otherwise 256",
         help="Maximum side of the square that is cropped from an exemplar.",
     )
     paper: bool = param(
@@ -100,6 +102,11 @@ class Multiscale(InLab, Reported, AnyWindow):
         raise NotImplementedError
 
     @property
+    def most_side(self) -> int:
+        """Maximum side of an exemplar, px."""
+        return self.exemplarside or 256
+
+    @property
     def source(self) -> str:
         """Name of the input, for messages and the result."""
         return str(self.graph) if self.graph else self.exemplar.source if self.exemplar else ""
@@ -112,7 +119,7 @@ class Multiscale(InLab, Reported, AnyWindow):
             graph, images = self.single(self.exemplar.source), (self.exemplar,)
         else:
             raise ParameterError("no exemplar", expected="an image, or graph=FILE")
-        side, root = common_side(images, graph, facts, self.exemplarside), images[graph.root]
+        side, root = common_side(images, graph, facts, self.most_side), images[graph.root]
         color_to_convert(root, facts, self.working_space)
         for other in images:
             require_channels(other, root)
@@ -127,7 +134,7 @@ class Multiscale(InLab, Reported, AnyWindow):
             for part in given.parts[1:]:
                 self.warn("part '%s' of %s is dropped", part.name, given.source)
         how: dict[str, Any] = {
-            "side": self.exemplarside,
+            "side": self.most_side,
             "dims": 6 if self.paper else 16,
             "correct": self.matchcolor,
             "literal": self.paper,
