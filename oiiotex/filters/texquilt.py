@@ -103,7 +103,9 @@ class Quilting(Reported, Quilted, Structured):
         if self.guide is not None:  # a painting is not to look like the photo
             return quality.add_to_copies(sewn_whole(self, sewing.quilt(pixels, resources, progress), resources))
         best = best_tried(
-            self.flag(), self._tries(sewing, pixels, resources, progress), lambda quilt: fidelity_of_quilt(quilt, pixels)
+            self.flag(),
+            self._tries(sewing, pixels, resources, progress),
+            lambda quilt: fidelity_of_quilt(quilt, pixels),
         )
         say_fidelity(self.flag(), best.kept, best.spelled, warn=True)
         return quality.add_to_copies(sewn_whole(self, best.made, resources))

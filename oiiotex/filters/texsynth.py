@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ..analysis.regularity.courses import Courses, InCourses
+from ..analysis.regularity.lattice import Lattice
 from ..analysis.regularity.offset_prices import InStep
 from ..engine.color.lab_grid import FINE_STEPS
 from ..engine.core.attributes import PLANE, WINDOW, note
@@ -20,6 +22,7 @@ from ..engine.deferred import np, oiio
 from ..engine.errors import ParameterError, modifier
 from ..engine.session import Session
 from ..engine.session.facts import Facts
+from ..synthesis.exemplar.exemplar_op import ExemplarPixels
 from ..synthesis.exemplar.first_result import say_fidelity
 from ..synthesis.exemplar.photo_lattice import Structured, fitting_size
 from ..synthesis.multiscale.graph import Graph
@@ -208,18 +211,25 @@ class Synth(Multiscale, Structured):
             raise ParameterError(parameter="size", value=self.size, expected=expected)
         return display.width, display.height
 
-    def _in_step(self, plane: Plane, level: int, around: tuple[int, int] | None, session: Session) -> InStep | None:
-        """The lattice of the single exemplar, in px of its square; None with keeplayout or paper."""
+    def _in_step(
+        self, plane: Plane, level: int, around: tuple[int, int] | None, session: Session
+    ) -> InStep | InCourses | None:
+        """The lattice or courses of the single exemplar, in px of its square; None with keeplayout or paper."""
         if self.graph is not None or self.keeplayout or self.paper:
             return None
         root = plane.exemplars[0]
-        lattice = self.lattice_of(root.values, root.opaque, session.resources)
-        if lattice is None or around is None:
-            return self.in_step(lattice, Domain(root.side, root.side))
+        pixels = ExemplarPixels(root.values, root.opaque, root.opaque, "transparent pixels")
+        structure = self.structure_of(pixels, session.resources)
+        if around is None:
+            side = root.side
+            if isinstance(structure, Courses):  # an unbounded plane repeats them in their order
+                side = round(float(structure.heights.sum()))
+            return self.kept_structure(structure, Domain(side, side, *(isinstance(structure, Courses),) * 2))
         zoom = 2.0 ** (level - plane.finest)  # pixels of the level for each pixel of the square
-        fitting_size(self.flag(), lattice.scaled(zoom, zoom), Size(*around), True, (True, True), 1 << level)
+        if isinstance(structure, Lattice):
+            fitting_size(self.flag(), structure.scaled(zoom, zoom), Size(*around), True, (True, True), 1 << level)
         width, height = (max(1, round(n / zoom)) for n in around)
-        return self.in_step(lattice, Domain(width, height, True, True))
+        return self.kept_structure(structure, Domain(width, height, True, True))
 
     def _maps(self, plane: Plane, states: States, planned: dict[str, Part]) -> dict[str, Part]:
         """The parts 'st' and, with a graph, 'transfer'."""

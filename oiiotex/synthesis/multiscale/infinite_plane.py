@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from ... import __version__
+from ...analysis.regularity.courses import InCourses
 from ...analysis.regularity.offset_prices import InStep
 from ...engine.color.lab_grid import FINE_STEPS
 from ...engine.color.lens import Lens
@@ -32,7 +33,15 @@ from .candidate_sets import Analysis, analyze
 from .coverage import MUCH, RARE, shares, unmatched
 from .graph import Graph, read_graph
 from .stacks import Exemplar, load_exemplars, nearest_opaque, shown_level
-from .synthesizer import KEPT_IN_LOOPS, LatticeSteps, PlaneSettings, PlaneState, Synthesizer, default_jitter
+from .synthesizer import (
+    KEPT_IN_LOOPS,
+    CourseSteps,
+    LatticeSteps,
+    PlaneSettings,
+    PlaneState,
+    Synthesizer,
+    default_jitter,
+)
 from .targets import stacks_of
 
 log = logging.getLogger("oiiotex")
@@ -63,13 +72,13 @@ class Plane:
 
     def settings(
         self, *, seed: int | None, lock: bool | int, jitter: tuple[float, ...] | None = None,
-        around: tuple[int, int] | None = None, around_level: int = 0, in_step: InStep | None = None,
+        around: tuple[int, int] | None = None, around_level: int = 0, in_step: InStep | InCourses | None = None,
     ) -> PlaneSettings:  # fmt: skip
         """The settings, with the graph's seed and jitter as defaults.
 
         `jitter`: rho by level; the last holds for all finer levels.
         `lock`: last level without jitter (HRRG08 figure 7; 1 or True: L). `around`: period (width, height) of the plane
-        in px of `around_level`. `in_step`: lattice of the one exemplar in px of its square.
+        in px of `around_level`. `in_step`: lattice or courses of the one exemplar in px of its square.
         """
         looping = any(self.graph.in_loop(n) for n in range(len(self.graph.names)))
         literal = self.analysis.stacks.levels.literal
@@ -85,7 +94,7 @@ class Plane:
             kept=KEPT_IN_LOOPS if loops else 1.0,
             around=around,
             around_level=around_level,
-            steps=None if in_step is None else LatticeSteps.of(in_step),
+            steps=_steps_of(in_step),
         )
 
     def key(self, settings: PlaneSettings, level: int) -> str:
@@ -140,6 +149,13 @@ class Plane:
             opaque = self.exemplars[of].opaque
             self._planes[number] = plane if opaque is None else nearest_opaque(opaque).gather(plane)
         return self._planes[number]
+
+
+def _steps_of(kept: InStep | InCourses | None) -> LatticeSteps | CourseSteps | None:
+    """A structure in the format of `PlaneSettings`."""
+    if kept is None:
+        return None
+    return CourseSteps.of(kept) if isinstance(kept, InCourses) else LatticeSteps.of(kept)
 
 
 def graph_images(path: str | Path, facts: Facts) -> tuple[Graph, tuple[Image, ...]]:

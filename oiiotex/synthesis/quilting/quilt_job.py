@@ -19,6 +19,7 @@ from ...analysis.labels.content_table import (
     whole_windows,
     window_keys,
 )
+from ...analysis.regularity.courses import Courses
 from ...analysis.regularity.lattice import Lattice
 from ...engine.color.lab_grid import COARSE_STEPS, to_grid
 from ...engine.core.access import Gather
@@ -139,7 +140,7 @@ class Sewing:
             lab[top : top + _GRID_ROWS] = to_grid(pixels.values[top : top + _GRID_ROWS], COARSE_STEPS)
         lattice = None
         if self.structured is not None:
-            lattice = self.structured.lattice_of(pixels.values, pixels.usable, resources)
+            lattice = self.structured.structure_of(pixels, resources)
         with resources.stats.time("content"):
             labels = self._label_map()
             ids = None if labels is None else labels.ids
@@ -155,7 +156,7 @@ class Sewing:
             resources.device, exemplar, grid, demand, self._rules(grid.patch), resources.budget,
             held=width * height * self.op.photo_bytes(resources),
             plan=None if self.begun is None else self.begun.kept(grid, demand, self.op.flag()),
-            in_step=None if self.structured is None else self.structured.in_step(lattice, grid, self.op.seed),
+            in_step=None if self.structured is None else self.structured.kept_structure(lattice, grid, self.op.seed),
             report=progress.advance,
         )  # fmt: skip
 
@@ -197,7 +198,11 @@ class Sewing:
         )
 
     def _grid(
-        self, labels: LabelMap | None, ids: np.ndarray | None, allowed: np.ndarray | None, lattice: Lattice | None
+        self,
+        labels: LabelMap | None,
+        ids: np.ndarray | None,
+        allowed: np.ndarray | None,
+        lattice: Lattice | Courses | None,
     ) -> Grid:
         size = fitting_size(self.op.flag(), lattice, *self._asked(), self._wraps)
         patch, overlap = self._sides(labels, ids, allowed)
