@@ -17,8 +17,10 @@ from ..engine.session import Session
 from ..engine.session.facts import Facts
 from ..engine.session.progress import Progress
 from ..engine.session.resources import Resources
+from ..synthesis.exemplar.exemplar_masks import both, mask_of
 from ..synthesis.exemplar.exemplar_op import LABEL, MASK, ExemplarPixels
 from ..synthesis.exemplar.first_result import say_fidelity
+from ..synthesis.exemplar.flattened import Flattened
 from ..synthesis.exemplar.photo_lattice import Structured
 from ..synthesis.quality.judged_tries import best_tried
 from ..synthesis.quality.report import REPORT, Quality
@@ -30,7 +32,7 @@ from ..synthesis.quilting.quilter import Quilt
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quilting(Reported, Quilted, Structured):
+class Quilting(Reported, Quilted, Structured, Flattened):
     """Synthesize a texture of any size from patches of a photo, joined along minimum-error cuts.
 
     Image quilting (Efros & Freeman, SIGGRAPH 2001) places square patches on a regular grid. Each patch is the best
@@ -40,7 +42,7 @@ class Quilting(Reported, Quilted, Structured):
     frequent labels in them (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map
     Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.1).
 
-    Every pixel of the result is a copy of one pixel of the photo. Only a plan of offsets and cuts is kept in memory, so
+    Every pixel of the result is a copy of one pixel of the photo, whose gradients and stains are removed first. Only a plan of offsets and cuts is kept in memory, so
     memory does not grow with the number of pixels.
     """
 
@@ -99,16 +101,25 @@ class Quilting(Reported, Quilted, Structured):
         if isinstance(sewing, QuiltPlan):
             renderer = Renderer.of(resources.device, sewing, resources.budget)
             return quality.add_to_copies(sewn_parts(self, renderer.sources, sewing.grid, resources))
-        pixels = self.read(resources)
+        op = self._flat(resources)
+        sewing, pixels = replace(sewing, op=op, structured=op), op.read(resources)
         if self.guide is not None:  # a painting is not to look like the photo
-            return quality.add_to_copies(sewn_whole(self, sewing.quilt(pixels, resources, progress), resources))
-        best = best_tried(
-            self.flag(),
-            self._tries(sewing, pixels, resources, progress),
-            lambda quilt: fidelity_of_quilt(quilt, pixels),
-        )
-        say_fidelity(self.flag(), best.kept, best.spelled, warn=True)
-        return quality.add_to_copies(sewn_whole(self, best.made, resources))
+            made = sewing.quilt(pixels, resources, progress)
+        else:
+            own = self.seen(resources)[0]
+            tries = self._tries(sewing, pixels, resources, progress)
+            best = best_tried(self.flag(), tries, lambda quilt: fidelity_of_quilt(quilt, pixels, own))
+            say_fidelity(self.flag(), best.kept, best.spelled, warn=True)
+            made = best.made
+        return quality.add_to_copies(sewn_whole(op, made, resources), copied=op.exemplar)
+
+    def _flat(self, resources: Resources) -> Quilting:
+        """The op on the flattened photo, without its stains."""
+        alone = not any((self.guide, self.labels, self.label, self.labellevel, self.planfile))
+        allowed = self._allowed()
+        flat, stained = self.flattened(self.exemplar, alone, resources, allowed)
+        mask = self.mask if stained is None else mask_of(present(both(~stained, allowed)), self.exemplar.first)
+        return replace(self, exemplar=flat, mask=mask, flattening=0.0)
 
     def _tries(
         self, sewing: Sewing, pixels: ExemplarPixels, resources: Resources, progress: Progress

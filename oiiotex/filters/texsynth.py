@@ -24,6 +24,7 @@ from ..engine.session import Session
 from ..engine.session.facts import Facts
 from ..synthesis.exemplar.exemplar_op import ExemplarPixels
 from ..synthesis.exemplar.first_result import say_fidelity
+from ..synthesis.exemplar.flattened import Flattened
 from ..synthesis.exemplar.photo_lattice import Structured, fitting_size
 from ..synthesis.multiscale.graph import Graph
 from ..synthesis.multiscale.infinite_plane import Plane, States, analysis_folder, in_file
@@ -36,7 +37,7 @@ _WINDOW = re.compile(r"([1-9]\d*)x([1-9]\d*)([+-]\d+)([+-]\d+)", re.ASCII)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Synth(Multiscale, Structured):
+class Synth(Multiscale, Structured, Flattened):
     """Synthesize an unbounded texture from one exemplar, or from a graph of exemplars at different scales.
 
     Without `graph`, a texture of any size is synthesized from the top image (Lefebvre & Hoppe, Parallel controllable
@@ -45,7 +46,8 @@ class Synth(Multiscale, Structured):
     Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008).
 
     Exemplars are cropped to centered squares with a power-of-two side. One that does not tile is mirrored at its
-    borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a graph differ.
+    borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a graph differ. The
+    gradients and stains of a single photo are removed first.
     """
 
     example: ClassVar[str] = '>>> texture = filters.synth("photo.png", size=(1024, 512), seed=7)'
@@ -133,14 +135,19 @@ class Synth(Multiscale, Structured):
         resources, progress = session.resources, session.progress
         display, window, quality, graph, images = plan.work
         quality = quality.during(resources, progress)
-        plane = self.opened(graph, images, resources, progress)
+        own, excluded = images, None
+        if self.graph is None:
+            flat, excluded = self.flattened(images[0], not (self.paper or self.keeplayout), resources)
+            images = (flat,)
+        plane = self.opened(graph, images, resources, progress, excluded)
+        original = plane.root_lab(own[graph.root], self.working_space, resources)
         level = plane.finest + plane.graph.depth() if self.lod is None else self.lod
         around = self._around(level, display)
         in_step = self._in_step(plane, level, around, session)
         how: dict[str, Any] = {"seed": self.seed, "lock": self.keeplayout, "jitter": self.jitter}
         settings = plane.settings(**how, around=around, around_level=level, in_step=in_step)
         if self._is_judged:
-            settings = self._judged(plane, settings, session)
+            settings = self._judged(plane, settings, original, session)
         maker = self.maker(plane, settings, resources)
         is_crop = bool(self.window and self.size)  # of a display window; tiles of an endless plane are not joined
         key = plane.key(settings, level) if self.resume or is_crop else ""
@@ -159,20 +166,20 @@ class Synth(Multiscale, Structured):
             return SourceMap.of(*plane.source(states.read(window)).yx)
 
         copies = self.graph is None and level >= plane.finest  # of the single exemplar, unchanged
-        return with_report(quality, plane, results, source if copies else None)
+        return with_report(quality, plane, results, source if copies else None, original)
 
     @property
     def _is_judged(self) -> bool:
         """Whether the photo decides the jitter."""
         return self.graph is None and self.jitter is None and not self.keeplayout and not self.paper
 
-    def _judged(self, plane: Plane, settings: PlaneSettings, session: Session) -> PlaneSettings:
+    def _judged(self, plane: Plane, settings: PlaneSettings, original: np.ndarray, session: Session) -> PlaneSettings:
         """The settings with the jitter that keeps the photo's objects whole; warns if none does."""
         resources = session.resources
         endless = replace(settings, around=None, around_level=0)  # decided for the whole plane, however it repeats
         with resources.stats.time("fidelity"):
             best, kept = best_jitter(
-                self.flag(), plane, endless, lambda one: self.maker(plane, one, resources), analysis_folder()
+                self.flag(), plane, endless, original, lambda one: self.maker(plane, one, resources), analysis_folder()
             )
         say_fidelity(self.flag(), kept, spelled(best), warn=True)
         return replace(settings, jitter=best.jitter)

@@ -17,6 +17,7 @@ from ... import __version__
 from ...analysis.regularity.courses import InCourses
 from ...analysis.regularity.offset_prices import InStep
 from ...engine.color.lab_grid import FINE_STEPS
+from ...engine.color.lab import lens_of
 from ...engine.color.lens import Lens
 from ...engine.core.demand import assembled, cells_of
 from ...engine.core.image import Image
@@ -119,6 +120,15 @@ class Plane:
                 self._move(state.offset[piece], out[piece])
         return out
 
+    def root_lab(self, image: Image, space: Space, resources: Resources) -> np.ndarray:
+        """Values of the root's square in another image of the same size: (side, side, 3) float32."""
+        root = self.exemplars[self.graph.root]
+        if image is self.root:
+            return root.values[..., :3]
+        corner = image.first.window
+        place = root.place.shifted(corner.left, corner.top)
+        return lens_of(image, resources, space).values(image.first.read(place))[0][..., :3]
+
     def source(self, state: PlaneState) -> SourceMap:
         """The copied pixels. Indices of exemplars are those of the stack's levels."""
         return SourceMap(state.texel, self.analysis.stacks.side_bits)
@@ -167,10 +177,13 @@ def graph_images(path: str | Path, facts: Facts) -> tuple[Graph, tuple[Image, ..
 def opened(
     resources: Resources, progress: Progress, graph: Graph, images: Sequence[Image], name: str, *, side: int, dims: int,
     correct: bool, literal: bool, space: Space,
+    excluded: np.ndarray | None = None,
 ) -> Plane:  # fmt: skip
     """Read and analyze the exemplars of a graph, called `name` in messages. Other arguments are those of --texsynth."""
     with resources.stats.time("read and color"):
         exemplars, lens = load_exemplars(images, graph, resources, space, side)
+        if excluded is not None:
+            exemplars = tuple(one.without(excluded) for one in exemplars)
     finest = exemplars[0].side.bit_length() - 1
     graph.require_levels(finest, name)
     looks = [array for exemplar in exemplars for array in (exemplar.values, exemplar.opaque)]

@@ -29,18 +29,24 @@ _MEASURES = "band_96", "band_48", "band_24", "shapes", "lines", "missing", "brok
 
 
 def best_jitter(
-    flag: str, plane: Plane, settings: PlaneSettings, maker: Callable[[PlaneSettings], Synthesizer], folder: Path | None
+    flag: str,
+    plane: Plane,
+    settings: PlaneSettings,
+    original: np.ndarray,
+    maker: Callable[[PlaneSettings], Synthesizer],
+    folder: Path | None,
 ) -> tuple[PlaneSettings, Fidelity | None]:
     """The settings with the jitter that is judged best, and its fidelity; None if the exemplar is too small.
 
-    `maker` gives the synthesizer of settings; `folder` caches the decision.
+    `original` (side, side, 3) float32: Lab of the exemplar before flattening. `maker` gives the synthesizer of settings;
+    `folder` caches the decision.
     """
     jitters = [settings.jitter, *((0.0, *levels, 0.0) for levels in _JITTERED if len(levels) < plane.finest - 2)]
-    key = hash_of(_VERSION, plane.key(settings, plane.finest), jitters)
+    key = hash_of(_VERSION, plane.key(settings, plane.finest), jitters, original)
 
     def decided() -> tuple[np.ndarray, ...]:
         tries = ((_spelled(one), lambda one=one: maker(replace(settings, jitter=one))) for one in jitters)
-        best = best_tried(flag, tries, lambda made: _judged(plane, made))
+        best = best_tried(flag, tries, lambda made: _judged(plane, made, original))
         measures = {} if best.kept is None else best.kept.measures()
         number = [_spelled(one) for one in jitters].index(best.spelled)
         return (np.array([number, *(measures.get(name, np.nan) for name in _MEASURES)]),)
@@ -60,10 +66,10 @@ def _spelled(jitter: tuple[float, ...]) -> str:
     return "jitter=" + ",".join(f"{rho:g}" for rho in jitter)
 
 
-def _judged(plane: Plane, maker: Synthesizer) -> Fidelity | None:
+def _judged(plane: Plane, maker: Synthesizer, original: np.ndarray) -> Fidelity | None:
     root = plane.exemplars[0]
     source = plane.source(maker.window(plane.finest, Window(0, 0, root.side, root.side)))
     photo = root.values[..., :3]
     source = source.of(*source.yx)  # a place of the exemplar, whatever the level of its texel
     result = MadeRows(photo.shape, np.float32, lambda first, last: source[first:last].gather(photo))
-    return fidelity(photo, root.opaque, result, (False, False), source)
+    return fidelity(photo, root.opaque, result, (False, False), source, original)

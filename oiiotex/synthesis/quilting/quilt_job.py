@@ -23,7 +23,7 @@ from ...analysis.regularity.courses import Courses
 from ...analysis.regularity.lattice import Lattice
 from ...engine.color.lab_grid import COARSE_STEPS, to_grid
 from ...engine.core.access import Gather
-from ...engine.core.demand import MadeRows, first_channels
+from ...engine.core.demand import MadeRows, SomeRows, first_channels
 from ...engine.core.image import Image, derived_spec
 from ...engine.core.label_map import LabelMap, label_maps
 from ...engine.core.op import Kind, Output
@@ -321,11 +321,21 @@ def sewn_whole(op: Quilted, quilt: Quilt, resources: Resources) -> dict[str, Any
     return sewn_parts(op, quilt.sources, quilt.grid, resources) | plan
 
 
-def fidelity_of_quilt(quilt: Quilt, pixels: ExemplarPixels) -> Fidelity | None:
-    """Fidelity of a quilt, or of a piece of the photo's size if the quilt is large; None if it is too small."""
+def fidelity_of_quilt(quilt: Quilt, pixels: ExemplarPixels, original: SomeRows) -> Fidelity | None:
+    """Fidelity of a quilt, or of a piece of the photo's size if the quilt is large; None if it is too small.
+
+    `original` (height, width, channels) float32: Lab of the photo before flattening.
+    """
     photo, grid = first_channels(pixels.values, 3), quilt.grid
     whole = grid.width * grid.height <= _JUDGED_WHOLE
     size = (grid.width, grid.height) if whole else (min(grid.width, photo.shape[1]), min(grid.height, photo.shape[0]))
     source = quilt.sources(Window(0, 0, *size))
     result = MadeRows((*source.packed.shape, 3), np.float32, lambda first, last: source[first:last].gather(photo))
-    return fidelity(photo, pixels.usable, result, (whole and grid.wrap_y, whole and grid.wrap_x), source)
+    return fidelity(
+        photo,
+        pixels.usable,
+        result,
+        (whole and grid.wrap_y, whole and grid.wrap_x),
+        source,
+        first_channels(original, 3),
+    )
