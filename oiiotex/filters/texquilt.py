@@ -42,8 +42,8 @@ class Quilting(Reported, Quilted, Structured, Flattened):
     frequent labels in them (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map
     Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.1).
 
-    Every pixel of the result is a copy of one pixel of the photo, whose gradients and stains are removed first. Only a plan of offsets and cuts is kept in memory, so
-    memory does not grow with the number of pixels.
+    Gradients and stains of the photo are removed first. Every pixel of the result is then a copy of one pixel. Only a
+    plan of offsets and cuts is kept in memory, so memory does not grow with the number of pixels.
     """
 
     example: ClassVar[str] = '>>> texture = filters.quilt("photo.png", size=(1024, 512), seed=7)'
@@ -113,10 +113,15 @@ class Quilting(Reported, Quilted, Structured, Flattened):
             made = best.made
         return quality.add_to_copies(sewn_whole(op, made, resources), copied=op.exemplar)
 
+    @property
+    def _is_alone(self) -> bool:
+        """Whether no labels decide the result."""
+        return not any((self.guide, self.labels, self.label, self.labellevel))
+
     def _flat(self, resources: Resources) -> Quilting:
         """The op on the flattened photo, without its stains."""
-        alone = not any((self.guide, self.labels, self.label, self.labellevel, self.planfile))
         allowed = self._allowed()
+        alone = self._is_alone and self.planfile is None
         flat, stained = self.flattened(self.exemplar, alone, resources, allowed)
         mask = self.mask if stained is None else mask_of(present(both(~stained, allowed)), self.exemplar.first)
         return replace(self, exemplar=flat, mask=mask, flattening=0.0)
@@ -124,11 +129,11 @@ class Quilting(Reported, Quilted, Structured, Flattened):
     def _tries(
         self, sewing: Sewing, pixels: ExemplarPixels, resources: Resources, progress: Progress
     ) -> Iterator[tuple[str, Callable[[], Quilt]]]:
-        """Patches of the default side or the given one; without a given one, also twice as large."""
+        """Patches of the default side or the given one; if neither it nor labels are given, also twice as large."""
         first = sewing.quilt(pixels, resources, progress)
         side = first.grid.patch
         yield f"patch={side}", lambda: first
-        if self.patch is None and 2 * side <= min(MOST_PATCH, *pixels.values.shape[:2]):
+        if self.patch is None and self._is_alone and 2 * side <= min(MOST_PATCH, *pixels.values.shape[:2]):
             larger = replace(sewing, patch=2 * side)
             progress.lengthen(1.0)
             yield f"patch={2 * side}", lambda: larger.quilt(pixels, resources, progress)

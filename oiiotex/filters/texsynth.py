@@ -118,7 +118,8 @@ class Synth(Multiscale, Structured, Flattened):
     def plan(self, facts: Facts) -> Plan:
         """The texture and its maps without pixels, the measures, the windows on the plane, and the exemplars."""
         asked, wrap = self._asked_window(), (self.tiles == "xy",) * 2
-        quality = Quality(op=self, facts=facts, wrap=wrap, copies=self.graph is None)
+        alone = self.graph is None
+        quality = Quality(op=self, facts=facts, wrap=wrap, copies=alone, judged=alone and self.lod is None)
         graph, images = self.exemplars(facts)
         root = images[graph.root].first
         display, window = self._windows(root.spec, asked)
@@ -165,6 +166,8 @@ class Synth(Multiscale, Structured, Flattened):
         def source(window: Window) -> SourceMap:
             return SourceMap.of(*plane.source(states.read(window)).yx)
 
+        if self.graph is not None:
+            self.inform("not judged: the exemplars differ in scale, so that no single photo explains the result")
         copies = self.graph is None and level >= plane.finest  # of the single exemplar, unchanged
         return with_report(quality, plane, results, source if copies else None, original)
 

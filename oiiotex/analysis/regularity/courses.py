@@ -119,7 +119,7 @@ def find_courses(values: SomeRows, usable: np.ndarray | None = None, seen: HighP
 
 
 def _are_courses(likeness: float, joints: np.ndarray) -> bool:
-    """Even courses (boards, setts) may be less alike in both halves than uneven ones, which chance explains more often."""
+    """Even courses (boards, setts) may be less alike in both halves than uneven ones, which also occur by chance."""
     if len(joints) < LEAST:
         return False
     heights = np.diff(joints)
@@ -233,7 +233,7 @@ class InCourses:
         )
 
     def _table(self, most: float, own_places: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Starts of the parts of a table, and the table: penalties of differences, phases of the exemplar, the result."""
+        """Starts of a table's parts, and the table: penalties of differences, phases of the exemplar, of the result."""
         bins = 1 << BITS
         far = np.minimum(np.arange(bins), bins - np.arange(bins)) / bins  # in cycles
         losses = np.rint(np.minimum(far / NEAR, 1.0) * most).astype(np.int32)

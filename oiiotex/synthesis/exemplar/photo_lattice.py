@@ -111,7 +111,7 @@ class Structured(Op):
     def kept_structure(
         self, structure: Lattice | Courses | None, domain: Domain, seed: int | None = None
     ) -> InStep | InCourses | None:
-        """How a result on that domain follows the structure. Courses begin as in the photo, because they are in order."""
+        """As `in_step`, also for courses, which begin as in the photo because they are in order."""
         if isinstance(structure, Courses):
             return InCourses.of(structure, domain, self.lattice)
         return self.in_step(structure, domain, seed)

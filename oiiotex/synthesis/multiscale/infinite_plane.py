@@ -16,8 +16,8 @@ from pathlib import Path
 from ... import __version__
 from ...analysis.regularity.courses import InCourses
 from ...analysis.regularity.offset_prices import InStep
-from ...engine.color.lab_grid import FINE_STEPS
 from ...engine.color.lab import lens_of
+from ...engine.color.lab_grid import FINE_STEPS
 from ...engine.color.lens import Lens
 from ...engine.core.demand import assembled, cells_of
 from ...engine.core.image import Image

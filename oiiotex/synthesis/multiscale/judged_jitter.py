@@ -38,8 +38,8 @@ def best_jitter(
 ) -> tuple[PlaneSettings, Fidelity | None]:
     """The settings with the jitter that is judged best, and its fidelity; None if the exemplar is too small.
 
-    `original` (side, side, 3) float32: Lab of the exemplar before flattening. `maker` gives the synthesizer of settings;
-    `folder` caches the decision.
+    `original` (side, side, 3) float32: Lab of the exemplar before flattening. `maker` gives the synthesizer of
+    settings; `folder` caches the decision.
     """
     jitters = [settings.jitter, *((0.0, *levels, 0.0) for levels in _JITTERED if len(levels) < plane.finest - 2)]
     key = hash_of(_VERSION, plane.key(settings, plane.finest), jitters, original)
