@@ -109,7 +109,7 @@ class Quilting(Reported, Quilted, Structured, Flattened):
             own = self.seen(resources)[0]
             tries = self._tries(sewing, pixels, resources, progress)
             best = best_tried(self.flag(), tries, lambda quilt: fidelity_of_quilt(quilt, pixels, own))
-            say_fidelity(self.flag(), best.kept, best.spelled, warn=True)
+            say_fidelity(self.flag(), best.kept, best.spelled, warn=self.patch is None)
             made = best.made
         return quality.add_to_copies(sewn_whole(op, made, resources), copied=op.exemplar)
 
