@@ -28,7 +28,7 @@ log = logging.getLogger("oiiotex")
 
 WORKING_PIXELS = 1 << 20
 _READ = 150, 1500  # ns: time of a pixel, with a given size of patches, and without
-_PERIODS = 4  # minimum number along the shorter side: fewer are no texture
+_PERIODS = 4  # minimum number along the shorter side: fewer elements do not make a texture
 TEXELS = 12000  # maximum: the paper's images have up to 11,000 at a step of 1
 
 

@@ -28,7 +28,7 @@ class Tried(Generic[Made]):
 def best_tried(
     flag: str, tries: Iterable[tuple[str, Callable[[], Made]]], judged: Callable[[Made], Fidelity | None]
 ) -> Tried[Made]:
-    """Make results until one is good. The first must succeed; others that fail are left out.
+    """Make results until one is good. The first must succeed; others that fail are skipped.
 
     Parameters
     ----------
