@@ -119,7 +119,7 @@ def find_courses(values: SomeRows, usable: np.ndarray | None = None, seen: HighP
 
 
 def _are_courses(likeness: float, joints: np.ndarray) -> bool:
-    """Even courses (boards, setts) may be less alike in both halves than uneven ones, which also occur by chance."""
+    """Even courses (boards, cobbles) may be less alike in both halves than uneven ones, which also occur by chance."""
     if len(joints) < LEAST:
         return False
     heights = np.diff(joints)
