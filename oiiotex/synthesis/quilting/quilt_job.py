@@ -51,6 +51,7 @@ CARRIED = Output(
 LEAST_PATCH, _LEAST_GUIDED = 8, 32
 _LAB_BYTES, _VALUE_BYTES = 14, 12  # per pixel of the exemplar: on the grid, masks, and reduced; as floats
 _GRID_ROWS = 256  # rows converted to the grid at a time
+_CANDIDATES = 1024, 256  # patches compared per cell: without and with a guide, which leaves fewer to choose from
 _JUDGED_WHOLE = 1 << 22  # px of a quilt
 _REGIONS = 12  # minimum number of exemplar regions for each label of a guide
 
@@ -192,6 +193,7 @@ class Sewing:
     def _rules(self, patch: int) -> Rules:
         return Rules(
             seed=self.op.seed,
+            candidates=_CANDIDATES[self.guide is not None],
             reach=min(4, patch // 16),
             reuse=self.op.freeuses,
             guidance=self.op.guideweight,

@@ -46,7 +46,7 @@ class Rules:
     """Settings that control the choice of patches."""
 
     seed: int = 0
-    candidates: int = 1024  # maximum number of patches compared per cell
+    candidates: int = 256  # maximum number of patches compared per cell
     reach: int = 4  # px by which the best candidate may be moved to fit better: halved down to 1
     reuse: float = 1.0  # free uses of a region, in fair shares: it pays for those above one more, and above two
     finer: float = 0.5  # weight of finer levels' histograms, in units of the exemplar's variance
