@@ -24,6 +24,13 @@ static inline int price_of_courses(__constant uint *phases, const __global int *
   return table[(own - wanted) >> (32 - PHASE_BITS)];
 }
 
+// Phase difference of two rows (or columns), in cycles / 2^32, with arguments as in price_of_courses.
+static inline int phase_of_courses(__constant uint *phases, const __global int *table, int x, int y, int ex, int ey) {
+  uint own = (uint)table[phases[1] + (uint)(phases[0] ? ey : ex)];
+  uint wanted = (uint)table[phases[2] + (uint)(phases[0] ? y : x)];
+  return (int)(own - wanted - (1u << (31 - PHASE_BITS)));
+}
+
 // Phase difference in either direction, in cycles / 2^32.
 static inline int2 phases_of_offset(__constant uint *phases, int x, int y, int ex, int ey) {
   uint2 at = cycles_of_offset(phases, x, y, ex, ey);

@@ -10,6 +10,8 @@
 #define SIDE_TAPS 5       // side of a neighborhood
 #define NEAR 9            // pixels whose candidates are tried
 #define RECORD (2 * DIMS) // per texel: the neighborhoods of its two candidates, a cache line
+#define LATTICE 1         // values of `regular`
+#define COURSES 2
 #define MOST_OFFSET 8191  // steps; sums of products stay within 31 bits
 #if RUN > 1
 #define UNROLL _Pragma("unroll")
@@ -55,11 +57,24 @@ static inline uint in_step(uint texel, int px, int py, __constant uint *phases, 
                            : texel_at(TEXEL_LEVEL(texel, side), y, x, side);
 }
 
+// The texel moved so that pixel (px, py) is in phase with the exemplar's courses, along one axis. `phases`: 1 for rows;
+// the starts of the exemplar's and the plane's phases in `rows`; the plane's period and the pixel's width, in texels.
+static inline uint in_courses(uint texel, long px, long py, __constant uint *phases, const __global uint *rows,
+                              __constant int *steps, int side) {
+  int x = TEXEL_X(texel, side), y = TEXEL_Y(texel, side), last = (1 << side) - 1;
+  long period = phases[3], wide = phases[4], at = (phases[0] ? py : px) % period;
+  at = ((at + period) % period * wide + (wide - 1) / 2) % period;
+  int off = (int)(rows[phases[1] + (uint)(phases[0] ? y : x)] - rows[phases[2] + (uint)at]);
+  x -= (int)(((long)off * steps[0] + (1l << 39)) >> 40);
+  y -= (int)(((long)off * steps[1] + (1l << 39)) >> 40);
+  return texel_at(TEXEL_LEVEL(texel, side), clamp(y, 0, last), clamp(x, 0, last), side);
+}
+
 // Upsampling (section 4.2), jitter (section 4.3) and inheritance of R (section 5): every pixel of a level from its
 // parent. (left, top) is the origin of the window, (from_x, from_y) the parent of its first pixel in the parents'
 // window. rho is in 1/256; `tiles` says for every level whether its exemplar is a torus. Departures: h_k is the
 // child's spacing; past the end of a stack the texel is repeated; exemplars that do not tile are mirrored; R is
-// keep/256 of the inherited one; with `regular`, texels are in phase with the exemplar's lattice.
+// keep/256 of the inherited one; with `regular`, texels are in phase with the exemplar's lattice or courses.
 __kernel void multiscale_upsample(const __global uint *restrict parent, const __global short4 *restrict parent_r,
                                   __global uint *restrict texel, __global short4 *restrict r,
                                   __global short4 *restrict color, const __global short4 *restrict stack,
@@ -67,7 +82,8 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
                                   const __global int *restrict tiles, int side,
                                   int parent_width, int from_x, int from_y, int width, int height, long left, long top,
                                   long around_x, long around_y, uint level, uint seed, int rho, int keep,
-                                  int regular, __constant uint *phases, __constant int *steps) {
+                                  int regular, __constant uint *phases, __constant int *steps,
+                                  const __global uint *restrict rows) {
   int i = get_global_id(0), j = get_global_id(1);
   if (i >= width || j >= height) return;
   int odd_x = (int)((left + i) & 1), odd_y = (int)((top + j) & 1);
@@ -89,8 +105,9 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
     x += (int)(((long)h * rho * ((int)(bits >> 16) - 32768) + (1 << 22)) >> 23);
     y += (int)(((long)h * rho * ((int)(bits & 0xFFFFu) - 32768) + (1 << 22)) >> 23);
   }
-  uint made = texel_within(now, y, x, side, regular || tiles[now]);   // in phase, opposite borders look alike
-  if (regular) made = in_step(made, (int)at_x, (int)at_y, phases, steps, side);
+  uint made = texel_within(now, y, x, side, regular == LATTICE || tiles[now]);   // in phase, opposite borders look alike
+  if (regular == LATTICE) made = in_step(made, (int)at_x, (int)at_y, phases, steps, side);
+  if (regular == COURSES) made = in_courses(made, at_x, at_y, phases, rows, steps, side);
   long nx = 2 * odd_x - 1, ny = (2 * odd_y - 1) * (long)parent_width;   // the four nearest parents
   int4 inherited = 9 * convert_int4(parent_r[p]) + 3 * convert_int4(parent_r[p + nx]) +
                    3 * convert_int4(parent_r[p + ny]) + convert_int4(parent_r[p + nx + ny]);

@@ -24,6 +24,8 @@
 #define LEVELS 3        // most levels whose labels are counted
 #define LABEL_STEP 4    // labels are held for every 4th pixel, in both directions
 #define GUIDE 4         // samples of the guide per side
+#define COURSES 2       // value of facts.lattice: rows of unequal height; 1: a lattice
+#define ROWS 3          // of a patch that are compared with its courses
 
 // Constants of a run; see quilting/quilter.py, _FACTS.
 typedef struct {
@@ -315,8 +317,16 @@ static inline long use_share(__constant facts *f, const __global int *shown, con
 static inline long step_cost(const place *at, uint candidate) {
   const plan *p = at->p;
   if (!p->f->lattice) return 0;
-  return at->step_unit * price_of_offset(at->phases, at->losses, p->xs[at->j], p->ys[at->i], corner_x(candidate),
-                                         corner_y(candidate));
+  int x = p->xs[at->j], y = p->ys[at->i], ex = corner_x(candidate), ey = corner_y(candidate);
+  if (p->f->lattice == COURSES) {   // a patch holds several joints, which are not evenly apart
+    long sum = 0;
+    for (int k = 0; k < ROWS; k++) {
+      int to = k * (p->f->patch - 1) / (ROWS - 1);
+      sum += price_of_courses(at->phases, at->losses, x + to, y + to, ex + to, ey + to);
+    }
+    return at->step_unit * (sum / ROWS);
+  }
+  return at->step_unit * price_of_offset(at->phases, at->losses, x, y, ex, ey);
 }
 
 // Penalties in addition to color: excess labels of finer levels in the overlaps (as many as are missing), and samples
@@ -408,7 +418,10 @@ static inline uint candidate_of(const content *c, const place *at, int key, int 
   uint drawn = c->offsets[first + hash_below(hash_at(f->seed, 0x10000u + DRAWS * k + draw, at->i, at->j), count)];
   if (!f->lattice || k % 2) return drawn;
   int ey = corner_y(drawn), ex = corner_x(drawn);
-  int2 off = phases_of_offset(at->phases, at->p->xs[at->j], at->p->ys[at->i], ex, ey);
+  int x = at->p->xs[at->j], y = at->p->ys[at->i], middle = f->patch / 2;
+  int2 off = f->lattice == COURSES
+                 ? (int2)(phase_of_courses(at->phases, at->losses, x + middle, y + middle, ex + middle, ey + middle), 0)
+                 : phases_of_offset(at->phases, x, y, ex, ey);
   ex -= (int)(((long)off.x * f->steps[0] + (long)off.y * f->steps[2] + (1l << 39)) >> 40);
   ey -= (int)(((long)off.x * f->steps[1] + (long)off.y * f->steps[3] + (1l << 39)) >> 40);
   return has_key(c, key, ey, ex) ? corner(ey, ex) : drawn;

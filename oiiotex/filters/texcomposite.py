@@ -87,7 +87,8 @@ class Composite(Reported, Quilted):
         grown = self._grown(labels, size, resources, next(stages))
         guide = Image((grown,), "the grown label map")
         sewing = Sewing(op=self, guide=guide, level=self.labellevel, size=size, patch=self.patch)
-        results = quality.add_to_copies(sewn_whole(sewing, self.read(resources), resources, next(stages)))
+        quilt = sewing.quilt(self.read(resources), resources, next(stages))
+        results = quality.add_to_copies(sewn_whole(self, quilt, resources))
         return {**results, "grown": lambda: _enlarged(grown, results["composite"])}
 
     def _grown(self, labels: LabelMap, size: Size, resources: Resources, progress: Progress) -> Part:

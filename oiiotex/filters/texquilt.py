@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -14,17 +15,24 @@ from ..engine.core.source_map import COPIED, ST
 from ..engine.errors import ImageError, ParameterError, present
 from ..engine.session import Session
 from ..engine.session.facts import Facts
-from ..synthesis.exemplar.exemplar_op import LABEL, MASK
+from ..engine.session.progress import Progress
+from ..engine.session.resources import Resources
+from ..synthesis.exemplar.exemplar_masks import both, mask_of
+from ..synthesis.exemplar.exemplar_op import LABEL, MASK, ExemplarPixels
+from ..synthesis.exemplar.first_result import say_fidelity
+from ..synthesis.exemplar.flattened import Flattened
 from ..synthesis.exemplar.photo_lattice import Structured
+from ..synthesis.quality.judged_tries import best_tried
 from ..synthesis.quality.report import REPORT, Quality
 from ..synthesis.quality.reported_op import Reported
 from ..synthesis.quilting.guide_map import SOFT, meaning_of, read_table
-from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts, sewn_whole
-from ..synthesis.quilting.quilt_plan import QuiltPlan, Renderer
+from ..synthesis.quilting.quilt_job import CARRIED, Quilted, Sewing, fidelity_of_quilt, sewn_parts, sewn_whole
+from ..synthesis.quilting.quilt_plan import MOST_PATCH, QuiltPlan, Renderer
+from ..synthesis.quilting.quilter import Quilt
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quilting(Reported, Quilted, Structured):
+class Quilting(Reported, Quilted, Structured, Flattened):
     """Synthesize a texture of any size from patches of a photo, joined along minimum-error cuts.
 
     Image quilting (Efros & Freeman, SIGGRAPH 2001) places square patches on a regular grid. Each patch is the best
@@ -34,8 +42,8 @@ class Quilting(Reported, Quilted, Structured):
     frequent labels in them (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map
     Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.1).
 
-    Every pixel of the result is a copy of one pixel of the photo. Only a plan of offsets and cuts is kept in memory, so
-    memory does not grow with the number of pixels.
+    Gradients and stains of the photo are removed first. Every pixel of the result is then a copy of one pixel. Only a
+    plan of offsets and cuts is kept in memory, so memory does not grow with the number of pixels.
     """
 
     example: ClassVar[str] = '>>> texture = filters.quilt("photo.png", size=(1024, 512), seed=7)'
@@ -77,7 +85,7 @@ class Quilting(Reported, Quilted, Structured):
     def plan(self, facts: Facts) -> Plan:
         """The measures, and how to quilt: the plan to render, or the patches to choose."""
         size = self.size or (self.guide or self.exemplar).first.window.size
-        quality = Quality.of_copies(self, facts, size)
+        quality = Quality.of_copies(self, facts, size, judged=self.guide is None)
         if self.fromplan is not None:
             return Plan(work=(quality, self._stored(self.fromplan, facts)))
         sewing = self._sewing()
@@ -93,7 +101,42 @@ class Quilting(Reported, Quilted, Structured):
         if isinstance(sewing, QuiltPlan):
             renderer = Renderer.of(resources.device, sewing, resources.budget)
             return quality.add_to_copies(sewn_parts(self, renderer.sources, sewing.grid, resources))
-        return quality.add_to_copies(sewn_whole(sewing, self.read(resources), resources, progress))
+        op = self._flat(resources)
+        sewing, pixels = replace(sewing, op=op, structured=op), op.read(resources)
+        if self.guide is not None:  # a painting is not to look like the photo
+            made = sewing.quilt(pixels, resources, progress)
+        else:
+            own = self.seen(resources)[0]
+            tries = self._tries(sewing, pixels, resources, progress)
+            best = best_tried(self.flag(), tries, lambda quilt: fidelity_of_quilt(quilt, pixels, own))
+            say_fidelity(self.flag(), best.kept, best.spelled, warn=self.patch is None)
+            made = best.made
+        return quality.add_to_copies(sewn_whole(op, made, resources), copied=op.exemplar)
+
+    @property
+    def _is_alone(self) -> bool:
+        """Whether no labels decide the result."""
+        return not any((self.guide, self.labels, self.label, self.labellevel))
+
+    def _flat(self, resources: Resources) -> Quilting:
+        """The op on the flattened photo, without its stains."""
+        allowed = self._allowed()
+        alone = self._is_alone and self.planfile is None
+        flat, stained = self.flattened(self.exemplar, alone, resources, allowed)
+        mask = self.mask if stained is None else mask_of(present(both(~stained, allowed)), self.exemplar.first)
+        return replace(self, exemplar=flat, mask=mask, flattening=0.0)
+
+    def _tries(
+        self, sewing: Sewing, pixels: ExemplarPixels, resources: Resources, progress: Progress
+    ) -> Iterator[tuple[str, Callable[[], Quilt]]]:
+        """Patches of the default side or the given one; if neither it nor labels are given, also twice as large."""
+        first = sewing.quilt(pixels, resources, progress)
+        side = first.grid.patch
+        yield f"patch={side}", lambda: first
+        if self.patch is None and self._is_alone and 2 * side <= min(MOST_PATCH, *pixels.values.shape[:2]):
+            larger = replace(sewing, patch=2 * side)
+            progress.lengthen(1.0)
+            yield f"patch={2 * side}", lambda: larger.quilt(pixels, resources, progress)
 
     def _sewing(self) -> Sewing:
         if self.guide is not None and self.label is not None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ..analysis.regularity.courses import Courses, InCourses
+from ..analysis.regularity.lattice import Lattice
 from ..analysis.regularity.offset_prices import InStep
 from ..engine.color.lab_grid import FINE_STEPS
 from ..engine.core.attributes import PLANE, WINDOW, note
@@ -20,18 +22,22 @@ from ..engine.deferred import np, oiio
 from ..engine.errors import ParameterError, modifier
 from ..engine.session import Session
 from ..engine.session.facts import Facts
+from ..synthesis.exemplar.exemplar_op import ExemplarPixels
+from ..synthesis.exemplar.first_result import say_fidelity
+from ..synthesis.exemplar.flattened import Flattened
 from ..synthesis.exemplar.photo_lattice import Structured, fitting_size
 from ..synthesis.multiscale.graph import Graph
-from ..synthesis.multiscale.infinite_plane import Plane, States, in_file
+from ..synthesis.multiscale.infinite_plane import Plane, States, analysis_folder, in_file
+from ..synthesis.multiscale.judged_jitter import best_jitter, spelled
 from ..synthesis.multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
-from ..synthesis.multiscale.synthesizer import MOST_LEVEL
+from ..synthesis.multiscale.synthesizer import MOST_LEVEL, PlaneSettings
 from ..synthesis.quality.report import REPORT, Quality
 
 _WINDOW = re.compile(r"([1-9]\d*)x([1-9]\d*)([+-]\d+)([+-]\d+)", re.ASCII)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Synth(Multiscale, Structured):
+class Synth(Multiscale, Structured, Flattened):
     """Synthesize an unbounded texture from one exemplar, or from a graph of exemplars at different scales.
 
     Without `graph`, a texture of any size is synthesized from the top image (Lefebvre & Hoppe, Parallel controllable
@@ -40,7 +46,8 @@ class Synth(Multiscale, Structured):
     Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008).
 
     Exemplars are cropped to centered squares with a power-of-two side. One that does not tile is mirrored at its
-    borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a graph differ.
+    borders. Every pixel is a copy of an exemplar's pixel, plus a color offset where exemplars of a graph differ. The
+    gradients and stains of a single photo are removed first.
     """
 
     example: ClassVar[str] = '>>> texture = filters.synth("photo.png", size=(1024, 512), seed=7)'
@@ -95,6 +102,11 @@ class Synth(Multiscale, Structured):
         help="Source coordinates of every pixel. 1: append them as parts; a file name: write them to that file.",
     )
 
+    @property
+    def most_side(self) -> int:
+        """As `Multiscale.most_side`, and more of a single photo, so that its places repeat less often."""
+        return self.exemplarside or (256 if self.graph or self.paper else 512)
+
     def single(self, name: str) -> Graph:
         """A graph of one exemplar without edges."""
         return Graph.single(name)
@@ -106,7 +118,8 @@ class Synth(Multiscale, Structured):
     def plan(self, facts: Facts) -> Plan:
         """The texture and its maps without pixels, the measures, the windows on the plane, and the exemplars."""
         asked, wrap = self._asked_window(), (self.tiles == "xy",) * 2
-        quality = Quality(op=self, facts=facts, wrap=wrap, copies=self.graph is None)
+        alone = self.graph is None
+        quality = Quality(op=self, facts=facts, wrap=wrap, copies=alone, judged=alone and self.lod is None)
         graph, images = self.exemplars(facts)
         root = images[graph.root].first
         display, window = self._windows(root.spec, asked)
@@ -123,12 +136,19 @@ class Synth(Multiscale, Structured):
         resources, progress = session.resources, session.progress
         display, window, quality, graph, images = plan.work
         quality = quality.during(resources, progress)
-        plane = self.opened(graph, images, resources, progress)
+        own, excluded = images, None
+        if self.graph is None:
+            flat, excluded = self.flattened(images[0], not (self.paper or self.keeplayout), resources)
+            images = (flat,)
+        plane = self.opened(graph, images, resources, progress, excluded)
+        original = plane.root_lab(own[graph.root], self.working_space, resources)
         level = plane.finest + plane.graph.depth() if self.lod is None else self.lod
         around = self._around(level, display)
         in_step = self._in_step(plane, level, around, session)
         how: dict[str, Any] = {"seed": self.seed, "lock": self.keeplayout, "jitter": self.jitter}
         settings = plane.settings(**how, around=around, around_level=level, in_step=in_step)
+        if self._is_judged:
+            settings = self._judged(plane, settings, original, session)
         maker = self.maker(plane, settings, resources)
         is_crop = bool(self.window and self.size)  # of a display window; tiles of an endless plane are not joined
         key = plane.key(settings, level) if self.resume or is_crop else ""
@@ -146,8 +166,26 @@ class Synth(Multiscale, Structured):
         def source(window: Window) -> SourceMap:
             return SourceMap.of(*plane.source(states.read(window)).yx)
 
+        if self.graph is not None:
+            self.inform("not judged: the exemplars differ in scale, so that no single photo explains the result")
         copies = self.graph is None and level >= plane.finest  # of the single exemplar, unchanged
-        return with_report(quality, plane, results, source if copies else None)
+        return with_report(quality, plane, results, source if copies else None, original)
+
+    @property
+    def _is_judged(self) -> bool:
+        """Whether the photo decides the jitter."""
+        return self.graph is None and self.jitter is None and not self.keeplayout and not self.paper
+
+    def _judged(self, plane: Plane, settings: PlaneSettings, original: np.ndarray, session: Session) -> PlaneSettings:
+        """The settings with the jitter that keeps the photo's objects whole; warns if none does."""
+        resources = session.resources
+        endless = replace(settings, around=None, around_level=0)  # decided for the whole plane, however it repeats
+        with resources.stats.time("fidelity"):
+            best, kept = best_jitter(
+                self.flag(), plane, endless, original, lambda one: self.maker(plane, one, resources), analysis_folder()
+            )
+        say_fidelity(self.flag(), kept, spelled(best), warn=True)
+        return replace(settings, jitter=best.jitter)
 
     def _asked_window(self) -> Window | None:
         """The value of `window`, which must lie inside `size`; None if not given."""
@@ -183,18 +221,25 @@ class Synth(Multiscale, Structured):
             raise ParameterError(parameter="size", value=self.size, expected=expected)
         return display.width, display.height
 
-    def _in_step(self, plane: Plane, level: int, around: tuple[int, int] | None, session: Session) -> InStep | None:
-        """The lattice of the single exemplar, in px of its square; None with keeplayout or paper."""
+    def _in_step(
+        self, plane: Plane, level: int, around: tuple[int, int] | None, session: Session
+    ) -> InStep | InCourses | None:
+        """The lattice or courses of the single exemplar, in px of its square; None with keeplayout or paper."""
         if self.graph is not None or self.keeplayout or self.paper:
             return None
         root = plane.exemplars[0]
-        lattice = self.lattice_of(root.values, root.opaque, session.resources)
-        if lattice is None or around is None:
-            return self.in_step(lattice, Domain(root.side, root.side))
+        pixels = ExemplarPixels(root.values, root.opaque, root.opaque, "transparent pixels")
+        structure = self.structure_of(pixels, session.resources)
+        if around is None:
+            side = root.side
+            if isinstance(structure, Courses):  # an unbounded plane repeats them in their order
+                side = round(float(structure.heights.sum()))
+            return self.kept_structure(structure, Domain(side, side, *(isinstance(structure, Courses),) * 2))
         zoom = 2.0 ** (level - plane.finest)  # pixels of the level for each pixel of the square
-        fitting_size(self.flag(), lattice.scaled(zoom, zoom), Size(*around), True, (True, True), 1 << level)
+        if isinstance(structure, Lattice):
+            fitting_size(self.flag(), structure.scaled(zoom, zoom), Size(*around), True, (True, True), 1 << level)
         width, height = (max(1, round(n / zoom)) for n in around)
-        return self.in_step(lattice, Domain(width, height, True, True))
+        return self.kept_structure(structure, Domain(width, height, True, True))
 
     def _maps(self, plane: Plane, states: States, planned: dict[str, Part]) -> dict[str, Part]:
         """The parts 'st' and, with a graph, 'transfer'."""

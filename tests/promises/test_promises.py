@@ -136,9 +136,7 @@ def test_every_pixel_is_a_copy_of_a_source_pixel_with_all_channels(op):
         [PHOTO * 30 - 1, random.random((64, 72, 1)) * 0.5 + 0.5, random.normal(0, 1e4, (64, 72, 2))], -1
     )
     photo = buffer(many, oiio.HALF, "lin_rec709_scene", ("R", "G", "B", "A", "Z", "id"))
-    made = apply(
-        op, photo, **{"stationarize": {"flattening": 0}, "fill": {"fade": 0}}.get(op.name, {})
-    )  # else corrected
+    made = apply(op, photo, flattening=0, **{"fill": {"fade": 0}}.get(op.name, {}))  # else corrected
     assert made.spec().format == oiio.HALF
     assert made.spec().channelnames == photo.spec().channelnames
     known = {p.tobytes() for p in pixels(photo).reshape(-1, 6)}

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -18,14 +19,16 @@ from ...engine.errors import ImageError
 from ...engine.session.facts import Facts
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
+from ..regularity.lattice import find_lattice
 from ..superpixels.superpixels import label_spec
 from .diffusion import Dominance, Round, dominant_mask, dominant_texture, spread_over, step_for, times_of
-from .patch_manifold import LEAST_PATCH, memory_needed, patch_size
+from .patch_manifold import LEAST_PATCH, MOST_PATCH, memory_needed, patch_size
 
 log = logging.getLogger("oiiotex")
 
 WORKING_PIXELS = 1 << 20
 _READ = 150, 1500  # ns: time of a pixel, with a given size of patches, and without
+_PERIODS = 4  # minimum number along the shorter side: fewer elements do not make a texture
 TEXELS = 12000  # maximum: the paper's images have up to 11,000 at a step of 1
 
 
@@ -112,6 +115,12 @@ def photo_mask(
     if texels > TEXELS:  # each is compared with all others
         log.warning("%s: paper=1 takes about %.0f times as long as the default", flag, (texels / TEXELS) ** 2)
     pixels = lab_pixels(photo, lens_of(photo, resources, space), resources, factor, allowed())
+    if side is None and not paper and (period := _period(pixels)):
+        shrink = math.ceil(period / MOST_PATCH)
+        if shrink > 1:
+            pixels = lab_pixels(photo, lens_of(photo, resources, space), resources, factor * shrink, allowed())
+            shape = (pixels.seen.shape[0], pixels.seen.shape[1])
+        side = max(LEAST_PATCH, round(period / shrink) | 1)
     side = side or patch_size(pixels.lab[..., 0], resources.spread)
     require_memory(flag, photo, resources, side, paper)
     step = 1 if paper else step_for(shape, side, TEXELS)
@@ -135,6 +144,18 @@ def photo_mask(
         log.info("%s: %.0f %% of patches of %d px are dominant", flag, 100 * texture.share, texture.texels.patch)
     looking.advance(1, 1)
     return PhotoMask(photo.first, pixels, texture, mask)
+
+
+def _period(pixels: LabPixels) -> float:
+    """Longest vector of the photo's lattice, px: a patch that holds it sees the whole pattern. 0: there is none.
+
+    Not in LDR09. Patches smaller than the period of a weave or a plate see parts of it, and only one is dominant.
+    """
+    lattice = find_lattice(pixels.lab, pixels.seen)
+    if lattice is None:
+        return 0.0
+    period = float(np.linalg.norm(lattice.vectors(), axis=1).max())
+    return period if _PERIODS * period <= min(pixels.seen.shape) else 0.0
 
 
 def require_memory(flag: str, photo: Image, facts: Facts, patch: int | None, paper: bool) -> None:

@@ -20,9 +20,12 @@ from ...engine.deferred import np
 from .lattice import HighPass, high_pass_of
 from .offset_prices import BITS, MOST, STRENGTH, Prices
 
-ALIKE = 0.85  # minimum correlation between the profiles of both halves
-LEAST = 5  # minimum number of joints in a photo
-UNEVEN = 3.5  # maximum ratio of two courses: beyond it, joints are single ledges
+LEAST = 4  # minimum number of joints in a photo
+ALIKE, PER_RATIO = (
+    0.6,
+    0.055,
+)  # minimum correlation of the profiles of both halves: for the ratio of two courses, above 0
+UNEVEN = 5.0  # maximum ratio of two courses: beyond it, joints are single ledges
 THIN = 1.0  # px; sigma of the Gaussian that smooths a profile
 STRONG = 0.5  # minimum height of a joint in the profile, relative to the mean of the strongest
 NEAR = 0.15  # of a course; phase difference at which the penalty is at its maximum
@@ -101,14 +104,27 @@ def find_courses(values: SomeRows, usable: np.ndarray | None = None, seen: HighP
         return None
     texture, counted = seen
     light = texture[..., 0]
-    found = [_joints(light if rows else light.T, counted if rows else counted.T) for rows in (True, False)]
-    rows = found[0][0] >= found[1][0]
-    likeness, joints = found[0] if rows else found[1]
-    if likeness < ALIKE or len(joints) < LEAST or np.diff(joints).max() > UNEVEN * np.diff(joints).min():
+    found = [
+        (likeness, rows, joints)
+        for rows in (True, False)
+        for likeness, joints in [_joints(light if rows else light.T, counted if rows else counted.T)]
+        if _are_courses(likeness, joints)
+    ]
+    if not found:
         return None
+    _, rows, joints = max(found, key=lambda one: one[:2])
     axis = 0 if rows else 1
     extent = values.shape[axis]
     return Courses(rows, np.rint(64 * joints * (extent / light.shape[axis])) / 64, extent)
+
+
+def _are_courses(likeness: float, joints: np.ndarray) -> bool:
+    """Even courses (boards, cobbles) may be less alike in both halves than uneven ones, which also occur by chance."""
+    if len(joints) < LEAST:
+        return False
+    heights = np.diff(joints)
+    ratio = float(heights.max() / heights.min())
+    return ratio <= UNEVEN and likeness >= ALIKE + PER_RATIO * ratio
 
 
 def _profile(light: np.ndarray, usable: np.ndarray) -> np.ndarray:
@@ -185,19 +201,46 @@ class InCourses:
 
     def prices(self, own_scale: tuple[float, float], scale: tuple[float, float], patch: int, variance: float) -> Prices:
         """Penalties on a level. Arguments as in `InStep.prices`."""
-        axis, bins = int(self.courses.rows), 1 << BITS
-        far = np.minimum(np.arange(bins), bins - np.arange(bins)) / bins  # in cycles
-        losses = np.minimum(far / NEAR, 1.0) * min(STRENGTH * self.structure * patch**2 * variance, MOST)
+        axis = int(self.courses.rows)
         places = [
             (np.arange(round(size * along[axis])) + patch / 2) / along[axis]
             for size, along in ((self.courses.extent, own_scale), (self.size, scale))
         ]
-        own = self._phases(places[0], self.courses.joints, False) + np.uint32(1 << (31 - BITS))
-        wanted = self._phases(places[1] + self.origin, self.wanted, self.wraps)
-        table = np.concatenate([np.rint(losses).astype(np.int32), own.view(np.int32), wanted.view(np.int32)])
+        phases, table = self._table(min(self.most(patch**2 * variance), MOST), *places)
         median = np.zeros((1, 2))
         median[0, axis] = np.median(self.courses.heights) * own_scale[axis]
-        return Prices(np.array([axis, bins, bins + len(own)], np.uint32), table, median, warped=True)
+        return Prices(phases, table, median, warped=True)
+
+    def most(self, variance: float) -> float:
+        """As `InStep.most`."""
+        return STRENGTH * self.structure * variance
+
+    def of_patches(self, patch: int, most: float) -> tuple[np.ndarray, np.ndarray]:
+        """As `InStep.of_patches`. Phases are those of rows, which a kernel compares at several rows of a patch."""
+        return self._table(most, np.arange(self.courses.extent) + 0.5, np.arange(self.size + patch) + 0.5)
+
+    def steps(self) -> np.ndarray:
+        """As `InStep.steps`: a whole cycle is the median course."""
+        steps = np.zeros((2, 2), np.int32)
+        steps[0, int(self.courses.rows)] = round(256 * float(np.median(self.courses.heights)))
+        return steps
+
+    def rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Phases of the rows of the exemplar, and of the result, in cycles / 2^32: uint32."""
+        return (
+            self._phases(np.arange(self.courses.extent) + 0.5, self.courses.joints, False),
+            self._phases(np.arange(self.size) + 0.5 + self.origin, self.wanted, self.wraps),
+        )
+
+    def _table(self, most: float, own_places: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Starts of a table's parts, and the table: penalties of differences, phases of the exemplar, of the result."""
+        bins = 1 << BITS
+        far = np.minimum(np.arange(bins), bins - np.arange(bins)) / bins  # in cycles
+        losses = np.rint(np.minimum(far / NEAR, 1.0) * most).astype(np.int32)
+        own = self._phases(own_places, self.courses.joints, False) + np.uint32(1 << (31 - BITS))
+        wanted = self._phases(places + self.origin, self.wanted, self.wraps)
+        table = np.concatenate([losses, own.view(np.int32), wanted.view(np.int32)])
+        return np.array([int(self.courses.rows), bins, bins + len(own)], np.uint32), table
 
     def _phases(self, places: np.ndarray, joints: np.ndarray, wraps: bool) -> np.ndarray:
         """The signed distance to the nearest joint in median courses, -1/2 to 1/2, in cycles / 2^32."""

@@ -143,6 +143,10 @@ class InStep:
         price = np.rint(np.minimum(most * self.lattice.losses(), MOST)).astype(np.int32)
         return np.ascontiguousarray(np.broadcast_to(price.T, (1 << BITS, 1 << BITS)))
 
+    def of_patches(self, patch: int, most: float) -> tuple[np.ndarray, np.ndarray]:
+        """Phases and penalties up to `most` for patches of that side, in pixels of the photo (cl/lattice.h)."""
+        return self.phases(patch=patch), self.table(most)
+
     def steps(self) -> np.ndarray:
         """The step, in 1/256 px, x and y, for a whole cycle of phase u and v: (2, 2) int32."""
         steps = np.zeros((2, 2), np.int32)

@@ -7,7 +7,7 @@ import logging
 import math
 from dataclasses import dataclass
 
-from ...analysis.regularity.courses import Courses, find_courses
+from ...analysis.regularity.courses import Courses, InCourses, find_courses
 from ...analysis.regularity.lattice import RANGE, STRETCHED, HighPass, Lattice, find_lattice, high_pass_of
 from ...analysis.regularity.lattice import bytes_needed as lattice_bytes
 from ...analysis.regularity.offset_prices import InStep
@@ -19,6 +19,7 @@ from ...engine.deferred import np
 from ...engine.session.facts import Facts
 from ...engine.session.resources import Resources
 from ..patchmatch.field import hash_at
+from .exemplar_op import ExemplarPixels
 
 log = logging.getLogger("oiiotex")
 
@@ -57,13 +58,13 @@ def least_size(size: Size, wraps: tuple[bool, bool]) -> Size:
 
 
 def fitting_size(
-    flag: str, lattice: Lattice | None, size: Size, given: bool, wraps: tuple[bool, bool], multiple: int = 1
+    flag: str, lattice: Lattice | Courses | None, size: Size, given: bool, wraps: tuple[bool, bool], multiple: int = 1
 ) -> Size:
     """The size of a tile on which the photo's lattice closes; a given size is kept, with a warning.
 
     `wraps` says whether the tile wraps along x and along y; sides are multiples of `multiple`.
     """
-    if lattice is None:
+    if not isinstance(lattice, Lattice):
         return size
     fits = Size(*lattice.fitting(Domain(*size, *wraps), multiple))
     if not given:
@@ -93,11 +94,27 @@ class Structured(Op):
         with resources.stats.time("lattice"):
             return photo_lattice(self.flag(), first_channels(lab, 3), usable)
 
+    def structure_of(self, pixels: ExemplarPixels, resources: Resources) -> Lattice | Courses | None:
+        """The photo's lattice or courses; None if it has none, or with lattice=0."""
+        if self.lattice == 0:
+            return None
+        self.require_lattice(pixels.values.shape[0], pixels.values.shape[1], resources)
+        with resources.stats.time("lattice"):
+            return pixels.remembered(resources, photo_structure, self.flag())
+
     def require_lattice(self, height: int, width: int, facts: Facts, held: int = 0) -> None:
         """Refuse a photo whose lattice cannot be found within the budget; `held`: bytes in use at the same time."""
         if self.lattice > 0:
             need = lattice_bytes(height, width) + held
             facts.require(need, f"finding the lattice of {width}x{height}", "set lattice=0")
+
+    def kept_structure(
+        self, structure: Lattice | Courses | None, domain: Domain, seed: int | None = None
+    ) -> InStep | InCourses | None:
+        """As `in_step`, also for courses, which begin as in the photo because they are in order."""
+        if isinstance(structure, Courses):
+            return InCourses.of(structure, domain, self.lattice)
+        return self.in_step(structure, domain, seed)
 
     def in_step(self, lattice: Lattice | None, domain: Domain, seed: int | None = None) -> InStep | None:
         """How a result on that domain follows the lattice; a seed determines where its cells begin.

@@ -14,7 +14,9 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from ... import __version__
+from ...analysis.regularity.courses import InCourses
 from ...analysis.regularity.offset_prices import InStep
+from ...engine.color.lab import lens_of
 from ...engine.color.lab_grid import FINE_STEPS
 from ...engine.color.lens import Lens
 from ...engine.core.demand import assembled, cells_of
@@ -32,7 +34,15 @@ from .candidate_sets import Analysis, analyze
 from .coverage import MUCH, RARE, shares, unmatched
 from .graph import Graph, read_graph
 from .stacks import Exemplar, load_exemplars, nearest_opaque, shown_level
-from .synthesizer import KEPT_IN_LOOPS, LatticeSteps, PlaneSettings, PlaneState, Synthesizer, default_jitter
+from .synthesizer import (
+    KEPT_IN_LOOPS,
+    CourseSteps,
+    LatticeSteps,
+    PlaneSettings,
+    PlaneState,
+    Synthesizer,
+    default_jitter,
+)
 from .targets import stacks_of
 
 log = logging.getLogger("oiiotex")
@@ -63,13 +73,13 @@ class Plane:
 
     def settings(
         self, *, seed: int | None, lock: bool | int, jitter: tuple[float, ...] | None = None,
-        around: tuple[int, int] | None = None, around_level: int = 0, in_step: InStep | None = None,
+        around: tuple[int, int] | None = None, around_level: int = 0, in_step: InStep | InCourses | None = None,
     ) -> PlaneSettings:  # fmt: skip
         """The settings, with the graph's seed and jitter as defaults.
 
         `jitter`: rho by level; the last holds for all finer levels.
         `lock`: last level without jitter (HRRG08 figure 7; 1 or True: L). `around`: period (width, height) of the plane
-        in px of `around_level`. `in_step`: lattice of the one exemplar in px of its square.
+        in px of `around_level`. `in_step`: lattice or courses of the one exemplar in px of its square.
         """
         looping = any(self.graph.in_loop(n) for n in range(len(self.graph.names)))
         literal = self.analysis.stacks.levels.literal
@@ -85,7 +95,7 @@ class Plane:
             kept=KEPT_IN_LOOPS if loops else 1.0,
             around=around,
             around_level=around_level,
-            steps=None if in_step is None else LatticeSteps.of(in_step),
+            steps=_steps_of(in_step),
         )
 
     def key(self, settings: PlaneSettings, level: int) -> str:
@@ -109,6 +119,15 @@ class Plane:
             if state.offset is not None:
                 self._move(state.offset[piece], out[piece])
         return out
+
+    def root_lab(self, image: Image, space: Space, resources: Resources) -> np.ndarray:
+        """Values of the root's square in another image of the same size: (side, side, 3) float32."""
+        root = self.exemplars[self.graph.root]
+        if image is self.root:
+            return root.values[..., :3]
+        corner = image.first.window
+        place = root.place.shifted(corner.left, corner.top)
+        return lens_of(image, resources, space).values(image.first.read(place))[0][..., :3]
 
     def source(self, state: PlaneState) -> SourceMap:
         """The copied pixels. Indices of exemplars are those of the stack's levels."""
@@ -142,6 +161,13 @@ class Plane:
         return self._planes[number]
 
 
+def _steps_of(kept: InStep | InCourses | None) -> LatticeSteps | CourseSteps | None:
+    """A structure in the format of `PlaneSettings`."""
+    if kept is None:
+        return None
+    return CourseSteps.of(kept) if isinstance(kept, InCourses) else LatticeSteps.of(kept)
+
+
 def graph_images(path: str | Path, facts: Facts) -> tuple[Graph, tuple[Image, ...]]:
     """The graph in a document, and its exemplar files, opened."""
     graph = read_graph(path)
@@ -151,10 +177,13 @@ def graph_images(path: str | Path, facts: Facts) -> tuple[Graph, tuple[Image, ..
 def opened(
     resources: Resources, progress: Progress, graph: Graph, images: Sequence[Image], name: str, *, side: int, dims: int,
     correct: bool, literal: bool, space: Space,
+    excluded: np.ndarray | None = None,
 ) -> Plane:  # fmt: skip
     """Read and analyze the exemplars of a graph, called `name` in messages. Other arguments are those of --texsynth."""
     with resources.stats.time("read and color"):
         exemplars, lens = load_exemplars(images, graph, resources, space, side)
+        if excluded is not None:
+            exemplars = tuple(one.without(excluded) for one in exemplars)
     finest = exemplars[0].side.bit_length() - 1
     graph.require_levels(finest, name)
     looks = [array for exemplar in exemplars for array in (exemplar.values, exemplar.opaque)]

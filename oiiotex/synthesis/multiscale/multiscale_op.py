@@ -67,10 +67,12 @@ class Multiscale(InLab, Reported, AnyWindow):
         " 0 for verbatim colors.",
         advanced=True,
     )
-    exemplarside: int = param(
-        256,
-        choices=(16, 32, 64, 128, 256, 512, 1024),
+    exemplarside: int | None = param(
+        None,
+        example="256",
+        choices=(16, 32, 64, 128, 256, 512, 1024, None),
         unit="px",
+        unset="512 for a texture from one exemplar, otherwise 256",
         help="Maximum side of the square that is cropped from an exemplar.",
     )
     paper: bool = param(
@@ -100,6 +102,11 @@ class Multiscale(InLab, Reported, AnyWindow):
         raise NotImplementedError
 
     @property
+    def most_side(self) -> int:
+        """Maximum side of an exemplar, px."""
+        return self.exemplarside or 256
+
+    @property
     def source(self) -> str:
         """Name of the input, for messages and the result."""
         return str(self.graph) if self.graph else self.exemplar.source if self.exemplar else ""
@@ -112,22 +119,28 @@ class Multiscale(InLab, Reported, AnyWindow):
             graph, images = self.single(self.exemplar.source), (self.exemplar,)
         else:
             raise ParameterError("no exemplar", expected="an image, or graph=FILE")
-        side, root = common_side(images, graph, facts, self.exemplarside), images[graph.root]
+        side, root = common_side(images, graph, facts, self.most_side), images[graph.root]
         color_to_convert(root, facts, self.working_space)
         for other in images:
             require_channels(other, root)
         graph.require_levels(side.bit_length() - 1, self.source)
         return graph, images
 
-    def opened(self, graph: Graph, images: tuple[Image, ...], resources: Resources, progress: Progress) -> Plane:
-        """The plane, with its exemplars read and analyzed."""
+    def opened(
+        self, graph: Graph, images: tuple[Image, ...], resources: Resources, progress: Progress,
+        excluded: np.ndarray | None = None,
+    ) -> Plane:  # fmt: skip
+        """The plane, with its exemplars read and analyzed.
+
+        `excluded` (height, width) bool: pixels of the single exemplar that are not copied.
+        """
         if self.keeplayout:  # the root is reproduced only if its neighborhoods wrap, as its plane does
             graph = replace(graph, wraps=tuple("periodic" if n == graph.root else w for n, w in enumerate(graph.wraps)))
         for given in images:
             for part in given.parts[1:]:
                 self.warn("part '%s' of %s is dropped", part.name, given.source)
         how: dict[str, Any] = {
-            "side": self.exemplarside,
+            "side": self.most_side,
             "dims": 6 if self.paper else 16,
             "correct": self.matchcolor,
             "literal": self.paper,
@@ -135,8 +148,10 @@ class Multiscale(InLab, Reported, AnyWindow):
         parts = tuple(image.first for image in images)
         read = tuple(map(_changed, graph.files)) if self.graph else tuple(map(id, parts))
         return resources.remembered(
-            ("plane", graph, read, *how.values(), self.working_space),
-            lambda: opened(resources, progress, graph, images, self.source, space=self.working_space, **how),
+            ("plane", graph, read, *how.values(), self.working_space, excluded is None),
+            lambda: opened(
+                resources, progress, graph, images, self.source, space=self.working_space, excluded=excluded, **how
+            ),
             parts,
         )
 
@@ -172,9 +187,14 @@ def _changed(path: Path) -> tuple[int, int] | None:
 
 
 def with_report(
-    quality: Quality, plane: Plane, results: dict[str, Any], source: Callable[[Window], SourceMap] | None = None
-) -> dict[str, Any]:
-    """The op's results with its image's measures. `source`: the root's pixels in a window, if all are copies."""
+    quality: Quality, plane: Plane, results: dict[str, Any], source: Callable[[Window], SourceMap] | None = None,
+    original: np.ndarray | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """The op's results with its image's measures.
+
+    `source`: the root's pixels in a window, if all are copies. `original` (side, side, 3): Lab of the root before
+    flattening.
+    """
     main, root = results[quality.op.main().name], plane.exemplars[plane.graph.root]
     sizes = (root.side, root.side), main.window.size
     measured = replace(quality, sizes=sizes, copies=source is not None)
@@ -190,7 +210,8 @@ def with_report(
                 Window(place.left, place.top + first, place.right, place.top + last)
             ).packed)  # fmt: skip
             copies = SourceMap.of_rows(measured.kept(packed))
-        return root.values[..., :3], [Look(main.name, measured.kept(lab), copies)]
+        own = root.values[..., :3]
+        return own if original is None else original, [Look(main.name, measured.kept(lab), copies, own)]
 
     return measured.add_to(results, seen)
 

@@ -53,6 +53,13 @@ class Exemplar:
         """Pixels along x and along y."""
         return self.pixels.shape[0]
 
+    def without(self, excluded: np.ndarray) -> Exemplar:
+        """The exemplar without pixels of its image, (height, width) bool, unless nothing would be left."""
+        place = self.place
+        left = ~excluded[place.top : place.bottom, place.left : place.right]
+        opaque = left if self.opaque is None else left & self.opaque
+        return replace(self, opaque=opaque) if opaque.any() and not opaque.all() else self
+
 
 def load_exemplars(
     images: Sequence[Image], graph: Graph, resources: Resources, space: Space, most: int

@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+from ...analysis.regularity.courses import InCourses
 from ...analysis.regularity.offset_prices import InStep
 from ...engine.core.source_map import SourceMap
 from ...engine.core.window import Window
@@ -110,6 +111,31 @@ class LatticeSteps(NamedTuple):
         return (np.concatenate([own, there * spacing, corner]) & 0xFFFFFFFF).astype(np.uint32)
 
 
+class CourseSteps(NamedTuple):
+    """The same for the courses of the one exemplar, which the plane repeats in their order."""
+
+    phases: tuple[int, ...]  # cl/multiscale.cl, in_courses, without the pixel's width
+    moves: tuple[int, ...]  # as of `LatticeSteps`, along one axis
+    rows: tuple[int, ...]  # phases of the exemplar's rows (or columns), then of a period's, in cycles / 2^32
+
+    @classmethod
+    def of(cls, kept: InCourses) -> CourseSteps:
+        """From courses of the exemplar and of a period."""
+        own, wanted = kept.rows()
+        moves = np.rint(min(1.0, 2 * kept.structure) * kept.steps()).astype(int).ravel().tolist()
+        starts = int(kept.courses.rows), 0, len(own), len(wanted)
+        return cls(starts, tuple(moves), tuple(np.concatenate([own, wanted]).tolist()))
+
+    @property
+    def vectors(self) -> tuple[int, ...]:
+        """None: a texel that would leave the exemplar stays at its border."""
+        return (0,) * 4
+
+    def phases_at(self, spacing: int) -> np.ndarray:
+        """(5,) uint32 on a level with pixels of that width."""
+        return np.array([*self.phases, spacing], np.uint32)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PlaneSettings:
     """Settings of a plane."""
@@ -121,7 +147,7 @@ class PlaneSettings:
     kept: float = 1.0  # share of the parents' transfer function that a pixel inherits
     around: tuple[int, int] | None = None  # period of the plane, width and height on `around_level`
     around_level: int = 0
-    steps: LatticeSteps | None = None  # of the one exemplar, if the plane keeps its lattice
+    steps: LatticeSteps | CourseSteps | None = None  # of the one exemplar, if the plane keeps its structure
 
     def rho(self, level: int) -> int:
         """Jitter of a level in 1/256."""
@@ -200,7 +226,9 @@ class Synthesizer:
         self._first: Any = SourceMap.of(middle, middle, self._side).packed  # of level 0
         self._moves = bool(analysis.offsets.any())
         self._free: list[tuple[int, Buffers]] = []  # of finished windows, by number of pixels
-        self._stepped: dict[int, tuple[bool, Any, Any]] = {}
+        self._stepped: dict[int, tuple[int, Any, Any]] = {}
+        steps = settings.steps
+        self._rows = device.upload(np.array(steps.rows if isinstance(steps, CourseSteps) else (0,), np.uint32))
         self._turn = threading.RLock()
 
     def keeping(self, kept: float) -> Synthesizer:
@@ -301,16 +329,17 @@ class Synthesizer:
             self._side, before.width, (window.left >> 1) - before.left, (window.top >> 1) - before.top,
             window.width, window.height, np.int64(window.left), np.int64(window.top), np.int64(period[0]),
             np.int64(period[1]), np.uint32(entry.level), np.uint32(settings.seed), settings.rho(entry.level),
-            round(256 * settings.kept), *self._steps(entry.level),
+            round(256 * settings.kept), *self._steps(entry.level), self._rows,
         )  # fmt: skip
 
-    def _steps(self, level: int) -> tuple[bool, Any, Any]:
-        """Whether a level is kept in phase, and the kernel arguments for cl/multiscale.cl, in_step."""
+    def _steps(self, level: int) -> tuple[int, Any, Any]:
+        """How a level is kept in phase, and the kernel arguments for cl/multiscale.cl, in_step."""
         if level not in self._stepped:
             steps = self._settings.steps if level <= self._side else None
             phases = np.zeros(10, np.uint32) if steps is None else steps.phases_at(1 << (self._side - level))
             moves = np.zeros(8, np.int32) if steps is None else np.array((*steps.moves, *steps.vectors), np.int32)
-            self._stepped[level] = steps is not None, self._device.upload(phases), self._device.upload(moves)
+            regular = 0 if steps is None else 1 + isinstance(steps, CourseSteps)
+            self._stepped[level] = regular, self._device.upload(phases), self._device.upload(moves)
         return self._stepped[level]
 
     def _correct(self, buffers: Buffers, whole: Window, after: Window, parity: tuple[int, int]) -> None:

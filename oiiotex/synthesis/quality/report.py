@@ -218,13 +218,21 @@ class Quality:
                         log.info("%s: %s", self.op.flag(), line)
         return results | {"report": report}
 
-    def add_to_copies(self, results: dict[str, Any], labels: Callable[[], Any] = lambda: None) -> dict[str, Any]:
-        """The same for an op with one exemplar, and its sources in part 'st'. `labels`: see `Look.labels`."""
+    def add_to_copies(
+        self, results: dict[str, Any], labels: Callable[[], Any] = lambda: None, copied: Any = None
+    ) -> dict[str, Any]:
+        """The same for an op with one exemplar, and its sources in part 'st'. `labels`: see `Look.labels`.
+
+        `copied`: the image that pixels are copied from, if it is not the exemplar itself.
+        """
         exemplar, main = self.op.exemplar, results[self.op.main().name]
 
         def seen() -> tuple[SomeRows, list[Look]]:
             in_memory = self._fits(12 * self.sizes[0][0] * self.sizes[0][1])
-            photo = working_values(exemplar, present(self.resources), self.op.working_space, in_memory)[0]
+            photo, source_lab = (
+                working_values(image, present(self.resources), self.op.working_space, in_memory)[0]
+                for image in (exemplar, copied or exemplar)
+            )
             spec, st = exemplar.first.spec, rows_of(results["st"])
 
             def places(first: int, last: int) -> SourceMap:
@@ -233,7 +241,7 @@ class Quality:
             like = places(0, 1)
             packed = MadeRows(st.shape[:2], like.packed.dtype, lambda first, last: places(first, last).packed)
             source = SourceMap(cast("np.ndarray", self.kept(packed)), like.bits)
-            return photo, [self.look_of_copies(main.name, photo, source, labels())]
+            return photo, [self.look_of_copies(main.name, source_lab, source, labels())]
 
         return self.add_to(results, seen)
 

@@ -19,9 +19,11 @@ from ...analysis.labels.content_table import (
     whole_windows,
     window_keys,
 )
+from ...analysis.regularity.courses import Courses
 from ...analysis.regularity.lattice import Lattice
 from ...engine.color.lab_grid import COARSE_STEPS, to_grid
 from ...engine.core.access import Gather
+from ...engine.core.demand import MadeRows, SomeRows, first_channels
 from ...engine.core.image import Image, derived_spec
 from ...engine.core.label_map import LabelMap, label_maps
 from ...engine.core.op import Kind, Output
@@ -37,6 +39,7 @@ from ...engine.session.resources import Resources
 from ..exemplar.exemplar_masks import both, label_levels, label_map
 from ..exemplar.exemplar_op import ExemplarPixels, LabeledExemplar, tiles
 from ..exemplar.photo_lattice import Structured, fitting_size, least_size
+from ..quality.fidelity import Fidelity, fidelity
 from .guide_map import Meaning, keys_in, labels_met, meaning_of, wishes_of
 from .label_painting import Begun
 from .quilt_plan import AT_ONCE, MOST_PATCH, Grid, plan_bytes
@@ -48,6 +51,8 @@ CARRIED = Output(
 LEAST_PATCH, _LEAST_GUIDED = 8, 32
 _LAB_BYTES, _VALUE_BYTES = 14, 12  # per pixel of the exemplar: on the grid, masks, and reduced; as floats
 _GRID_ROWS = 256  # rows converted to the grid at a time
+_CANDIDATES = 1024, 256  # patches compared per cell: without and with a guide, which leaves fewer to choose from
+_JUDGED_WHOLE = 1 << 22  # px of a quilt
 _REGIONS = 12  # minimum number of exemplar regions for each label of a guide
 
 
@@ -136,7 +141,7 @@ class Sewing:
             lab[top : top + _GRID_ROWS] = to_grid(pixels.values[top : top + _GRID_ROWS], COARSE_STEPS)
         lattice = None
         if self.structured is not None:
-            lattice = self.structured.lattice_of(pixels.values, pixels.usable, resources)
+            lattice = self.structured.structure_of(pixels, resources)
         with resources.stats.time("content"):
             labels = self._label_map()
             ids = None if labels is None else labels.ids
@@ -152,7 +157,7 @@ class Sewing:
             resources.device, exemplar, grid, demand, self._rules(grid.patch), resources.budget,
             held=width * height * self.op.photo_bytes(resources),
             plan=None if self.begun is None else self.begun.kept(grid, demand, self.op.flag()),
-            in_step=None if self.structured is None else self.structured.in_step(lattice, grid, self.op.seed),
+            in_step=None if self.structured is None else self.structured.kept_structure(lattice, grid, self.op.seed),
             report=progress.advance,
         )  # fmt: skip
 
@@ -188,13 +193,18 @@ class Sewing:
     def _rules(self, patch: int) -> Rules:
         return Rules(
             seed=self.op.seed,
+            candidates=_CANDIDATES[self.guide is not None],
             reach=min(4, patch // 16),
             reuse=self.op.freeuses,
             guidance=self.op.guideweight,
         )
 
     def _grid(
-        self, labels: LabelMap | None, ids: np.ndarray | None, allowed: np.ndarray | None, lattice: Lattice | None
+        self,
+        labels: LabelMap | None,
+        ids: np.ndarray | None,
+        allowed: np.ndarray | None,
+        lattice: Lattice | Courses | None,
     ) -> Grid:
         size = fitting_size(self.op.flag(), lattice, *self._asked(), self._wraps)
         patch, overlap = self._sides(labels, ids, allowed)
@@ -306,8 +316,28 @@ def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, res
     return sewn
 
 
-def sewn_whole(sewing: Sewing, pixels: ExemplarPixels, resources: Resources, progress: Progress) -> dict[str, Any]:
+def sewn_whole(op: Quilted, quilt: Quilt, resources: Resources) -> dict[str, Any]:
     """The result of one layer. If its plan is requested, it is finished first."""
-    quilt, spec = sewing.quilt(pixels, resources, progress), sewing.op.exemplar.first.spec
+    spec = op.exemplar.first.spec
     plan = {"planfile": lambda: quilt.finished().arrays((spec.width, spec.height))}
-    return sewn_parts(sewing.op, quilt.sources, quilt.grid, resources) | plan
+    return sewn_parts(op, quilt.sources, quilt.grid, resources) | plan
+
+
+def fidelity_of_quilt(quilt: Quilt, pixels: ExemplarPixels, original: SomeRows) -> Fidelity | None:
+    """Fidelity of a quilt, or of a piece of the photo's size if the quilt is large; None if it is too small.
+
+    `original` (height, width, channels) float32: Lab of the photo before flattening.
+    """
+    photo, grid = first_channels(pixels.values, 3), quilt.grid
+    whole = grid.width * grid.height <= _JUDGED_WHOLE
+    size = (grid.width, grid.height) if whole else (min(grid.width, photo.shape[1]), min(grid.height, photo.shape[0]))
+    source = quilt.sources(Window(0, 0, *size))
+    result = MadeRows((*source.packed.shape, 3), np.float32, lambda first, last: source[first:last].gather(photo))
+    return fidelity(
+        photo,
+        pixels.usable,
+        result,
+        (whole and grid.wrap_y, whole and grid.wrap_x),
+        source,
+        first_channels(original, 3),
+    )

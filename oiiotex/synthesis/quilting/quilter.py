@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ...analysis.labels.content_table import ContentTable
+from ...analysis.regularity.courses import InCourses
 from ...analysis.regularity.offset_prices import InStep
 from ...engine.color.lab_grid import COARSE_STEPS, SPAN
 from ...engine.core.source_map import NONE, SourceMap
@@ -141,8 +142,8 @@ class Quilt:
         Maximum number of pixels rendered at a time.
     plan : QuiltPlan, optional
         Initial plan: cells that have a patch keep it.
-    in_step : InStep, optional
-        The exemplar's lattice, if the quilt keeps it.
+    in_step : InStep or InCourses, optional
+        The exemplar's lattice or courses, if the quilt keeps them.
     report : callable, optional
         Called with (finished waves, total waves).
 
@@ -161,7 +162,7 @@ class Quilt:
     held: int = 0
     pixels: int = AT_ONCE
     plan: QuiltPlan | None = None
-    in_step: InStep | None = None
+    in_step: InStep | InCourses | None = None
     report: Callable[[int, int], None] | None = None
     waves_decided: int = field(default=0, init=False)
 
@@ -199,7 +200,7 @@ class Quilt:
             inputs["guide"] = present(self.demand.guide).astype(np.uint16)
         phases, losses, steps = np.zeros(10, np.uint32), np.zeros(1, np.int32), np.zeros((2, 2), np.int32)
         if self.in_step is not None:
-            phases, losses = self.in_step.phases(patch=g.patch), self.in_step.table(_LOSSES)
+            phases, losses = self.in_step.of_patches(g.patch, _LOSSES)
             steps = self.in_step.steps()
         self._lattice = self.device.upload(phases), self.device.upload(losses)
         for name, array in inputs.items():
@@ -210,10 +211,15 @@ class Quilt:
         facts = (
             e.lab.shape[1], columns, rows, squares.side, squares.count, squares.before, squares.columns,
             self.rules.candidates, len(e.finer), self._stride, max(1, (2**31 - 1) // (_WORST * g.patch)),
-            self.rules.seed & 0xFFFFFFFF, guided, self.in_step is not None, *steps.ravel(),
+            self.rules.seed & 0xFFFFFFFF, guided, self._structure, *steps.ravel(),
         )  # fmt: skip
         self._renderer = Renderer(self.device, self._buffers, g, facts, self.pixels, self._lock)
         self._units = self._weights(len(e.finer))
+
+    @property
+    def _structure(self) -> int:
+        """cl/quilting.cl, facts.lattice."""
+        return 0 if self.in_step is None else 1 + isinstance(self.in_step, InCourses)
 
     @property
     def _stride(self) -> int:

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Quilts and planes are judged: other scales are tried while the first is not good, and what stays bad is warned of."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+
+from oiiotex import filters
+from oiiotex.analysis.dominant.diffusion import _core_above
+from oiiotex.analysis.regularity.courses import Courses, find_courses
+from oiiotex.engine.core.window import Domain
+from oiiotex.engine.errors import ImageError
+from oiiotex.synthesis.quality.fidelity import Fidelity
+from oiiotex.synthesis.quality.judged_tries import best_tried
+from tests import pictures
+from tests.analysis.test_regularity import values_of
+from tests.any_filter import buffer, pixels
+from tests.masonry import ashlar
+
+
+def judged(broken: float) -> Fidelity:
+    return Fidelity(bands=(1.0, 1.0, 1.0), shapes=1.0, lines=1.0, missing=0.0, broken=broken)
+
+
+def test_the_first_good_try_is_taken_else_the_best():
+    made = []
+
+    def tries(*values):
+        made.clear()
+        return [(f"n={value}", lambda value=value: made.append(value) or value) for value in values]
+
+    assert best_tried("--x", tries(0.09, 0.03, 0.01), judged).spelled == "n=0.03"
+    assert made == [0.09, 0.03]
+    assert best_tried("--x", tries(0.09, 0.05, 0.07), judged).made == 0.05
+    assert best_tried("--x", tries(0.09, 0.01), lambda _: None).made == 0.09  # too small to be judged
+    assert made == [0.09]
+
+
+def test_a_try_that_fails_is_left_out_unless_it_is_the_first():
+    def fails():
+        raise ImageError("no patch fits")
+
+    assert best_tried("--x", [("a", lambda: 0.09), ("b", fails)], judged).spelled == "a"
+    with pytest.raises(ImageError):
+        best_tried("--x", [("a", fails), ("b", lambda: 0.01)], judged)
+
+
+@pytest.mark.parametrize("op", [filters.quilt, filters.synth])
+def test_the_chosen_scale_is_said_and_gives_the_same_pixels(op, caplog):
+    photo = buffer(pictures.pebbles(128, 128, 3))
+    with caplog.at_level(logging.INFO, "oiiotex"):
+        made = op(photo, size=(160, 160), seed=1)
+    (said,) = [r.getMessage() for r in caplog.records if "scales chosen" in r.getMessage()]
+    name, value = said.rpartition(" ")[2].split("=")
+    again = op(
+        photo, size=(160, 160), seed=1, **{name: [float(n) for n in value.split(",")] if "," in value else int(value)}
+    )
+    np.testing.assert_array_equal(pixels(made), pixels(again))
+
+
+def test_a_window_decides_as_its_plane_does():
+    photo = buffer(pictures.pebbles(128, 128, 3))
+    whole, piece = (
+        pixels(filters.synth(photo, seed=1, **more)) for more in ({"size": (96, 96)}, {"window": "32x24+40+50"})
+    )
+    np.testing.assert_array_equal(whole[50:74, 40:72], piece)
+
+
+@pytest.mark.parametrize(("op", "more"), [(filters.quilt, {"patch": 16}), (filters.synth, {})])
+def test_courses_stay_straight_in_quilts_and_planes(op, more):
+    picture, joints = ashlar(144, 144, 3, heights=(13, 28))
+    rows = np.arange(144)[:, None] + 0.5
+    light = (np.abs(rows - joints).min(1) < 1.5).astype(np.float32)
+
+    def straight(lattice: float) -> float:
+        st = pixels(op(buffer(picture), size=(144, 144), seed=3, st=True, flattening=0, lattice=lattice, **more)["st"])
+        tile = light[np.clip((st[..., 1] * 144).astype(int), 0, 143)]
+        return float((tile.mean(1) ** 2).mean() / tile.mean())
+
+    kept, free = straight(0.5), straight(0.0)
+    assert kept > free + 0.1
+
+
+def test_a_few_even_planks_are_courses_and_a_few_ledges_are_not():
+    noise = pictures.noise(256, 256, 2)[..., None] * [0.3, 0.3, 0.3]
+    for columns, found in (((20, 84, 150, 215), True), ((20, 30, 150, 215), False)):
+        planks = 0.4 + noise
+        planks[:, np.array(columns)[:, None] + [0, 1]] = 0.05
+        courses = find_courses(values_of(planks))
+        assert (courses is not None and not courses.rows) == found
+
+
+def test_a_plane_repeats_its_courses_in_their_order():
+    courses = Courses(True, np.array([10.0, 40.0, 62.0, 100.0]), 128)
+    joints = courses.on_torus(Domain(90, 90, True, True))
+    assert sorted(np.diff(np.append(joints, joints[0] + 90)).tolist()) == [22.0, 30.0, 38.0]
+
+
+def test_the_core_of_heat_leaves_out_a_cold_tail_and_nothing_else():
+    core = np.random.default_rng(0).normal(-3, 0.2, 4000)
+    cold = np.full(600, -8.0)
+    above = _core_above(np.concatenate([core, cold]))
+    assert (cold < above).all() and (core > above).mean() > 0.97
