@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ...engine.color.config import as_float
-from ...engine.core.demand import MadeRows, SomeRows, first_channels
+from ...engine.core.demand import MadeRows, SomeRows, first_channels, resized
 from ...engine.core.image import Part, channels_of
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 from ...engine.errors import ImageError, present
 from ...engine.stats import Stats
+from ..patchmatch.constraints import coarse_mask
 from ..patchmatch.optimization import Synthesis
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.use_prices import SLACK
@@ -31,6 +32,8 @@ log = logging.getLogger("oiiotex")
 TILES = 1.15  # seam ratio up to which a photo already tiles
 ONE_TILE = "The photo may have too few elements for a texture, or more than one texture; crop it"
 SET_OF_TILES = "Tiles must be several times larger than the photo's elements"
+_GLANCED = 0.45  # of the photo: a level that is as large tells whether the others are worth making
+_DOUBT = 0.02  # by which a tile may be better than its coarse level
 _LEAST = 48  # px; shorter sides are not tested for tiling
 
 
@@ -50,6 +53,34 @@ def fidelity_of(
     return fidelity(photo, seen.usable, result, (recipe.wrap_y, recipe.wrap_x), source, original)
 
 
+class Dismissed(Exception):
+    """A coarse level of a tile is worse than the best tile so far."""
+
+
+def glance(
+    seen: ExemplarPixels, recipe: Recipe, least: float, original: SomeRows | None = None
+) -> Callable[[SourceMap, tuple[int, int]], None]:
+    """A look at the levels of a synthesis, which raises `Dismissed` if its fidelity will not exceed `least`.
+
+    It is called with a level and the photo's size there, and measures the first one that is large enough.
+    `original` as of `fidelity_of`.
+    """
+    photo, is_measured = first_channels(seen.values, 3), False
+
+    def look(source: SourceMap, size: tuple[int, int]) -> None:
+        nonlocal is_measured
+        width = photo.shape[1]
+        if is_measured or not _GLANCED * width <= size[0] < width:
+            return
+        is_measured = True
+        coarse = ExemplarPixels(resized(photo, *size), None, coarse_mask(seen.usable, *size), seen.why)
+        kept = fidelity_of(coarse, source, recipe, None if original is None else resized(original, *size))
+        if kept is not None and kept.value + _DOUBT <= least:
+            raise Dismissed(f"{kept} on a level of {size[0]}x{size[1]} px")
+
+    return look
+
+
 @dataclass(frozen=True)
 class Try:
     """One way to make the tile.
@@ -59,14 +90,18 @@ class Try:
     spelled : str
         The modifiers that request it.
     make : callable
-        Makes the tile, and returns it with the recipe of its size and scales.
+        Makes the tile, and returns it with the recipe of its size and scales. It is called with the fidelity of the
+        best tile so far, and may raise `Dismissed`.
     time : float
         Its time, relative to that of the first try.
+    evens : bool
+        It is only tried if the first tile repeats visibly.
     """
 
     spelled: str
-    make: Callable[[], tuple[Synthesis, Recipe]]
+    make: Callable[[float], tuple[Synthesis, Recipe]]
     time: float = 1.0
+    evens: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,15 +123,19 @@ def best_of(
     `progress` is that of the first; `original` as of `fidelity_of`.
     """
     best: JudgedTile | None = None
+    repeats = False
     for number, one in enumerate(tries):
+        if one.evens and not repeats:
+            continue
         if best is not None:
             log.info("%s: %s with %s; trying %s", flag, best.kept, best.spelled, one.spelled)
             progress.lengthen(one.time)
         try:
-            synthesis, recipe = one.make()
-        except ImageError as error:
+            synthesis, recipe = one.make(0.0 if best is None or best.kept is None else best.kept.value)
+        except (Dismissed, ImageError) as error:
             if number == 0:
                 raise
+            progress.advance(1, 1)
             log.info("%s: %s: %s", flag, one.spelled, error)
             continue
         if number > 0 and synthesis.lost is not None and synthesis.lost.share > SLACK:
@@ -106,6 +145,7 @@ def best_of(
             kept = fidelity_of(seen, synthesis.source, recipe, original)
         if best is None or best.kept is None or (kept is not None and kept.value > best.kept.value):
             best = JudgedTile(synthesis, recipe, one.spelled, kept)
+        repeats = repeats or (number == 0 and kept is not None and kept.repeats)
         if best.kept is None or best.kept.value >= GOOD:
             break
     return present(best)

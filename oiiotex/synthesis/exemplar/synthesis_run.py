@@ -35,11 +35,11 @@ from ..wang.atlas import packed, shared_pixels
 from ..wang.tiles import COUNTS, runs_for, wang_tiles
 from .constraint_images import sigmas_of, weights_of
 from .exemplar_masks import mask_of
-from .first_result import SET_OF_TILES, Try, best_of, fidelity_of, hint_that_it_tiles, say_fidelity
+from .first_result import SET_OF_TILES, Try, best_of, fidelity_of, glance, hint_that_it_tiles, say_fidelity
 from .heights import Pairing, height_tile
 from .patch_synthesis import beside_drift
 from .photo_lattice import fitting_size, photo_structure
-from .presets import LAYOUT
+from .presets import EVENER, LARGER, LAYOUT
 from .sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 
 if TYPE_CHECKING:
@@ -200,13 +200,22 @@ class SynthesisRun:
     def _in_memory(self) -> bool:
         return self._plan.in_memory
 
-    def _run(self, recipe: Recipe, constraints: Constraints, progress: Progress | None = None) -> Synthesis:
-        """One synthesis from the photo, with progress reports."""
+    def _run(
+        self, recipe: Recipe, constraints: Constraints, progress: Progress | None = None,
+        look: Callable[[SourceMap, tuple[int, int]], object] | None = None,
+    ) -> Synthesis:  # fmt: skip
+        """One synthesis from the photo, with progress reports. `look`: as of `synthesize`, after that of the run."""
         op, resources, pixels = self._op, self._resources, self._seen
+        looks = [one for one in (self._look, look) if one is not None]
+
+        def all_looks(source: SourceMap, size: tuple[int, int]) -> None:
+            for one in looks:
+                one(source, size)
+
         synthesis = synthesize(
             resources.device, pixels.values, pixels.usable, recipe, self._plan.budget,
             (progress or self._progress).advance, pixels.why, constraints,
-            resources.keeper if op.resume else None, look=self._look,
+            resources.keeper if op.resume else None, look=all_looks if looks else None,
         )  # fmt: skip
         if synthesis.lost is not None:
             say_what_was_lost(op.flag(), synthesis.lost)
@@ -230,11 +239,12 @@ class SynthesisRun:
         op, resources = self._op, self._resources
         if op.tiles == "xy" and op.size is None and self._in_memory:
             hint_that_it_tiles(op.flag(), op.exemplar.first)
-        result = best_of(op.flag(), self._tries(), self._seen, resources.stats, self._progress, self._own_lab())
+        own = self._own_lab()
+        result = best_of(op.flag(), self._tries(own), self._seen, resources.stats, self._progress, own)
         self._judging.advance(1, 1)
         source, lost, recipe, kept = result.synthesis.source, result.synthesis.lost, result.recipe, result.kept
         quality = _measures_of(self._quality, self._lattice, recipe)
-        say_fidelity(op.flag(), kept, result.spelled, warn=self._plan.second is not None)
+        say_fidelity(op.flag(), kept, result.spelled, warn=self._plan.judged)
         resources.device.collect(resources.stats)
         op.say_what_stays()
         first, *others = self._with_heights(self._tiles(source), source)
@@ -249,27 +259,35 @@ class SynthesisRun:
             more |= regularity_of(self._lab(), source, recipe)
 
         def looked_at() -> tuple[SomeRows, list[Look]]:
-            return self._own_lab(), [quality.look_of_copies(first["tile"].name, self._lab(), source)]
+            return own, [quality.look_of_copies(first["tile"].name, self._lab(), source)]
 
         return (quality.add_to(first, looked_at, **more), *others)
 
-    def _tries(self) -> list[Try]:
-        """The ways to make the tile that are worth it, the usual one first."""
+    def _tries(self, own: SomeRows) -> list[Try]:
+        """The ways to make the tile that are worth it, the usual one first. `own`: Lab of the original photo."""
         plan, recipe = self._plan, self._recipe
         layout = Try(f"preset={LAYOUT}", self._in_own_layout, _LAYOUT_TIME)
         if plan.layout:
             return [layout]
-        tries = [Try(recipe.scales, lambda: (self._run(recipe, self._constraints), recipe))]
-        if plan.second is not None:
-            share, patch = plan.second
-            other = replace(recipe, sigma=max(recipe.size) / share, patch=patch)
-            is_asked_for_statistics = recipe.measure != "histogram"  # which a layout does not have
-            if not is_asked_for_statistics and fits_layout(self._op.exemplar.first.spec, self._resources):
-                tries.append(layout)
-            tries.append(Try(other.scales, lambda: (self._run(other, self._constraints), other)))
-        return tries
+        tries = [Try(recipe.scales, lambda _: (self._run(recipe, self._constraints), recipe))]
+        if not plan.judged:
+            return tries
+        tries += [self._at_scale(*scale, own, evens=True) for scale in EVENER]
+        is_asked_for_statistics = recipe.measure != "histogram"  # which a layout does not have
+        if not is_asked_for_statistics and fits_layout(self._op.exemplar.first.spec, self._resources):
+            tries.append(layout)
+        return tries + [self._at_scale(*scale, own) for scale in LARGER]
 
-    def _in_own_layout(self) -> tuple[Synthesis, Recipe]:
+    def _at_scale(self, share: float, patch: int, own: SomeRows, evens: bool = False) -> Try:
+        """A tile with another patch, and with sigma as a divisor of the longer side."""
+        recipe = replace(self._recipe, sigma=max(max(self._recipe.size) / share, patch / 4), patch=patch)
+
+        def make(least: float) -> tuple[Synthesis, Recipe]:
+            return self._run(recipe, self._constraints, look=glance(self._seen, recipe, least, own)), recipe
+
+        return Try(recipe.scales, make, evens=evens)
+
+    def _in_own_layout(self, _: float) -> tuple[Synthesis, Recipe]:
         """The tile that keeps the photo's layout, and the recipe with its size."""
         seen, plan = self._seen, self._plan
         size = plan.size if plan.is_size_given else (None, None)
@@ -333,7 +351,7 @@ class SynthesisRun:
             make, op.variants, recipe.width, recipe.height, recipe.patch, lambda source: source.gather(values)
         )
         plane = packed(sources) if op.variants in COUNTS else sources[0]
-        if self._plan.second is not None and op.variants in COUNTS:
+        if self._plan.judged and op.variants in COUNTS:
             with self._resources.stats.time("fidelity"):
                 kept = fidelity_of(self._seen, plane, replace(recipe, wrap_x=True, wrap_y=True), self._own_lab())
             say_fidelity(op.flag(), kept, recipe.scales, warn=True, advice=SET_OF_TILES)

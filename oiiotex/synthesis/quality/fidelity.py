@@ -41,8 +41,8 @@ _COLORS = 20.0, 8.0, 8.0  # L, a, b: colors nearer than this are shared out amon
 _MOST_CELLS = 64.0  # of these, along each axis; colors beyond count as the limit
 # a part, the last values that are good and fair, and what to say beyond the first
 _LIMITS = (
-    ("broken", 0.04, 0.06, "objects or patterns are cut"),
-    ("waves", 3.6, 14.0, "light and dark areas repeat visibly"),
+    ("broken", 0.035, 0.06, "objects or patterns are cut"),
+    ("waves", 3.5, 14.0, "light and dark areas repeat visibly"),
     ("salient", 6.3, 12.0, "a spot stands out in every tile"),
     ("missing", 0.135, 0.35, "colors of the photo are missing"),
     ("lost", 0.36, 0.6, "coarse structure is lost, or blotches were added"),
@@ -93,8 +93,8 @@ class Fidelity:
         """The bands as one number, 0 to 1."""
         return sum(min(1.0, min(band, 1.0 / max(band, 1e-9)) / ENOUGH) for band in self.bands) / len(self.bands)
 
-    def _grades(self) -> Iterator[tuple[float, str]]:
-        """Each part, 1 at the limit of good and 2 at that of fair, and what to say about it."""
+    def _grades(self) -> Iterator[tuple[float, str, str]]:
+        """Each part, 1 at the limit of good and 2 at that of fair, its name, and what to say about it."""
         unlike, cut = (1.0 - min(1.0, max(0.0, part) / ALIKE) for part in (self.shapes, self.lines))
         parts = {
             "broken": self.broken, "waves": self.waves, "salient": self.salient, "missing": self.missing,
@@ -103,12 +103,12 @@ class Fidelity:
         for name, good, fair, said in _LIMITS:
             value = parts[name]
             if value is not None:
-                yield (value / good if value <= good else 1.0 + (value - good) / (fair - good)), said
+                yield (value / good if value <= good else 1.0 + (value - good) / (fair - good)), name, said
 
     @property
     def value(self) -> float:
         """The fidelity, 0 to 1: the worst part decides. Rounded to three digits so that last bits decide nothing."""
-        return round(1.0 / (1.0 + max(grade for grade, _ in self._grades()) / 4.0), 3)
+        return round(1.0 / (1.0 + max(grade for grade, _, _ in self._grades()) / 4.0), 3)
 
     def measures(self) -> dict[str, float]:
         """The measures by name, as in a report."""
@@ -125,7 +125,12 @@ class Fidelity:
     @property
     def beyond(self) -> tuple[str, ...]:
         """The parts beyond their limits, in words, the worst first."""
-        return tuple(said for grade, said in sorted(self._grades(), reverse=True) if grade > 1.0)
+        return tuple(said for grade, _, said in sorted(self._grades(), reverse=True) if grade > 1.0)
+
+    @property
+    def repeats(self) -> bool:
+        """Whether its worst part is that it repeats visibly."""
+        return max(self._grades())[1] in _REPETITION
 
     def __str__(self) -> str:
         """A one-line summary: the parts beyond their limits, and the figures."""
@@ -134,6 +139,7 @@ class Fidelity:
         return f"fidelity {self.value:.2f}: {', '.join(self.beyond) or 'nothing is beyond its limit'} ({figures})"
 
 
+_REPETITION = "waves", "salient"
 _PARTS = "shapes", "lines", "missing", "broken", "waves", "salient"
 
 
