@@ -21,7 +21,7 @@ from ...engine.core.demand import MadeRows, SomeRows, resized
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 from .repetition import salience, slow_waves
-from .wholeness import turning, unexplained
+from .wholeness import cuts, turning
 
 SIDE = 256  # px; longer side at which a photo is measured, and its result at the same scale
 LEAST = 48  # px; smaller shorter sides cannot be measured
@@ -41,8 +41,8 @@ _COLORS = 20.0, 8.0, 8.0  # L, a, b: colors nearer than this are shared out amon
 _MOST_CELLS = 64.0  # of these, along each axis; colors beyond count as the limit
 # a part, the last values that are good and fair, and what to say beyond the first
 _LIMITS = (
-    ("broken", 0.035, 0.06, "objects or patterns are cut"),
-    ("waves", 3.5, 14.0, "light and dark areas repeat visibly"),
+    ("broken", 0.015, 0.04, "objects or patterns are cut"),
+    ("waves", 3.5, 20.0, "light and dark areas repeat visibly"),
     ("salient", 6.3, 12.0, "a spot stands out in every tile"),
     ("missing", 0.135, 0.35, "colors of the photo are missing"),
     ("lost", 0.36, 0.6, "coarse structure is lost, or blotches were added"),
@@ -69,8 +69,7 @@ class Fidelity:
     missing : float
         Share of the original photo's colors missing from the result, 0 to 1.
     broken : float or None
-        How much cuts and merged objects are seen: the variance that the photo does not explain, as a share, times
-        the photo's turning of directions (`wholeness`). None: the sources of the pixels are unknown.
+        How much cuts and merged objects are seen: the cuts times the photo's turning of directions (`wholeness`). None: the sources of the pixels are unknown.
     waves : float or None
         Lab, of what repeats slowly with the tile. None: it does not tile in both directions.
     salient : float
@@ -276,7 +275,7 @@ def _compared(photo: Autocorrelation, result: Autocorrelation, longer: int) -> t
 
 def _broken(photo: SomeRows, reduced: np.ndarray, source: SourceMap | None, wraps: tuple[bool, bool]) -> float | None:
     """`Fidelity.broken`; `reduced`: the photo at a small size."""
-    share = None if source is None else unexplained(photo, source, wraps)
+    share = None if source is None else cuts(photo, source, wraps)
     return None if share is None else round(share * turning(reduced[..., 0]), 4)
 
 
