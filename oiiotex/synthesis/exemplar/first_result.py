@@ -5,24 +5,23 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ...engine.color.config import as_float
-from ...engine.core.demand import MadeRows, SomeRows, first_channels, resized
+from ...engine.core.demand import MadeRows, resized
 from ...engine.core.image import Part, channels_of
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 from ...engine.errors import ImageError, present
 from ...engine.stats import Stats
 from ..patchmatch.constraints import coarse_mask
-from ..patchmatch.optimization import Synthesis
+from ..patchmatch.optimization import LevelLook, Synthesis
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.use_prices import SLACK
-from ..quality.fidelity import FAIR, GOOD, Fidelity, fidelity
+from ..quality.fidelity import FAIR, GOOD, Fidelity, JudgedPhoto
 from ..quality.seam_measures import seam_ratio
-from .exemplar_op import ExemplarPixels
 
 if TYPE_CHECKING:
     from ...engine.session.progress import Progress
@@ -37,44 +36,36 @@ _DOUBT = 0.02  # by which a tile may be better than its coarse level
 _LEAST = 48  # px; shorter sides are not tested for tiling
 
 
-def fidelity_of(
-    seen: ExemplarPixels, source: SourceMap, recipe: Recipe, original: SomeRows | None = None
-) -> Fidelity | None:
-    """Fidelity of a result that is copied from those pixels; None if it is too small to measure.
-
-    `original`: Lab of the photo before flattening, (height, width, 3).
-    """
-    photo = first_channels(seen.values, 3)
+def fidelity_of(photo: JudgedPhoto, source: SourceMap, recipe: Recipe) -> Fidelity | None:
+    """Fidelity of a result that is copied from the photo; None if it is too small to measure."""
 
     def rows(first: int, last: int) -> np.ndarray:
-        return source[first:last].gather(photo)
+        return source[first:last].gather(photo.lab)
 
     result = MadeRows((*source.packed.shape, 3), np.float32, rows)
-    return fidelity(photo, seen.usable, result, (recipe.wrap_y, recipe.wrap_x), source, original)
+    return photo.fidelity(result, (recipe.wrap_y, recipe.wrap_x), source)
 
 
 class Dismissed(Exception):
     """A coarse level of a tile is worse than the best tile so far."""
 
 
-def glance(
-    seen: ExemplarPixels, recipe: Recipe, least: float, original: SomeRows | None = None
-) -> Callable[[SourceMap, tuple[int, int]], None]:
+def glance(photo: JudgedPhoto, recipe: Recipe, least: float) -> LevelLook:
     """A look at the levels of a synthesis, which raises `Dismissed` if its fidelity will not exceed `least`.
 
-    It is called with a level and the photo's size there, and measures the first one that is large enough.
-    `original` as of `fidelity_of`.
+    It measures the first level that is large enough.
     """
-    photo, is_measured = first_channels(seen.values, 3), False
+    is_measured = False
 
-    def look(source: SourceMap, size: tuple[int, int]) -> None:
+    def look(pick: Callable[[], SourceMap], size: tuple[int, int]) -> None:
         nonlocal is_measured
-        width = photo.shape[1]
+        width = photo.lab.shape[1]
         if is_measured or not _GLANCED * width <= size[0] < width:
             return
         is_measured = True
-        coarse = ExemplarPixels(resized(photo, *size), None, coarse_mask(seen.usable, *size), seen.why)
-        kept = fidelity_of(coarse, source, recipe, None if original is None else resized(original, *size))
+        original = None if photo.original is None else resized(photo.original, *size)
+        coarse = JudgedPhoto(resized(photo.lab, *size), coarse_mask(photo.usable, *size), original)
+        kept = fidelity_of(coarse, pick(), recipe)
         if kept is not None and kept.value + _DOUBT <= least:
             raise Dismissed(f"{kept} on a level of {size[0]}x{size[1]} px")
 
@@ -94,14 +85,14 @@ class Try:
         best tile so far, and may raise `Dismissed`.
     time : float
         Its time, relative to that of the first try.
-    evens : bool
-        It is only tried if the first tile repeats visibly.
+    mends : collection of str
+        It is only tried if the worst part of the first tile's fidelity is one of these. Empty: any.
     """
 
     spelled: str
     make: Callable[[float], tuple[Synthesis, Recipe]]
     time: float = 1.0
-    evens: bool = False
+    mends: Collection[str] = ()
 
 
 @dataclass(frozen=True)
@@ -115,17 +106,16 @@ class JudgedTile:
 
 
 def best_of(
-    flag: str, tries: Sequence[Try], seen: ExemplarPixels, stats: Stats, progress: Progress,
-    original: SomeRows | None = None,
+    flag: str, tries: Sequence[Try], photo: JudgedPhoto, stats: Stats, progress: Progress
 ) -> JudgedTile:  # fmt: skip
     """The first tile that is good; if none is, the one with the highest fidelity.
 
-    `progress` is that of the first; `original` as of `fidelity_of`.
+    `progress` is that of the first.
     """
     best: JudgedTile | None = None
-    repeats = False
+    worst = ""
     for number, one in enumerate(tries):
-        if one.evens and not repeats:
+        if one.mends and worst not in one.mends:
             continue
         if best is not None:
             log.info("%s: %s with %s; trying %s", flag, best.kept, best.spelled, one.spelled)
@@ -142,10 +132,11 @@ def best_of(
             log.info("%s: %s loses %.0f %% of the texture", flag, one.spelled, 100 * synthesis.lost.share)
             continue
         with stats.time("fidelity"):
-            kept = fidelity_of(seen, synthesis.source, recipe, original)
+            kept = fidelity_of(photo, synthesis.source, recipe)
         if best is None or best.kept is None or (kept is not None and kept.value > best.kept.value):
             best = JudgedTile(synthesis, recipe, one.spelled, kept)
-        repeats = repeats or (number == 0 and kept is not None and kept.repeats)
+        if number == 0 and kept is not None:
+            worst = kept.worst
         if best.kept is None or best.kept.value >= GOOD:
             break
     return present(best)

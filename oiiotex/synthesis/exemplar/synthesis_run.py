@@ -27,8 +27,9 @@ from ..layout.limits import fits_layout
 from ..layout.mending import mended
 from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
-from ..patchmatch.optimization import Synthesis, synthesize
+from ..patchmatch.optimization import LevelLook, Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
+from ..quality.fidelity import JudgedPhoto
 from ..quality.lost_structure import regularity_of, say_what_was_lost, texture_lost
 from ..quality.report import Look, Quality
 from ..wang.atlas import packed, shared_pixels
@@ -39,7 +40,7 @@ from .first_result import SET_OF_TILES, Try, best_of, fidelity_of, glance, hint_
 from .heights import Pairing, height_tile
 from .patch_synthesis import beside_drift
 from .photo_lattice import fitting_size, photo_structure
-from .presets import EVENER, LARGER, LAYOUT
+from .presets import EVENER, LARGER, LAYOUT, MENDED_BY_EVENING, MENDED_BY_SIZE
 from .sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 
 if TYPE_CHECKING:
@@ -136,14 +137,14 @@ def _flattened(plan: SynthesisPlan, resources: Resources, progress: Progress) ->
     return replace(op, **changed), {"drift": drift}
 
 
-def _coarse_looks(photo: Part, look: Onlooker | None) -> Callable[[SourceMap, tuple[int, int]], object] | None:
+def _coarse_looks(photo: Part, look: Onlooker | None) -> LevelLook | None:
     """A callback that shows coarse levels, copied from the photo reduced to their size; None without an onlooker."""
     if look is None:
         return None
     rows = rows_of(photo)
     values = MadeRows(rows.shape, np.float32, lambda first, last: as_float(rows[first:last]))
     reduced = functools.lru_cache(1)(functools.partial(resized, values))
-    return lambda source, size: look(source.gather(reduced(*size)), False)
+    return lambda pick, size: look(pick().gather(reduced(*size)), False)
 
 
 def _in_any_order(part: Part, in_memory: bool) -> Part:
@@ -202,15 +203,15 @@ class SynthesisRun:
 
     def _run(
         self, recipe: Recipe, constraints: Constraints, progress: Progress | None = None,
-        look: Callable[[SourceMap, tuple[int, int]], object] | None = None,
+        look: LevelLook | None = None,
     ) -> Synthesis:  # fmt: skip
         """One synthesis from the photo, with progress reports. `look`: as of `synthesize`, after that of the run."""
         op, resources, pixels = self._op, self._resources, self._seen
         looks = [one for one in (self._look, look) if one is not None]
 
-        def all_looks(source: SourceMap, size: tuple[int, int]) -> None:
+        def all_looks(pick: Callable[[], SourceMap], size: tuple[int, int]) -> None:
             for one in looks:
-                one(source, size)
+                one(pick, size)
 
         synthesis = synthesize(
             resources.device, pixels.values, pixels.usable, recipe, self._plan.budget,
@@ -232,6 +233,9 @@ class SynthesisRun:
             return self._lab()
         return working_values(self._op.exemplar, self._resources, self._op.working_space, self._in_memory)[0]
 
+    def _judged_photo(self) -> JudgedPhoto:
+        return JudgedPhoto(first_channels(self._seen.values, 3), self._seen.usable, self._own_lab())
+
     # --- one tile ---
 
     def one(self) -> tuple[dict[str, Any], ...]:
@@ -239,8 +243,8 @@ class SynthesisRun:
         op, resources = self._op, self._resources
         if op.tiles == "xy" and op.size is None and self._in_memory:
             hint_that_it_tiles(op.flag(), op.exemplar.first)
-        own = self._own_lab()
-        result = best_of(op.flag(), self._tries(own), self._seen, resources.stats, self._progress, own)
+        photo = self._judged_photo()
+        result = best_of(op.flag(), self._tries(photo), photo, resources.stats, self._progress)
         self._judging.advance(1, 1)
         source, lost, recipe, kept = result.synthesis.source, result.synthesis.lost, result.recipe, result.kept
         quality = _measures_of(self._quality, self._lattice, recipe)
@@ -259,33 +263,33 @@ class SynthesisRun:
             more |= regularity_of(self._lab(), source, recipe)
 
         def looked_at() -> tuple[SomeRows, list[Look]]:
-            return own, [quality.look_of_copies(first["tile"].name, self._lab(), source)]
+            return present(photo.original), [quality.look_of_copies(first["tile"].name, self._lab(), source)]
 
         return (quality.add_to(first, looked_at, **more), *others)
 
-    def _tries(self, own: SomeRows) -> list[Try]:
-        """The ways to make the tile that are worth it, the usual one first. `own`: Lab of the original photo."""
+    def _tries(self, photo: JudgedPhoto) -> list[Try]:
+        """The ways to make the tile that are worth it, the usual one first."""
         plan, recipe = self._plan, self._recipe
-        layout = Try(f"preset={LAYOUT}", self._in_own_layout, _LAYOUT_TIME)
+        layout = Try(f"preset={LAYOUT}", self._in_own_layout, _LAYOUT_TIME, MENDED_BY_SIZE)
         if plan.layout:
-            return [layout]
+            return [replace(layout, mends=())]
         tries = [Try(recipe.scales, lambda _: (self._run(recipe, self._constraints), recipe))]
         if not plan.judged:
             return tries
-        tries += [self._at_scale(*scale, own, evens=True) for scale in EVENER]
+        tries += [self._at_scale(*scale, photo, MENDED_BY_EVENING) for scale in EVENER]
         is_asked_for_statistics = recipe.measure != "histogram"  # which a layout does not have
         if not is_asked_for_statistics and fits_layout(self._op.exemplar.first.spec, self._resources):
             tries.append(layout)
-        return tries + [self._at_scale(*scale, own) for scale in LARGER]
+        return [*tries, self._at_scale(*LARGER, photo, MENDED_BY_SIZE)]
 
-    def _at_scale(self, share: float, patch: int, own: SomeRows, evens: bool = False) -> Try:
+    def _at_scale(self, share: float, patch: int, photo: JudgedPhoto, mends: tuple[str, ...]) -> Try:
         """A tile with another patch, and with sigma as a divisor of the longer side."""
         recipe = replace(self._recipe, sigma=max(max(self._recipe.size) / share, patch / 4), patch=patch)
 
         def make(least: float) -> tuple[Synthesis, Recipe]:
-            return self._run(recipe, self._constraints, look=glance(self._seen, recipe, least, own)), recipe
+            return self._run(recipe, self._constraints, look=glance(photo, recipe, least)), recipe
 
-        return Try(recipe.scales, make, evens=evens)
+        return Try(recipe.scales, make, mends=mends)
 
     def _in_own_layout(self, _: float) -> tuple[Synthesis, Recipe]:
         """The tile that keeps the photo's layout, and the recipe with its size."""
@@ -353,7 +357,7 @@ class SynthesisRun:
         plane = packed(sources) if op.variants in COUNTS else sources[0]
         if self._plan.judged and op.variants in COUNTS:
             with self._resources.stats.time("fidelity"):
-                kept = fidelity_of(self._seen, plane, replace(recipe, wrap_x=True, wrap_y=True), self._own_lab())
+                kept = fidelity_of(self._judged_photo(), plane, replace(recipe, wrap_x=True, wrap_y=True))
             say_fidelity(op.flag(), kept, recipe.scales, warn=True, advice=SET_OF_TILES)
         self._resources.device.collect(self._resources.stats)
         op.say_what_stays()

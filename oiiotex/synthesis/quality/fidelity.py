@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from ...analysis.regularity.autocorrelation import (
     Autocorrelation,
@@ -69,7 +70,8 @@ class Fidelity:
     missing : float
         Share of the original photo's colors missing from the result, 0 to 1.
     broken : float or None
-        How much cuts and merged objects are seen: the cuts times the photo's turning of directions (`wholeness`). None: the sources of the pixels are unknown.
+        How much cuts and merged objects are seen: the cuts times the photo's turning of directions (`wholeness`).
+        None: the sources of the pixels are unknown.
     waves : float or None
         Lab, of what repeats slowly with the tile. None: it does not tile in both directions.
     salient : float
@@ -127,9 +129,9 @@ class Fidelity:
         return tuple(said for grade, _, said in sorted(self._grades(), reverse=True) if grade > 1.0)
 
     @property
-    def repeats(self) -> bool:
-        """Whether its worst part is that it repeats visibly."""
-        return max(self._grades())[1] in _REPETITION
+    def worst(self) -> str:
+        """The name of the part that decides the value."""
+        return max(self._grades())[1]
 
     def __str__(self) -> str:
         """A one-line summary: the parts beyond their limits, and the figures."""
@@ -138,7 +140,6 @@ class Fidelity:
         return f"fidelity {self.value:.2f}: {', '.join(self.beyond) or 'nothing is beyond its limit'} ({figures})"
 
 
-_REPETITION = "waves", "salient"
 _PARTS = "shapes", "lines", "missing", "broken", "waves", "salient"
 
 
@@ -167,42 +168,87 @@ def fidelity(
     original : (height, width, 3) float32, optional
         CIE Lab of the photo before anything was removed, for its colors. Default: `photo`.
     """
-    factor = min(1.0, SIDE / max(photo.shape[:2]))
-    own, seen = _reduced(photo, usable, factor)
-    size = _size_at(factor, result)
-    lab = _middle_of(result, *size)
-    everywhere, wraps = np.ones(lab.shape[:2], bool), wraps if max(size) <= _MOST else (False, False)
-    if min(*own.shape[:2], *lab.shape[:2]) < LEAST or np.count_nonzero(seen) < LEAST**2:
-        return None
-    longer = max(own.shape[:2])
-    before, after = high_passed(own, seen), high_passed(lab, everywhere, wraps, longer)
-    bands = tuple(
-        max(_energy(after, everywhere, longer / k, wraps), _INVISIBLE)
-        / max(_energy(before, seen, longer / k), _INVISIBLE)
-        for k in SCALES
-    )
-    of_photo = autocorrelation(before, seen)
-    of_result = wrapped_autocorrelation(lab, longer) if all(wraps) else autocorrelation(after, everywhere)
-    shapes, lines = _compared(of_photo, of_result, longer)
-    shown = own if original is None or original is photo else _reduced(original, None, factor)[0]
-    colors = shown[seen]
-    missing = _missing(colors, lab[everywhere])
-    if pieces := list(_pieces(seen, *lab.shape[:2])):
-        typical = [
-            (*_compared(of_photo, autocorrelation(before[at], seen[at]), longer), _missing(colors, shown[at][seen[at]]))
-            for at in pieces
-        ]
-        usual_shapes, usual_lines, usual_missing = np.mean(typical, 0).tolist()
-        shapes, lines = _relative(shapes, usual_shapes), _relative(lines, usual_lines)
-        missing = max(0.0, missing - usual_missing) / (1.0 - usual_missing)
-    if np.square(before).sum(-1).mean() < _INVISIBLE**2:  # a constant image has no shapes
-        shapes = lines = 1.0
-    return Fidelity(
-        bands=bands, shapes=shapes, lines=lines, missing=missing,
-        broken=_broken(photo, own, source, wraps),
-        waves=slow_waves(lab) if all(wraps) else None,
-        salient=salience(blurred(lab - np.median(lab, (0, 1)), longer / _AREA, wraps)) if any(wraps) else None,
-    )  # fmt: skip
+    return JudgedPhoto(photo, usable, original).fidelity(result, wraps, source)
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedPhoto:
+    """A photo that is measured once for all its results; see `fidelity`."""
+
+    lab: SomeRows
+    usable: np.ndarray | None = None
+    original: SomeRows | None = None
+
+    def fidelity(self, result: SomeRows, wraps: tuple[bool, bool], source: SourceMap | None = None) -> Fidelity | None:
+        """How much a result preserves of the photo."""
+        own, seen = self._reduced
+        size = _size_at(self._factor, result)
+        lab = _middle_of(result, *size)
+        everywhere, wraps = np.ones(lab.shape[:2], bool), wraps if max(size) <= _MOST else (False, False)
+        if min(*own.shape[:2], *lab.shape[:2]) < LEAST or np.count_nonzero(seen) < LEAST**2:
+            return None
+        longer = max(own.shape[:2])
+        before, after = self._texture, high_passed(lab, everywhere, wraps, longer)
+        bands = tuple(
+            max(_energy(after, everywhere, longer / k, wraps), _INVISIBLE) / energy
+            for k, energy in zip(SCALES, self._energies, strict=True)
+        )
+        of_result = wrapped_autocorrelation(lab, longer) if all(wraps) else autocorrelation(after, everywhere)
+        shapes, lines = _compared(self._autocorrelation, of_result, longer)
+        shown = self._colors
+        missing = _missing(shown[seen], lab[everywhere])
+        if pieces := list(_pieces(seen, *lab.shape[:2])):
+            typical = [
+                (
+                    *_compared(self._autocorrelation, autocorrelation(before[at], seen[at]), longer),
+                    _missing(shown[seen], shown[at][seen[at]]),
+                )
+                for at in pieces
+            ]
+            usual_shapes, usual_lines, usual_missing = np.mean(typical, 0).tolist()
+            shapes, lines = _relative(shapes, usual_shapes), _relative(lines, usual_lines)
+            missing = max(0.0, missing - usual_missing) / (1.0 - usual_missing)
+        if np.square(before).sum(-1).mean() < _INVISIBLE**2:  # a constant image has no shapes
+            shapes = lines = 1.0
+        share = None if source is None else cuts(self.lab, source, wraps)
+        return Fidelity(
+            bands=bands, shapes=shapes, lines=lines, missing=missing,
+            broken=None if share is None else round(share * self._turning, 4),
+            waves=slow_waves(lab) if all(wraps) else None,
+            salient=salience(blurred(lab - np.median(lab, (0, 1)), longer / _AREA, wraps)) if any(wraps) else None,
+        )  # fmt: skip
+
+    @property
+    def _factor(self) -> float:
+        return min(1.0, SIDE / max(self.lab.shape[:2]))
+
+    @cached_property
+    def _reduced(self) -> tuple[np.ndarray, np.ndarray]:
+        return _reduced(self.lab, self.usable, self._factor)
+
+    @cached_property
+    def _colors(self) -> np.ndarray:
+        """The reduced original."""
+        if self.original is None or self.original is self.lab:
+            return self._reduced[0]
+        return _reduced(self.original, None, self._factor)[0]
+
+    @cached_property
+    def _texture(self) -> np.ndarray:
+        return high_passed(*self._reduced)
+
+    @cached_property
+    def _energies(self) -> list[float]:
+        seen = self._reduced[1]
+        return [max(_energy(self._texture, seen, max(seen.shape) / k), _INVISIBLE) for k in SCALES]
+
+    @cached_property
+    def _autocorrelation(self) -> Autocorrelation:
+        return autocorrelation(self._texture, self._reduced[1])
+
+    @cached_property
+    def _turning(self) -> float:
+        return turning(self._reduced[0][..., 0])
 
 
 def _pieces(seen: np.ndarray, height: int, width: int) -> Iterator[tuple[slice, slice]]:
@@ -271,12 +317,6 @@ def _compared(photo: Autocorrelation, result: Autocorrelation, longer: int) -> t
     if own <= _ORDER * (1.0 + energy) / float(weight[far].mean()):
         return shapes, 1.0
     return shapes, float((a * b)[far].mean()) / own
-
-
-def _broken(photo: SomeRows, reduced: np.ndarray, source: SourceMap | None, wraps: tuple[bool, bool]) -> float | None:
-    """`Fidelity.broken`; `reduced`: the photo at a small size."""
-    share = None if source is None else cuts(photo, source, wraps)
-    return None if share is None else round(share * turning(reduced[..., 0]), 4)
 
 
 def _missing(photo: np.ndarray, result: np.ndarray) -> float:
