@@ -23,7 +23,7 @@ from oiiotex.engine.session.progress import WHOLE, Progress
 from oiiotex.engine.stats import Stats
 from oiiotex.synthesis.exemplar import first_result
 from oiiotex.synthesis.exemplar.first_result import Dismissed, Try, best_of, glance
-from oiiotex.synthesis.exemplar.presets import MENDED_BY_EVENING, MENDED_BY_SIZE
+from oiiotex.synthesis.exemplar.presets import EVENER, LARGER
 from oiiotex.synthesis.patchmatch.optimization import Synthesis
 from oiiotex.synthesis.patchmatch.recipe import COARSEST, Recipe, level_scales
 from oiiotex.synthesis.quality.fidelity import FAIR, GOOD, JudgedPhoto, fidelity
@@ -242,7 +242,7 @@ def repeating(spot: bool) -> np.ndarray:
     return lab
 
 
-@pytest.mark.parametrize(("spot", "tried"), [(False, ["first", "evener"]), (True, ["first", "evener", "larger"])])
+@pytest.mark.parametrize(("spot", "tried"), [(False, ["first", "evenest", "evener"]), (True, ["first", "evenest", "larger"])])
 def test_only_tiles_that_may_mend_the_worst_part_are_tried(spot, tried):
     """Larger structures repeat as slow waves, too."""
     made: list[str] = []
@@ -254,7 +254,8 @@ def test_only_tiles_that_may_mend_the_worst_part_are_tried(spot, tried):
 
         return Try(name, make, mends=mends)
 
-    tries = [one("first", ()), one("evener", MENDED_BY_EVENING), one("larger", MENDED_BY_SIZE)]
+    names = ("evenest", "evener", "larger")
+    tries = [one("first", ()), *(one(n, scale[2]) for n, scale in zip(names, (*EVENER, LARGER), strict=True))]
     best = best_of("--texstationarize", tries, JudgedPhoto(repeating(spot)), Stats(), Progress())
     assert made == tried and best.spelled == "first"
 
@@ -267,7 +268,7 @@ def test_a_level_that_is_worse_than_the_best_tile_dismisses_its_own():
     def too_early() -> SourceMap:
         raise AssertionError("this level is too small to be measured")
 
-    with pytest.raises(Dismissed, match="128x128"):
+    with pytest.raises(Dismissed, match="before it is finished"):
         look = glance(JudgedPhoto(lab), RECIPE, value + 0.1)
         look(too_early, (half // 2, half // 2))
         look(lambda: whole, (half, half))

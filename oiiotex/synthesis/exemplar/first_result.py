@@ -32,7 +32,7 @@ TILES = 1.15  # seam ratio up to which a photo already tiles
 ONE_TILE = "The photo may have too few elements for a texture, or more than one texture; crop it"
 SET_OF_TILES = "Tiles must be several times larger than the photo's elements"
 _GLANCED = 0.45  # of the photo: a level that is as large tells whether the others are worth making
-_DOUBT = 0.02  # by which a tile may be better than its coarse level
+_DOUBT = 0.02  # by which a finished tile may be better than its coarse level, or with its holes
 _LEAST = 48  # px; shorter sides are not tested for tiling
 
 
@@ -47,14 +47,18 @@ def fidelity_of(photo: JudgedPhoto, source: SourceMap, recipe: Recipe) -> Fideli
 
 
 class Dismissed(Exception):
-    """A coarse level of a tile is worse than the best tile so far."""
+    """A tile is not finished, since what there is of it is worse than the best tile so far."""
+
+
+def dismiss_below(least: float, photo: JudgedPhoto, source: SourceMap, recipe: Recipe) -> None:
+    """Raise `Dismissed` if the fidelity of a tile that is not finished will not exceed `least`."""
+    kept = fidelity_of(photo, source, recipe)
+    if kept is not None and kept.value + _DOUBT <= least:
+        raise Dismissed(f"{kept} before it is finished")
 
 
 def glance(photo: JudgedPhoto, recipe: Recipe, least: float) -> LevelLook:
-    """A look at the levels of a synthesis, which raises `Dismissed` if its fidelity will not exceed `least`.
-
-    It measures the first level that is large enough.
-    """
+    """A look at the levels of a synthesis: `dismiss_below` on the first one that is large enough."""
     is_measured = False
 
     def look(pick: Callable[[], SourceMap], size: tuple[int, int]) -> None:
@@ -65,9 +69,7 @@ def glance(photo: JudgedPhoto, recipe: Recipe, least: float) -> LevelLook:
         is_measured = True
         original = None if photo.original is None else resized(photo.original, *size)
         coarse = JudgedPhoto(resized(photo.lab, *size), coarse_mask(photo.usable, *size), original)
-        kept = fidelity_of(coarse, pick(), recipe)
-        if kept is not None and kept.value + _DOUBT <= least:
-            raise Dismissed(f"{kept} on a level of {size[0]}x{size[1]} px")
+        dismiss_below(least, coarse, pick(), recipe)
 
     return look
 

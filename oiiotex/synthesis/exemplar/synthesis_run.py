@@ -36,11 +36,20 @@ from ..wang.atlas import packed, shared_pixels
 from ..wang.tiles import COUNTS, runs_for, wang_tiles
 from .constraint_images import sigmas_of, weights_of
 from .exemplar_masks import mask_of
-from .first_result import SET_OF_TILES, Try, best_of, fidelity_of, glance, hint_that_it_tiles, say_fidelity
+from .first_result import (
+    SET_OF_TILES,
+    Try,
+    best_of,
+    dismiss_below,
+    fidelity_of,
+    glance,
+    hint_that_it_tiles,
+    say_fidelity,
+)
 from .heights import Pairing, height_tile
 from .patch_synthesis import beside_drift
 from .photo_lattice import fitting_size, photo_structure
-from .presets import EVENER, LARGER, LAYOUT, MENDED_BY_EVENING, MENDED_BY_SIZE
+from .presets import EVENER, LARGER, LAYOUT, MENDED_BY_SIZE
 from .sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 
 if TYPE_CHECKING:
@@ -270,19 +279,20 @@ class SynthesisRun:
     def _tries(self, photo: JudgedPhoto) -> list[Try]:
         """The ways to make the tile that are worth it, the usual one first."""
         plan, recipe = self._plan, self._recipe
-        layout = Try(f"preset={LAYOUT}", self._in_own_layout, _LAYOUT_TIME, MENDED_BY_SIZE)
+        in_layout = functools.partial(self._in_own_layout, photo)
+        layout = Try(f"preset={LAYOUT}", in_layout, _LAYOUT_TIME, MENDED_BY_SIZE)
         if plan.layout:
             return [replace(layout, mends=())]
         tries = [Try(recipe.scales, lambda _: (self._run(recipe, self._constraints), recipe))]
         if not plan.judged:
             return tries
-        tries += [self._at_scale(*scale, photo, MENDED_BY_EVENING) for scale in EVENER]
+        tries += [self._at_scale(photo, *scale) for scale in EVENER]
         is_asked_for_statistics = recipe.measure != "histogram"  # which a layout does not have
         if not is_asked_for_statistics and fits_layout(self._op.exemplar.first.spec, self._resources):
             tries.append(layout)
-        return [*tries, self._at_scale(*LARGER, photo, MENDED_BY_SIZE)]
+        return [*tries, self._at_scale(photo, *LARGER)]
 
-    def _at_scale(self, share: float, patch: int, photo: JudgedPhoto, mends: tuple[str, ...]) -> Try:
+    def _at_scale(self, photo: JudgedPhoto, share: float, patch: int, mends: tuple[str, ...]) -> Try:
         """A tile with another patch, and with sigma as a divisor of the longer side."""
         recipe = replace(self._recipe, sigma=max(max(self._recipe.size) / share, patch / 4), patch=patch)
 
@@ -291,7 +301,7 @@ class SynthesisRun:
 
         return Try(recipe.scales, make, mends=mends)
 
-    def _in_own_layout(self, _: float) -> tuple[Synthesis, Recipe]:
+    def _in_own_layout(self, photo: JudgedPhoto, least: float) -> tuple[Synthesis, Recipe]:
         """The tile that keeps the photo's layout, and the recipe with its size."""
         seen, plan = self._seen, self._plan
         size = plan.size if plan.is_size_given else (None, None)
@@ -307,6 +317,7 @@ class SynthesisRun:
         )
 
         def filled(constraints: Constraints) -> SourceMap:
+            dismiss_below(least, photo, layout.source, recipe)
             return SourceMap(np.array(self._run(holes, constraints).source.packed))
 
         source = mended(layout.source, seen.usable, filled)
