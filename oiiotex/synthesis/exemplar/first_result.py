@@ -87,14 +87,14 @@ class Try:
         best tile so far, and may raise `Dismissed`.
     time : float
         Its time, relative to that of the first try.
-    mends : collection of str
+    improves : collection of str
         It is only tried if the worst part of the first tile's fidelity is one of these. Empty: any.
     """
 
     spelled: str
     make: Callable[[float], tuple[Synthesis, Recipe]]
     time: float = 1.0
-    mends: Collection[str] = ()
+    improves: Collection[str] = ()
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def best_of(
     best: JudgedTile | None = None
     worst = ""
     for number, one in enumerate(tries):
-        if one.mends and worst not in one.mends:
+        if one.improves and worst not in one.improves:
             continue
         if best is not None:
             log.info("%s: %s with %s; trying %s", flag, best.kept, best.spelled, one.spelled)

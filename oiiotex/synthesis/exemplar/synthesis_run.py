@@ -49,7 +49,7 @@ from .first_result import (
 from .heights import Pairing, height_tile
 from .patch_synthesis import beside_drift
 from .photo_lattice import fitting_size, photo_structure
-from .presets import EVENER, LARGER, LAYOUT, MENDED_BY_SIZE
+from .presets import EVENER, IMPROVED_BY_SIZE, LARGER, LAYOUT
 from .sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 
 if TYPE_CHECKING:
@@ -280,9 +280,9 @@ class SynthesisRun:
         """The ways to make the tile that are worth it, the usual one first."""
         plan, recipe = self._plan, self._recipe
         in_layout = functools.partial(self._in_own_layout, photo)
-        layout = Try(f"preset={LAYOUT}", in_layout, _LAYOUT_TIME, MENDED_BY_SIZE)
+        layout = Try(f"preset={LAYOUT}", in_layout, _LAYOUT_TIME, IMPROVED_BY_SIZE)
         if plan.layout:
-            return [replace(layout, mends=())]
+            return [replace(layout, improves=())]
         tries = [Try(recipe.scales, lambda _: (self._run(recipe, self._constraints), recipe))]
         if not plan.judged:
             return tries
@@ -292,14 +292,14 @@ class SynthesisRun:
             tries.append(layout)
         return [*tries, self._at_scale(photo, *LARGER)]
 
-    def _at_scale(self, photo: JudgedPhoto, share: float, patch: int, mends: tuple[str, ...]) -> Try:
+    def _at_scale(self, photo: JudgedPhoto, share: float, patch: int, improves: tuple[str, ...]) -> Try:
         """A tile with another patch, and with sigma as a divisor of the longer side."""
         recipe = replace(self._recipe, sigma=max(max(self._recipe.size) / share, patch / 4), patch=patch)
 
         def make(least: float) -> tuple[Synthesis, Recipe]:
             return self._run(recipe, self._constraints, look=glance(photo, recipe, least)), recipe
 
-        return Try(recipe.scales, make, mends=mends)
+        return Try(recipe.scales, make, improves=improves)
 
     def _in_own_layout(self, photo: JudgedPhoto, least: float) -> tuple[Synthesis, Recipe]:
         """The tile that keeps the photo's layout, and the recipe with its size."""
