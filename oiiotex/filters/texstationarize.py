@@ -23,8 +23,6 @@ from ..synthesis.exemplar.photo_lattice import STRUCTURE
 from ..synthesis.exemplar.presets import (
     CLEAN,
     CONTRAST,
-    LARGE_PATCH,
-    LARGE_SIGMA_SHARE,
     LAYOUT,
     PAPER_SIGMA_SHARE,
     PRESET_HELP,
@@ -159,7 +157,7 @@ True
                 flattening=self._strength(facts),
                 sigmamap=self.sigmamap,
                 evenness=self.evenness,
-                second=(LARGE_SIGMA_SHARE, LARGE_PATCH) if judged else None,
+                judged=judged,
                 preset=preset,
                 dominant=preset == CLEAN and self.mask is None,
                 layout=preset == LAYOUT,

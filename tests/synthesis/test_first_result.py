@@ -16,16 +16,27 @@ from oiiotex.analysis.regularity.lattice import Lattice
 from oiiotex.analysis.regularity.offset_prices import InStep
 from oiiotex.engine import errors
 from oiiotex.engine.color.config import ColorConfig
+from oiiotex.engine.core.source_map import SourceMap
+from oiiotex.engine.errors import present
 from oiiotex.engine.session import Session
-from oiiotex.engine.session.progress import WHOLE
+from oiiotex.engine.session.progress import WHOLE, Progress
+from oiiotex.engine.stats import Stats
 from oiiotex.synthesis.exemplar import first_result
+from oiiotex.synthesis.exemplar.first_result import Dismissed, Try, best_of, glance
+from oiiotex.synthesis.exemplar.presets import EVENER, LARGER
+from oiiotex.synthesis.patchmatch.optimization import Synthesis
 from oiiotex.synthesis.patchmatch.recipe import COARSEST, Recipe, level_scales
-from oiiotex.synthesis.quality.fidelity import FAIR, GOOD, fidelity
+from oiiotex.synthesis.quality.fidelity import FAIR, GOOD, JudgedPhoto, fidelity
 from tests import pictures
 from tests.any_filter import buffer, pixels
 
 QUICK = {"iterations": 4}
 TORUS = (True, True)
+SIDE = 256
+IN_PLACE = SourceMap.of(np.arange(SIDE)[:, None], np.arange(SIDE))
+RECIPE = Recipe.tiling(
+    SIDE, SIDE, "xy", sigma=None, patch=13, iterations=1, seed=0, uniformity=0.0, contrast=0.0, flat=True
+)
 
 
 def photo(height: int = 96, width: int = 112, **kind: object) -> oiio.ImageBuf:
@@ -219,6 +230,49 @@ def test_what_misses_is_tried_again_and_said(caplog, tmp_path, monkeypatch):
     values = dict(word.split("=") for word in chosen.split(":"))
     spelled = {name: v if name == "preset" else int(v) if name == "patch" else float(v) for name, v in values.items()}
     np.testing.assert_array_equal(pixels(filters.stationarize(few_elements(), **spelled)), pixels(made))
+
+
+def repeating(spot: bool) -> np.ndarray:
+    """Lab of grain with a salient spot, or with a slow wave."""
+    lab = smooth_noise(SIDE, 1, 2.0)
+    if spot:
+        lab[80:110, 80:110, 0] += 25
+    else:
+        lab[..., 0] += 10 * np.sin(np.arange(SIDE) * 2 * np.pi / SIDE)
+    return lab
+
+
+@pytest.mark.parametrize(("spot", "third"), [(False, "evener"), (True, "larger")])
+def test_only_tiles_that_may_improve_the_worst_part_are_tried(spot, third):
+    """Larger structures repeat as slow waves, too."""
+    made: list[str] = []
+
+    def one(name: str, improves: tuple[str, ...]) -> Try:
+        def make(_: float) -> tuple[Synthesis, Recipe]:
+            made.append(name)
+            return Synthesis(IN_PLACE, IN_PLACE), RECIPE
+
+        return Try(name, make, improves=improves)
+
+    names = ("evenest", "evener", "larger")
+    tries = [one("first", ()), *(one(n, scale[2]) for n, scale in zip(names, (*EVENER, LARGER), strict=True))]
+    best = best_of("--texstationarize", tries, JudgedPhoto(repeating(spot)), Stats(), Progress())
+    assert made == ["first", "evenest", third] and best.spelled == "first"
+
+
+def test_a_level_that_is_worse_than_the_best_tile_dismisses_its_own():
+    lab, half = repeating(spot=False), SIDE // 2
+    whole = SourceMap.of(np.arange(half)[:, None], np.arange(half))
+    value = present(JudgedPhoto(lab).fidelity(lab, TORUS, IN_PLACE)).value
+
+    def too_early() -> SourceMap:
+        raise AssertionError("this level is too small to be measured")
+
+    with pytest.raises(Dismissed, match="before it is finished"):
+        look = glance(JudgedPhoto(lab), RECIPE, value + 0.1)
+        look(too_early, (half // 2, half // 2))
+        look(lambda: whole, (half, half))
+    glance(JudgedPhoto(lab), RECIPE, value - 0.1)(lambda: whole, (half, half))
 
 
 def test_a_photo_that_tiles_gets_a_hint(caplog):

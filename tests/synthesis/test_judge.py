@@ -11,7 +11,7 @@ from oiiotex.engine import errors
 from oiiotex.engine.core.source_map import SourceMap
 from oiiotex.synthesis.quality.fidelity import FAIR, GOOD, fidelity
 from oiiotex.synthesis.quality.repetition import salience, slow_waves
-from oiiotex.synthesis.quality.wholeness import turning, unexplained
+from oiiotex.synthesis.quality.wholeness import cuts, turning, unexplained
 from tests import pictures
 from tests.any_filter import buffer, quarters
 
@@ -56,6 +56,15 @@ def test_a_cut_that_no_one_sees_is_none():
     x = np.where(np.arange(SIDE)[:, None] < SIDE // 2, 0, 16) + np.arange(SIDE)
     moved = SourceMap.of(np.arange(SIDE)[:, None], np.where(x < SIDE, x, x - 32))
     assert unexplained(wave, moved, PLANE) < 1e-3
+
+
+def test_edges_count_more_than_objects():
+    """Large blocks of a photo: few edges are cut, and most objects."""
+    photo, blocks = rings(), shuffled(48)
+    objects, share = unexplained(photo, blocks, TORUS), cuts(photo, blocks, TORUS)
+    assert cuts(photo, in_place(), PLANE) == 0
+    assert 0 < share < 0.7 * objects
+    assert share < cuts(photo, shuffled(12), TORUS)
 
 
 def test_local_level_and_contrast_do_not_count():

@@ -64,9 +64,8 @@ class SynthesisPlan:
         Sigma at each pixel.
     evenness : float or None
         Visible uniformity, used instead of sigma (MJH17 section 4.4).
-    second : (float, int) or None
-        If the first result is not faithful, sigma as a divisor of the longer side, and the patch, of another one.
-        None: the op does not judge its result.
+    judged : bool
+        Whether other tiles are tried if the first one is not good, and a warning is given if none is fair.
     preset : str
         The preset whose values the op has; empty: none.
     dominant : bool
@@ -84,7 +83,7 @@ class SynthesisPlan:
     flattening: float | None = None
     sigmamap: Image | None = None
     evenness: float | None = None
-    second: tuple[float, int] | None = None
+    judged: bool = False
     preset: str = ""
     dominant: bool = False
     layout: bool = False

@@ -27,19 +27,29 @@ from ..layout.limits import fits_layout
 from ..layout.mending import mended
 from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
-from ..patchmatch.optimization import Synthesis, synthesize
+from ..patchmatch.optimization import LevelLook, Synthesis, synthesize
 from ..patchmatch.recipe import Recipe
+from ..quality.fidelity import JudgedPhoto
 from ..quality.lost_structure import regularity_of, say_what_was_lost, texture_lost
 from ..quality.report import Look, Quality
 from ..wang.atlas import packed, shared_pixels
 from ..wang.tiles import COUNTS, runs_for, wang_tiles
 from .constraint_images import sigmas_of, weights_of
 from .exemplar_masks import mask_of
-from .first_result import SET_OF_TILES, Try, best_of, fidelity_of, hint_that_it_tiles, say_fidelity
+from .first_result import (
+    SET_OF_TILES,
+    Try,
+    best_of,
+    dismiss_below,
+    fidelity_of,
+    glance,
+    hint_that_it_tiles,
+    say_fidelity,
+)
 from .heights import Pairing, height_tile
 from .patch_synthesis import beside_drift
 from .photo_lattice import fitting_size, photo_structure
-from .presets import LAYOUT
+from .presets import EVENER, IMPROVED_BY_SIZE, LARGER, LAYOUT
 from .sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 
 if TYPE_CHECKING:
@@ -136,14 +146,14 @@ def _flattened(plan: SynthesisPlan, resources: Resources, progress: Progress) ->
     return replace(op, **changed), {"drift": drift}
 
 
-def _coarse_looks(photo: Part, look: Onlooker | None) -> Callable[[SourceMap, tuple[int, int]], object] | None:
+def _coarse_looks(photo: Part, look: Onlooker | None) -> LevelLook | None:
     """A callback that shows coarse levels, copied from the photo reduced to their size; None without an onlooker."""
     if look is None:
         return None
     rows = rows_of(photo)
     values = MadeRows(rows.shape, np.float32, lambda first, last: as_float(rows[first:last]))
     reduced = functools.lru_cache(1)(functools.partial(resized, values))
-    return lambda source, size: look(source.gather(reduced(*size)), False)
+    return lambda pick, size: look(pick().gather(reduced(*size)), False)
 
 
 def _in_any_order(part: Part, in_memory: bool) -> Part:
@@ -200,13 +210,22 @@ class SynthesisRun:
     def _in_memory(self) -> bool:
         return self._plan.in_memory
 
-    def _run(self, recipe: Recipe, constraints: Constraints, progress: Progress | None = None) -> Synthesis:
-        """One synthesis from the photo, with progress reports."""
+    def _run(
+        self, recipe: Recipe, constraints: Constraints, progress: Progress | None = None,
+        look: LevelLook | None = None,
+    ) -> Synthesis:  # fmt: skip
+        """One synthesis from the photo, with progress reports. `look`: as of `synthesize`, after that of the run."""
         op, resources, pixels = self._op, self._resources, self._seen
+        looks = [one for one in (self._look, look) if one is not None]
+
+        def all_looks(pick: Callable[[], SourceMap], size: tuple[int, int]) -> None:
+            for one in looks:
+                one(pick, size)
+
         synthesis = synthesize(
             resources.device, pixels.values, pixels.usable, recipe, self._plan.budget,
             (progress or self._progress).advance, pixels.why, constraints,
-            resources.keeper if op.resume else None, look=self._look,
+            resources.keeper if op.resume else None, look=all_looks if looks else None,
         )  # fmt: skip
         if synthesis.lost is not None:
             say_what_was_lost(op.flag(), synthesis.lost)
@@ -223,6 +242,9 @@ class SynthesisRun:
             return self._lab()
         return working_values(self._op.exemplar, self._resources, self._op.working_space, self._in_memory)[0]
 
+    def _judged_photo(self) -> JudgedPhoto:
+        return JudgedPhoto(first_channels(self._seen.values, 3), self._seen.usable, self._own_lab())
+
     # --- one tile ---
 
     def one(self) -> tuple[dict[str, Any], ...]:
@@ -230,11 +252,12 @@ class SynthesisRun:
         op, resources = self._op, self._resources
         if op.tiles == "xy" and op.size is None and self._in_memory:
             hint_that_it_tiles(op.flag(), op.exemplar.first)
-        result = best_of(op.flag(), self._tries(), self._seen, resources.stats, self._progress, self._own_lab())
+        photo = self._judged_photo()
+        result = best_of(op.flag(), self._tries(photo), photo, resources.stats, self._progress)
         self._judging.advance(1, 1)
         source, lost, recipe, kept = result.synthesis.source, result.synthesis.lost, result.recipe, result.kept
         quality = _measures_of(self._quality, self._lattice, recipe)
-        say_fidelity(op.flag(), kept, result.spelled, warn=self._plan.second is not None)
+        say_fidelity(op.flag(), kept, result.spelled, warn=self._plan.judged)
         resources.device.collect(resources.stats)
         op.say_what_stays()
         first, *others = self._with_heights(self._tiles(source), source)
@@ -249,27 +272,36 @@ class SynthesisRun:
             more |= regularity_of(self._lab(), source, recipe)
 
         def looked_at() -> tuple[SomeRows, list[Look]]:
-            return self._own_lab(), [quality.look_of_copies(first["tile"].name, self._lab(), source)]
+            return present(photo.original), [quality.look_of_copies(first["tile"].name, self._lab(), source)]
 
         return (quality.add_to(first, looked_at, **more), *others)
 
-    def _tries(self) -> list[Try]:
+    def _tries(self, photo: JudgedPhoto) -> list[Try]:
         """The ways to make the tile that are worth it, the usual one first."""
         plan, recipe = self._plan, self._recipe
-        layout = Try(f"preset={LAYOUT}", self._in_own_layout, _LAYOUT_TIME)
+        in_layout = functools.partial(self._in_own_layout, photo)
+        layout = Try(f"preset={LAYOUT}", in_layout, _LAYOUT_TIME, IMPROVED_BY_SIZE)
         if plan.layout:
-            return [layout]
-        tries = [Try(recipe.scales, lambda: (self._run(recipe, self._constraints), recipe))]
-        if plan.second is not None:
-            share, patch = plan.second
-            other = replace(recipe, sigma=max(recipe.size) / share, patch=patch)
-            is_asked_for_statistics = recipe.measure != "histogram"  # which a layout does not have
-            if not is_asked_for_statistics and fits_layout(self._op.exemplar.first.spec, self._resources):
-                tries.append(layout)
-            tries.append(Try(other.scales, lambda: (self._run(other, self._constraints), other)))
-        return tries
+            return [replace(layout, improves=())]
+        tries = [Try(recipe.scales, lambda _: (self._run(recipe, self._constraints), recipe))]
+        if not plan.judged:
+            return tries
+        tries += [self._at_scale(photo, *scale) for scale in EVENER]
+        is_asked_for_statistics = recipe.measure != "histogram"  # which a layout does not have
+        if not is_asked_for_statistics and fits_layout(self._op.exemplar.first.spec, self._resources):
+            tries.append(layout)
+        return [*tries, self._at_scale(photo, *LARGER)]
 
-    def _in_own_layout(self) -> tuple[Synthesis, Recipe]:
+    def _at_scale(self, photo: JudgedPhoto, share: float, patch: int, improves: tuple[str, ...]) -> Try:
+        """A tile with another patch, and with sigma as a divisor of the longer side."""
+        recipe = replace(self._recipe, sigma=max(max(self._recipe.size) / share, patch / 4), patch=patch)
+
+        def make(least: float) -> tuple[Synthesis, Recipe]:
+            return self._run(recipe, self._constraints, look=glance(photo, recipe, least)), recipe
+
+        return Try(recipe.scales, make, improves=improves)
+
+    def _in_own_layout(self, photo: JudgedPhoto, least: float) -> tuple[Synthesis, Recipe]:
         """The tile that keeps the photo's layout, and the recipe with its size."""
         seen, plan = self._seen, self._plan
         size = plan.size if plan.is_size_given else (None, None)
@@ -285,6 +317,7 @@ class SynthesisRun:
         )
 
         def filled(constraints: Constraints) -> SourceMap:
+            dismiss_below(least, photo, layout.source, recipe)
             return SourceMap(np.array(self._run(holes, constraints).source.packed))
 
         source = mended(layout.source, seen.usable, filled)
@@ -333,9 +366,9 @@ class SynthesisRun:
             make, op.variants, recipe.width, recipe.height, recipe.patch, lambda source: source.gather(values)
         )
         plane = packed(sources) if op.variants in COUNTS else sources[0]
-        if self._plan.second is not None and op.variants in COUNTS:
+        if self._plan.judged and op.variants in COUNTS:
             with self._resources.stats.time("fidelity"):
-                kept = fidelity_of(self._seen, plane, replace(recipe, wrap_x=True, wrap_y=True), self._own_lab())
+                kept = fidelity_of(self._judged_photo(), plane, replace(recipe, wrap_x=True, wrap_y=True))
             say_fidelity(op.flag(), kept, recipe.scales, warn=True, advice=SET_OF_TILES)
         self._resources.device.collect(self._resources.stats)
         op.say_what_stays()

@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 from ...engine.deferred import np
-from ..patchmatch.field import box_sums
 from .strip import PhotoStrip
 
 COARSEST = 96  # px, longer side on the level where all jumps are compared
@@ -185,6 +184,10 @@ def _cheapest(planes: np.ndarray) -> np.ndarray:
 
 def _smoothed(cost: np.ndarray, closed: bool) -> np.ndarray:
     """Sums over the box around every pixel, of the same shape."""
-    padded = np.pad(cost, ((_SMOOTHED, _SMOOTHED), (0, 0)), mode="edge")
-    padded = np.pad(padded, ((0, 0), (_SMOOTHED, _SMOOTHED)), mode="wrap" if closed else "edge")
-    return box_sums(padded, 2 * _SMOOTHED + 1)
+    side, around = 2 * _SMOOTHED + 1, [np.arange(-_SMOOTHED - 1, n + _SMOOTHED) for n in cost.shape]
+    rows, columns = (at.clip(0, n - 1) for at, n in zip(around, cost.shape, strict=True))
+    if closed:
+        columns = around[1] % cost.shape[1]
+    # a table of sums; np.pad and general box sums take most of the time for planes as small as these
+    table = cost[rows[:, None], columns].cumsum(0).cumsum(1)
+    return table[side:, side:] - table[:-side, side:] - table[side:, :-side] + table[:-side, :-side]

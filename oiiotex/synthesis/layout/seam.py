@@ -15,6 +15,7 @@ from ..graphcut.seams import MOST_COST, NEIGHBORS, SeamPhoto, edges, minimum_cut
 from .strip import PhotoStrip
 
 _DECIDED = 1 << 14  # px that one cut decides on
+_COLUMNS = 32  # that are compared at a time
 _LEAST_AROUND = 6  # px around the path
 _INVALID = 4 * MOST_COST  # cost of showing a pixel that is not usable
 
@@ -108,6 +109,13 @@ def _decided(strip: PhotoStrip, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
     return (rows >= low) & (rows <= high), rows > high
 
 
+def _costs(strip: PhotoStrip, joint: Joint, columns: np.ndarray) -> np.ndarray:
+    """Squared differences between the end and the start in columns of the overlap: (columns, rows) int64."""
+    rows = np.arange(joint.rows) + joint.first
+    first, second = (strip.colors(at, columns[:, None]) for at in (rows, rows + joint.jump))
+    return np.asarray(((first - second).astype(np.int64) ** 2).sum(-1))
+
+
 def _path(strip: PhotoStrip, joint: Joint) -> np.ndarray:
     """Row of the cheapest path in each column of the overlap, moving by at most one row: (width,) int."""
     rows = np.arange(joint.rows)
@@ -117,14 +125,12 @@ def _path(strip: PhotoStrip, joint: Joint) -> np.ndarray:
     total = np.zeros(joint.rows + 2, np.int64)
     total[[0, -1]] = np.iinfo(np.int64).max // 2
     moves = np.empty((len(order), joint.rows), np.int8)
-    for number, column in enumerate(order.tolist()):
-        at = np.full(joint.rows, column)
-        first = strip.colors(rows + joint.first, at)
-        second = strip.colors(rows + joint.first + joint.jump, at)
-        three = np.stack([total[1:-1], total[:-2], total[2:]])
-        choice = three.argmin(0)
-        moves[number] = np.array([0, -1, 1])[choice]
-        total[1:-1] = three[choice, rows] + ((first - second).astype(np.int64) ** 2).sum(-1)
+    for at in range(0, len(order), _COLUMNS):
+        for number, cost in enumerate(_costs(strip, joint, order[at : at + _COLUMNS]), at):
+            three = np.stack([total[1:-1], total[:-2], total[2:]])
+            choice = three.argmin(0)
+            moves[number] = np.array([0, -1, 1])[choice]
+            total[1:-1] = three[choice, rows] + cost
     row = int(total[1:-1].argmin())
     path = np.empty(len(order), np.int64)
     for number in range(len(order) - 1, -1, -1):

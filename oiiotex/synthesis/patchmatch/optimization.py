@@ -71,6 +71,7 @@ OVERSHOOT = 1.2
 LOOKS = 3  # iterations of the coarsest level between two previews
 _LEVEL = 40_000  # pixels of an iteration that take as long as the preparation of a level
 _WHOLE = 0.85  # share of usable pixels of an exemplar that has small holes only
+LevelLook = Callable[[Callable[[], SourceMap], tuple[int, int]], object]
 EASE = 2.0  # patches from fixed pixels to where the projection has full strength
 
 
@@ -96,7 +97,7 @@ def synthesize(
     ruled_out: str = "transparent pixels",
     constraints: Constraints = UNCONSTRAINED,
     keeper: Checkpoint | None = None,
-    look: Callable[[SourceMap, tuple[int, int]], object] | None = None,
+    look: LevelLook | None = None,
 ) -> Synthesis:
     """Run MJH17 algorithm 1.
 
@@ -118,7 +119,8 @@ def synthesize(
     keeper : Checkpoint or None
         Where checkpoints of finished levels are written, and read from if present.
     look : callable, optional
-        Called with (source, (width, height)): a preview of a level, and the exemplar's size there.
+        Called with (pick, (width, height)): a function that returns a level's source, and the exemplar's size there.
+        May raise an exception to stop.
 
     Raises
     ------
@@ -197,7 +199,7 @@ def synthesize(
                 work.iterate(iteration, passes)
                 iteration += 1
                 if look is not None and rows.whole and (number % LOOKS == 0 or number == len(passes_of_level)):
-                    look(matcher.pick(), e_size)
+                    look(matcher.pick, e_size)
                 progress(sum(steps[:iteration]), whole)
             field = matcher.field()
             if levels is not None and level > there:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from ...analysis.regularity.autocorrelation import (
     Autocorrelation,
@@ -21,7 +22,7 @@ from ...engine.core.demand import MadeRows, SomeRows, resized
 from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 from .repetition import salience, slow_waves
-from .wholeness import turning, unexplained
+from .wholeness import cuts, turning
 
 SIDE = 256  # px; longer side at which a photo is measured, and its result at the same scale
 LEAST = 48  # px; smaller shorter sides cannot be measured
@@ -41,8 +42,8 @@ _COLORS = 20.0, 8.0, 8.0  # L, a, b: colors nearer than this are shared out amon
 _MOST_CELLS = 64.0  # of these, along each axis; colors beyond count as the limit
 # a part, the last values that are good and fair, and what to say beyond the first
 _LIMITS = (
-    ("broken", 0.04, 0.06, "objects or patterns are cut"),
-    ("waves", 3.6, 14.0, "light and dark areas repeat visibly"),
+    ("broken", 0.015, 0.04, "objects or patterns are cut"),
+    ("waves", 3.5, 20.0, "light and dark areas repeat visibly"),
     ("salient", 6.3, 12.0, "a spot stands out in every tile"),
     ("missing", 0.135, 0.35, "colors of the photo are missing"),
     ("lost", 0.36, 0.6, "coarse structure is lost, or blotches were added"),
@@ -69,8 +70,8 @@ class Fidelity:
     missing : float
         Share of the original photo's colors missing from the result, 0 to 1.
     broken : float or None
-        How much cuts and merged objects are seen: the variance that the photo does not explain, as a share, times
-        the photo's turning of directions (`wholeness`). None: the sources of the pixels are unknown.
+        How much cuts and merged objects are seen: the cuts times the photo's turning of directions (`wholeness`).
+        None: the sources of the pixels are unknown.
     waves : float or None
         Lab, of what repeats slowly with the tile. None: it does not tile in both directions.
     salient : float
@@ -93,8 +94,8 @@ class Fidelity:
         """The bands as one number, 0 to 1."""
         return sum(min(1.0, min(band, 1.0 / max(band, 1e-9)) / ENOUGH) for band in self.bands) / len(self.bands)
 
-    def _grades(self) -> Iterator[tuple[float, str]]:
-        """Each part, 1 at the limit of good and 2 at that of fair, and what to say about it."""
+    def _grades(self) -> Iterator[tuple[float, str, str]]:
+        """Each part, 1 at the limit of good and 2 at that of fair, its name, and what to say about it."""
         unlike, cut = (1.0 - min(1.0, max(0.0, part) / ALIKE) for part in (self.shapes, self.lines))
         parts = {
             "broken": self.broken, "waves": self.waves, "salient": self.salient, "missing": self.missing,
@@ -103,12 +104,12 @@ class Fidelity:
         for name, good, fair, said in _LIMITS:
             value = parts[name]
             if value is not None:
-                yield (value / good if value <= good else 1.0 + (value - good) / (fair - good)), said
+                yield (value / good if value <= good else 1.0 + (value - good) / (fair - good)), name, said
 
     @property
     def value(self) -> float:
         """The fidelity, 0 to 1: the worst part decides. Rounded to three digits so that last bits decide nothing."""
-        return round(1.0 / (1.0 + max(grade for grade, _ in self._grades()) / 4.0), 3)
+        return round(1.0 / (1.0 + max(grade for grade, _, _ in self._grades()) / 4.0), 3)
 
     def measures(self) -> dict[str, float]:
         """The measures by name, as in a report."""
@@ -125,7 +126,12 @@ class Fidelity:
     @property
     def beyond(self) -> tuple[str, ...]:
         """The parts beyond their limits, in words, the worst first."""
-        return tuple(said for grade, said in sorted(self._grades(), reverse=True) if grade > 1.0)
+        return tuple(said for grade, _, said in sorted(self._grades(), reverse=True) if grade > 1.0)
+
+    @property
+    def worst(self) -> str:
+        """The name of the part that decides the value."""
+        return max(self._grades())[1]
 
     def __str__(self) -> str:
         """A one-line summary: the parts beyond their limits, and the figures."""
@@ -162,42 +168,87 @@ def fidelity(
     original : (height, width, 3) float32, optional
         CIE Lab of the photo before anything was removed, for its colors. Default: `photo`.
     """
-    factor = min(1.0, SIDE / max(photo.shape[:2]))
-    own, seen = _reduced(photo, usable, factor)
-    size = _size_at(factor, result)
-    lab = _middle_of(result, *size)
-    everywhere, wraps = np.ones(lab.shape[:2], bool), wraps if max(size) <= _MOST else (False, False)
-    if min(*own.shape[:2], *lab.shape[:2]) < LEAST or np.count_nonzero(seen) < LEAST**2:
-        return None
-    longer = max(own.shape[:2])
-    before, after = high_passed(own, seen), high_passed(lab, everywhere, wraps, longer)
-    bands = tuple(
-        max(_energy(after, everywhere, longer / k, wraps), _INVISIBLE)
-        / max(_energy(before, seen, longer / k), _INVISIBLE)
-        for k in SCALES
-    )
-    of_photo = autocorrelation(before, seen)
-    of_result = wrapped_autocorrelation(lab, longer) if all(wraps) else autocorrelation(after, everywhere)
-    shapes, lines = _compared(of_photo, of_result, longer)
-    shown = own if original is None or original is photo else _reduced(original, None, factor)[0]
-    colors = shown[seen]
-    missing = _missing(colors, lab[everywhere])
-    if pieces := list(_pieces(seen, *lab.shape[:2])):
-        typical = [
-            (*_compared(of_photo, autocorrelation(before[at], seen[at]), longer), _missing(colors, shown[at][seen[at]]))
-            for at in pieces
-        ]
-        usual_shapes, usual_lines, usual_missing = np.mean(typical, 0).tolist()
-        shapes, lines = _relative(shapes, usual_shapes), _relative(lines, usual_lines)
-        missing = max(0.0, missing - usual_missing) / (1.0 - usual_missing)
-    if np.square(before).sum(-1).mean() < _INVISIBLE**2:  # a constant image has no shapes
-        shapes = lines = 1.0
-    return Fidelity(
-        bands=bands, shapes=shapes, lines=lines, missing=missing,
-        broken=_broken(photo, own, source, wraps),
-        waves=slow_waves(lab) if all(wraps) else None,
-        salient=salience(blurred(lab - np.median(lab, (0, 1)), longer / _AREA, wraps)) if any(wraps) else None,
-    )  # fmt: skip
+    return JudgedPhoto(photo, usable, original).fidelity(result, wraps, source)
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedPhoto:
+    """A photo that is measured once for all its results; see `fidelity`."""
+
+    lab: SomeRows
+    usable: np.ndarray | None = None
+    original: SomeRows | None = None
+
+    def fidelity(self, result: SomeRows, wraps: tuple[bool, bool], source: SourceMap | None = None) -> Fidelity | None:
+        """How much a result preserves of the photo."""
+        own, seen = self._reduced
+        size = _size_at(self._factor, result)
+        lab = _middle_of(result, *size)
+        everywhere, wraps = np.ones(lab.shape[:2], bool), wraps if max(size) <= _MOST else (False, False)
+        if min(*own.shape[:2], *lab.shape[:2]) < LEAST or np.count_nonzero(seen) < LEAST**2:
+            return None
+        longer = max(own.shape[:2])
+        before, after = self._texture, high_passed(lab, everywhere, wraps, longer)
+        bands = tuple(
+            max(_energy(after, everywhere, longer / k, wraps), _INVISIBLE) / energy
+            for k, energy in zip(SCALES, self._energies, strict=True)
+        )
+        of_result = wrapped_autocorrelation(lab, longer) if all(wraps) else autocorrelation(after, everywhere)
+        shapes, lines = _compared(self._autocorrelation, of_result, longer)
+        shown = self._colors
+        missing = _missing(shown[seen], lab[everywhere])
+        if pieces := list(_pieces(seen, *lab.shape[:2])):
+            typical = [
+                (
+                    *_compared(self._autocorrelation, autocorrelation(before[at], seen[at]), longer),
+                    _missing(shown[seen], shown[at][seen[at]]),
+                )
+                for at in pieces
+            ]
+            usual_shapes, usual_lines, usual_missing = np.mean(typical, 0).tolist()
+            shapes, lines = _relative(shapes, usual_shapes), _relative(lines, usual_lines)
+            missing = max(0.0, missing - usual_missing) / (1.0 - usual_missing)
+        if np.square(before).sum(-1).mean() < _INVISIBLE**2:  # a constant image has no shapes
+            shapes = lines = 1.0
+        share = None if source is None else cuts(self.lab, source, wraps)
+        return Fidelity(
+            bands=bands, shapes=shapes, lines=lines, missing=missing,
+            broken=None if share is None else round(share * self._turning, 4),
+            waves=slow_waves(lab) if all(wraps) else None,
+            salient=salience(blurred(lab - np.median(lab, (0, 1)), longer / _AREA, wraps)) if any(wraps) else None,
+        )  # fmt: skip
+
+    @property
+    def _factor(self) -> float:
+        return min(1.0, SIDE / max(self.lab.shape[:2]))
+
+    @cached_property
+    def _reduced(self) -> tuple[np.ndarray, np.ndarray]:
+        return _reduced(self.lab, self.usable, self._factor)
+
+    @cached_property
+    def _colors(self) -> np.ndarray:
+        """The reduced original."""
+        if self.original is None or self.original is self.lab:
+            return self._reduced[0]
+        return _reduced(self.original, None, self._factor)[0]
+
+    @cached_property
+    def _texture(self) -> np.ndarray:
+        return high_passed(*self._reduced)
+
+    @cached_property
+    def _energies(self) -> list[float]:
+        seen = self._reduced[1]
+        return [max(_energy(self._texture, seen, max(seen.shape) / k), _INVISIBLE) for k in SCALES]
+
+    @cached_property
+    def _autocorrelation(self) -> Autocorrelation:
+        return autocorrelation(self._texture, self._reduced[1])
+
+    @cached_property
+    def _turning(self) -> float:
+        return turning(self._reduced[0][..., 0])
 
 
 def _pieces(seen: np.ndarray, height: int, width: int) -> Iterator[tuple[slice, slice]]:
@@ -266,12 +317,6 @@ def _compared(photo: Autocorrelation, result: Autocorrelation, longer: int) -> t
     if own <= _ORDER * (1.0 + energy) / float(weight[far].mean()):
         return shapes, 1.0
     return shapes, float((a * b)[far].mean()) / own
-
-
-def _broken(photo: SomeRows, reduced: np.ndarray, source: SourceMap | None, wraps: tuple[bool, bool]) -> float | None:
-    """`Fidelity.broken`; `reduced`: the photo at a small size."""
-    share = None if source is None else unexplained(photo, source, wraps)
-    return None if share is None else round(share * turning(reduced[..., 0]), 4)
 
 
 def _missing(photo: np.ndarray, result: np.ndarray) -> float:

@@ -11,15 +11,29 @@ from ...engine.core.source_map import SourceMap
 from ...engine.deferred import np
 
 _PLACES = 1500  # patches that are looked at, on a grid
-_ACROSS = 9  # samples along a patch, and it is 1/12 of the photo's longer side: as large as what is seen as an object
-_REACH = 12 * (_ACROSS - 1)
+_ACROSS = 9  # samples along a patch
+_OBJECT, _EDGE = 12, 48  # the longer side over that of a patch: as large as an object, and as the edge of one
+_LEAST_STEP = 0.5  # px between samples
 _GAINS = 0.7, 1.4  # of a copy that evening out may have made lighter or more contrasty
 _STEPS = 8.0  # of Lab values per unit: sums of integers are exact in any order
 _LEAST_SHARE = 0.1  # of the patches' mean variance: those with less count as if they had this, as they are plain
 _WINDOW = 1 / 16  # of the longer side: sigma of the windows whose directions are compared
 
 
-def unexplained(photo: SomeRows, source: SourceMap, wraps: tuple[bool, bool]) -> float | None:
+def cuts(photo: SomeRows, source: SourceMap, wraps: tuple[bool, bool]) -> float | None:
+    """How much a result is cut: from 0 to 1, or None if it or the photo is smaller than three objects.
+
+    Among leaves and stones of all sizes, patches as large as objects are new, and yet nothing is seen; what is seen is
+    an edge that ends. So edges weigh three times as much as objects in this geometric mean of what the photo does not
+    explain. For the parameters, see `unexplained`.
+    """
+    objects, edges = (unexplained(photo, source, wraps, share) for share in (_OBJECT, _EDGE))
+    if objects is None or edges is None:
+        return None
+    return float(np.sqrt(edges) * np.sqrt(np.sqrt(edges * objects)))
+
+
+def unexplained(photo: SomeRows, source: SourceMap, wraps: tuple[bool, bool], share: int = _OBJECT) -> float | None:
     """Share of the variance of a result's patches that the photo does not explain.
 
     A patch that was copied in one piece is a piece of the photo. One across a cut is compared with nine places: where
@@ -34,18 +48,20 @@ def unexplained(photo: SomeRows, source: SourceMap, wraps: tuple[bool, bool]) ->
         Of each pixel of the result, (h, w).
     wraps : (bool, bool)
         The result is a torus along y, along x.
+    share : int
+        The photo's longer side over the side of a patch.
 
     Returns
     -------
     float or None
         0 to 1. None: the result or the photo is smaller than three patches.
     """
-    stride = max(1, round(max(photo.shape[:2]) / _REACH))
-    half = stride * (_ACROSS // 2)
+    step = max(_LEAST_STEP, max(photo.shape[:2]) / (share * (_ACROSS - 1)))
+    around = np.rint(step * (np.arange(_ACROSS) - _ACROSS // 2)).astype(np.int64)
+    half = int(around[-1])
     if min(*photo.shape[:2], *source.packed.shape) < 6 * half:
         return None
     grid = _centers(cast("tuple[int, int]", source.packed.shape), half, wraps)
-    around = np.arange(-half, half + 1, stride)
     own = _samples(source, photo, grid, around)
     explained, variance = np.zeros(len(own)), (own * own).mean(1)
     for down in (-half, 0, half):
