@@ -70,6 +70,7 @@ CASES = {
     "report": case(f"{LABELS} --texcontent:facts=r.json -o s.exr", "r.json", "s.exr"),
     "frames": case("--frames 1-6 small.tif --mulc 0.5 -o f.#.exr", *FRAMES),
     "parallel": case("--frames 1-6 --parallel-frames --threads 2 small.tif -o f.#.exr", *FRAMES),
+    "farm": case("big.tif --blur 5x5 -d half -o out.exr --farm dask=local:2", "out.exr"),
     "library": Case(("ingest", "photos", "library", "--recipe", "recipe.toml", "--workers", "2"), (), tuple(LIBRARY)),
 }  # fmt: skip
 
@@ -165,7 +166,7 @@ def kill(one: Case, known: Whole, inputs: Path, folder: Path, number: int, momen
     if number == signal.SIGINT and "KeyboardInterrupt" in said:  # Python had not come to the program yet
         assert run.returncode in (1, -number), where
     else:  # and it ends by a signal as soon as it no longer minds it
-        assert run.returncode in (0, SIGNALS[number], -number), where
+        assert run.returncode in (0, SIGNALS[number], -number, -signal.SIGKILL), where  # the last by its guard
     if number in (signal.SIGTERM, signal.SIGHUP):  # SIGKILL leaves processes without a parent, and Python says so
         assert said == "", where
     for name in one.outputs:

@@ -77,8 +77,9 @@ def temporary_beside(path: Path, cache: bool = False) -> Iterator[Path]:
         try:
             yield temporary
         except ImageError as error:  # OpenImageIO's writers do not say why
-            reason = _fullness(temporary)
-            raise ImageError(f"{error} ({reason})") if reason else error
+            if reason := _fullness(temporary):
+                raise ImageError(f"{error} ({reason})") from error
+            raise
         except OSError as error:  # a write has no file name
             if error.errno not in _FULL:
                 raise
