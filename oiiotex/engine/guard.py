@@ -43,7 +43,7 @@ def guarded(numbers: Iterable[int], source: int) -> int:
     try:
         if os.fork() == 0:
             _guard(process, set(numbers), source, theirs)
-    except OSError:  # no further process is allowed
+    except OSError:  # a limit on processes
         return source
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)

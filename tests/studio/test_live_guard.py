@@ -227,7 +227,7 @@ def test_a_thousand_requests_change_nothing(served):
         if n % 4 == 0:
             assert b" 403 " in answer(served, "GET", "/guess/")[:20]
     told = [wire.until("error")["text"] for wire in wires[16:]]
-    assert set(told) == {"16 tabs are open already: close one of them, and this one goes on"}
+    assert set(told) == {"16 tabs are open already: close one of them, and this one connects"}
     for wire in wires:
         wire.socket.close()
     assert time.monotonic() - start < 60

@@ -41,7 +41,7 @@ def checked_name(text: str, what: str) -> str:
 
 
 def owned(path: Path, owner: Path) -> Path:
-    """Check that a path lies inside a folder, that no link leads elsewhere, and that it is no pipe or device.
+    """Check that a path lies inside a folder, that no link leads elsewhere, and that it is not a pipe or a device.
 
     It need not exist.
 
