@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -38,6 +39,7 @@ pytestmark = [
 KILLS = int(os.environ.get("OIIOTEX_KILLS", "20"))
 SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129, signal.SIGKILL: -9}
 LIBRARY = [sys.executable, "-m", "oiiotex_studio.library.main"]
+_PROGRESS = re.compile(r"^ingest: \d+ s, .*\n", re.MULTILINE)  # of a run of more than ten seconds
 RECIPE = 'schema = 1\n[[product]]\nname = "tile"\nline = "$maps --flip $outputs"\n[deliver]\ntx = false\n'
 
 
@@ -161,7 +163,7 @@ def kill(one: Case, known: Whole, inputs: Path, folder: Path, number: int, momen
     except subprocess.TimeoutExpired:
         run.send_signal(number)
         fate = signal.Signals(number).name
-    _, said = run.communicate(timeout=60)
+    said = _PROGRESS.sub("", run.communicate(timeout=60)[1])
     where = f"{one.words}, signal {number} after {moment:.3f} s: {said}"
     if number == signal.SIGINT and "KeyboardInterrupt" in said:  # Python had not come to the program yet
         assert run.returncode in (1, -number), where
