@@ -18,6 +18,7 @@ from ..engine.core.parameters import param
 from ..engine.core.source_map import ST, SourceMap
 from ..engine.core.window import Window
 from ..engine.deferred import np
+from ..engine.errors import ImageError
 from ..engine.io.paint_palette import Swatch
 from ..engine.session import Session
 from ..engine.session.facts import Facts
@@ -98,6 +99,8 @@ class Palette(LabeledExemplar, InBands):
         photo, in_memory = self.exemplar.first, self.holds_photo(resources)
         pixels = self.read(resources)
         shown = Legend(labels, areas_of(labels, pixels.usable)).entries()
+        if not shown:
+            raise ImageError(f"no pixel of {self.exemplar.source} is opaque and has a label")
         below = [] if finer is None else Legend(finer, areas_of(finer, pixels.usable)).entries()
         for entry in shown:
             entry["children"] = [e["id"] for e in below if e["parent"] == entry["id"]]

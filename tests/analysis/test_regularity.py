@@ -33,6 +33,12 @@ def values_of(picture: np.ndarray) -> np.ndarray:
     ).astype(np.float32)
 
 
+def test_a_period_longer_than_all_offsets_has_no_profile():
+    texture = np.random.default_rng(0).normal(size=(20, 20, 1))
+    likeness = autocorrelation(texture, np.ones((20, 20), bool))
+    assert np.array_equal(likeness.folded(np.array([[1e-3, 0.0]]), 24), np.zeros(24))
+
+
 def test_autocorrelation_is_the_correlation_of_what_lies_above_each_other():
     random = np.random.default_rng(0)
     texture, usable = random.normal(size=(14, 19, 2)), random.random((14, 19)) < 0.8

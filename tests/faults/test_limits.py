@@ -59,6 +59,25 @@ def test_a_full_disk_is_told_with_the_file(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["-o", "o.tif"], "-o : o.tif: "), (["-o", "o.exr"], "-o : o.exr: "), (["-o", "o.gif"], "-o : o.gif: "),
+        (["-otex", "o.tx"], "-otex : o.tx: "), (["-o", "o.exr", "--farm", "openjd=j.json"], "j.json: "),
+    ],
+)  # fmt: skip
+def test_a_disk_that_takes_nothing_is_told_with_op_file_and_reason(tmp_path, words, told):
+    """A limit on the size of files stands in for the disk: the cache of kernels lies on another one."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+    line = [*PROGRAM, "--pattern", "noise", "32x32", "3", "--iscolorspace", "srgb_rec709_scene", *words]
+    done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, preexec_fn=limit)
+    assert told in line_of(done) and os.strerror(errno.EFBIG) in line_of(done) and ".oiiotex-" not in line_of(done)
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("megabytes", [140, 300, 500])
 def test_too_little_address_space_is_one_line(tmp_path, megabytes):
     def limit() -> None:

@@ -7,6 +7,8 @@ import ast
 import contextlib
 import os
 import sqlite3
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -135,6 +137,27 @@ def test_links_in_a_library_of_others_are_not_followed(world):
         with pytest.raises(Error, match="is a link"):
             run([words[0], str(library), *words[1:]])
         world.require_untouched()
+
+
+@links
+@pytest.mark.parametrize(
+    ("place", "words", "told"),
+    [
+        ("asset.json", ["show", "moss"], "asset.json is a pipe"), ("asset.json", ["check"], "asset.json is a pipe"),
+        ("moss.mtlx", ["check"], "moss.mtlx is a pipe"), ("moss.mtlx", ["export", "out"], "moss.mtlx is a link or a"),
+        ("../../../ingest.log", ["gc"], "ingest.log is a pipe"), (f"../../../{WORK}/lock", ["gc"], "lock is a pipe"),
+    ],
+)  # fmt: skip
+def test_pipes_in_a_library_of_others_are_not_opened(world, place, words, told):
+    """Opening one would wait for its other end, for good."""
+    world.renew()
+    library = world.given / "library"
+    (asset,) = library.glob("assets/moss/*")
+    (asset / place).unlink(missing_ok=True)
+    os.mkfifo(asset / place)
+    line = [sys.executable, "-m", "oiiotex_studio.library.main", words[0], str(library), *words[1:]]
+    done = subprocess.run(line, cwd=world.given, capture_output=True, text=True, timeout=120)
+    assert told in done.stdout + done.stderr and done.returncode == 1, done
 
 
 @links

@@ -87,6 +87,61 @@ print("went on")
 STUCK = {"out.jxl": ["-o"], "out.webp": ["--compression", "lossless:100", "-o"], "out.tx": ["-otex"]}
 
 
+LOCKED = """
+import signal, sys
+from collections import deque
+from functools import partial
+from itertools import chain, repeat
+from pathlib import Path
+from oiiotex.engine.io.atomic import temporary_beside
+from oiiotex.oiiotool.cli.main import exit_with
+
+def work(words):
+    if words[0] == "server":
+        signal.signal(signal.SIGTERM, lambda *_: print("handled", flush=True))
+    with temporary_beside(Path("out.exr")) as temporary:
+        temporary.write_bytes(b"half")
+        temporary.with_suffix(".0123abcd.temp.exr").write_bytes(b"as maketx adds")
+        begun = map(partial(print, flush=True), ["begun"])
+        # C code that runs for good and holds Python's lock: no handler and no thread runs
+        deque(chain(begun, repeat(0)) if words[0] == "library" else begun, 0)
+        sys.stdin.readline()
+    return 0
+
+exit_with(sys.argv[1:], work)
+"""
+
+
+def locked(folder: Path, kind: str) -> subprocess.Popen:
+    """A program that writes a file: in a library's code that holds Python's lock, or with a handler of its own."""
+    (folder / "out.exr").write_bytes(OLD)
+    run = subprocess.Popen(
+        [sys.executable, "-c", LOCKED, kind], cwd=folder, text=True, stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+    )  # fmt: skip
+    assert run.stdout.readline() == "begun\n", run.communicate()
+    return run
+
+
+@pytest.mark.parametrize(("number", "to_all"), [(ENDS[0][0], True), (ENDS[1][0], False), (ENDS[2][0], False)])
+def test_a_signal_ends_a_run_in_a_library_that_holds_pythons_lock(tmp_path, number, to_all):
+    run = locked(tmp_path, "library")
+    os.killpg(run.pid, number) if to_all else run.send_signal(number)  # as Ctrl-C does, which the guard gets as well
+    assert (*run.communicate(timeout=60), run.returncode) == ("", "", -signal.SIGKILL)
+    assert nobody_left(run)
+    if os.path.isdir("/proc"):
+        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"out.exr": OLD}
+
+
+def test_a_server_takes_its_time_to_end(tmp_path):
+    run = locked(tmp_path, "server")
+    run.send_signal(signal.SIGTERM)
+    assert run.stdout.readline() == "handled\n"
+    time.sleep(2)  # the guard would have ended it
+    assert (*run.communicate("\n", timeout=60), run.returncode) == ("", "", 0)
+    assert nobody_left(run)
+
+
 @pytest.mark.parametrize(
     ("name", "number", "code"),
     [("out.jxl", *ENDS[1]), slow("out.webp", *ENDS[0]), slow("out.tx", *ENDS[2])],

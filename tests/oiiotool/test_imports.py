@@ -36,7 +36,7 @@ PYOPENCLS = {
 
 # rooms: packages of a floor, or modules that lie there alone; those of the command line are one level deeper
 CLI = {f"oiiotool.cli.{name}" for name in ("language", "main", "printing", "running", "vocabulary")}
-WORDS = CLI | {"engine.core", "engine.deferred", "engine.errors", "engine.shipped", "engine.stats"}
+WORDS = CLI | {"engine.core", "engine.deferred", "engine.errors", "engine.guard", "engine.shipped", "engine.stats"}
 NOT_FOUND = WORDS | {"python.declared_entries"}  # where a name may be a filter's of another package
 HOST = NOT_FOUND | {"oiiotool.host", "engine.io", "engine.machine", "engine.patterns", "engine.session"}
 FILTER = HOST - {"oiiotool.host"} | {

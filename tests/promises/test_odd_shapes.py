@@ -113,6 +113,41 @@ def test_more_odd_shapes_take_bounded_work(op, monkeypatch):
         require_bounded(op, height, width, monkeypatch)
 
 
+# --- channels, types and values ---
+
+ODD = {  # channels, type, values of random ones
+    "transparent": (5, oiio.HALF, np.zeros_like),
+    "mostly transparent": (7, oiio.UINT8, lambda v: v - 0.7),
+    "gray, NaN": (1, oiio.FLOAT, lambda v: np.where(v < 0.3, np.nan, v)),
+    "huge": (3, oiio.FLOAT, lambda v: v * 3e38),
+    "two channels, negative": (2, oiio.HALF, lambda v: v - 0.7),
+    "64 channels": (64, oiio.UINT16, lambda v: v),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+@pytest.mark.parametrize(
+    "op",
+    [pytest.param(op, marks=() if op.name == "palette" else pytest.mark.slow) for op in filters.FILTERS],
+    ids=lambda op: op.name,
+)
+def test_odd_channels_types_and_values_are_taken_or_refused(op, name, monkeypatch):
+    channels, kind, change = ODD[name]
+
+    def odd(values: np.ndarray, *given: object, **more: object) -> oiio.ImageBuf:
+        if values.shape[2] != 3:  # a map of coordinates or of ids
+            return any_filter.buffer(values, *given, **more)
+        dice = np.random.default_rng(values.size)
+        return any_filter.buffer(change(dice.random((*values.shape[:2], channels), np.float32)), kind)
+
+    monkeypatch.setitem(globals(), "buffer", odd)
+    operands, given = shaped(op, 64, 64, np.random.default_rng(1))
+    try:
+        getattr(filters, op.name)(*operands, **given)
+    except Error as error:
+        assert str(error).isprintable() and "internal" not in str(error)
+
+
 # --- graph cuts ---
 
 

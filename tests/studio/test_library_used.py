@@ -3,15 +3,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import shutil
+import sqlite3
 import subprocess
 
 import pytest
 from oiiotex_studio.library import catalog as catalogs
 from oiiotex_studio.library.catalog import Catalog
 from oiiotex_studio.library.commands import run
+from oiiotex_studio.library.export import _blender_text
 from oiiotex_studio.library.report import write_report
 from oiiotex_studio.library.search import AssetSearch
 from oiiotex_studio.library.upkeep import check, orphans
@@ -112,6 +115,24 @@ def test_search_show_and_export(photos, tmp_path, here, capsys):
         run(["export", str(library), str(tmp_path / "file"), "--tag", "brick"])
     assert run(["list", str(library), "--tag", "brick"]) == 0
     assert capsys.readouterr().out.startswith("wall ok 24x24")
+
+
+@pytest.mark.parametrize("value", ["[", "[" * 100_000, "{}}", 7, b"\xff\xfe"])
+def test_a_catalog_with_damaged_values_is_an_error(tmp_path, value):
+    with Catalog(tmp_path, create=True) as catalog:
+        catalog.put(catalogs.Asset("wall", "k", "ok"))
+    with contextlib.closing(sqlite3.connect(tmp_path / catalogs.FILE)) as data:
+        data.execute("UPDATE assets SET reasons = ?", (value,))
+        data.commit()
+    with pytest.raises(errors.Error, match=r"library\.sqlite: asset 'wall': .*: expected lists"):
+        run(["list", str(tmp_path)])
+
+
+def test_a_tag_is_one_catalog_of_blender(tmp_path):
+    with Catalog(tmp_path, create=True) as catalog:
+        catalog.put(catalogs.Asset("wall", "k", "ok"), tags=("a\nVERSION 2\n00000000-0000-0000-0000-000000000000:b:c",))
+        (line,) = _blender_text(catalog, tmp_path / "none").splitlines()[4:]
+    assert re.fullmatch(r"[0-9a-f-]{36}:Materials/a VERSION 2 0{8}-0000-0000-0000-0{12}-b-c:[^:]*", line)
 
 
 def labeled(n: int, name: str, share: float, lab: tuple[float, ...], size_m: tuple[float, ...] = ()) -> tuple:

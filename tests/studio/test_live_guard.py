@@ -226,14 +226,15 @@ def test_a_thousand_requests_change_nothing(served):
     for n in range(1000):
         if n % 4 == 0:
             assert b" 403 " in answer(served, "GET", "/guess/")[:20]
+    told = [wire.until("error")["text"] for wire in wires[16:]]
+    assert set(told) == {"16 tabs are open already: close one of them, and this one connects"}
     for wire in wires:
         wire.socket.close()
     assert time.monotonic() - start < 60
     deadline = time.monotonic() + 10
     while True:  # those pages are let go, and there is room again
         wire = Wire(served)
-        kind, _ = wire.receive()
-        if kind == 1:
+        if json.loads(wire.receive()[1])["do"] == "hello":
             break
         assert time.monotonic() < deadline
         time.sleep(0.05)

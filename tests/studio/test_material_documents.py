@@ -29,6 +29,11 @@ def test_materialx_and_usd_are_what_their_libraries_take(tmp_path):
     assert [m.getName() for m in document.getMaterialNodes()] == ["a_b", "a_b_hextiled"]
     (tmp_path / "tile/ao.exr").unlink()
     assert "ao.exr is missing" in documents.materialx_faults(tmp_path / "a b.mtlx")[0]
+    text = (tmp_path / "a b.mtlx").read_bytes()
+    (tmp_path / "bytes.mtlx").write_bytes(text.replace(b"ao.exr", b"\xb1o.exr"))
+    assert "can't decode byte 0xb1" in documents.materialx_faults(tmp_path / "bytes.mtlx")[0]
+    (tmp_path / "long.mtlx").write_bytes(text.replace(b"ao.exr", b"a" * 5000))
+    assert "is missing" in documents.materialx_faults(tmp_path / "long.mtlx")[0]
     documents.write_materialx(documents.Described("brick", maps, "ACEScg", "opengl", lattice=True), tmp_path)
     assert "hextiled" not in (tmp_path / "brick.mtlx").read_text()
     pxr = pytest.importorskip("pxr.UsdShade", reason="NOT RUN: no usd-core")

@@ -51,7 +51,7 @@ class Legend:
                 "area": int(self.areas[label]),
                 "parent": int(parents[label - 1]),
             }
-            for label, code in zip(ids, codes_of(np.array(ids)).tolist(), strict=True)
+            for label, code in zip(ids, codes_of(np.array(ids, np.int64)).tolist(), strict=True)
         ]
 
 

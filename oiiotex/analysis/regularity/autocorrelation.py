@@ -89,7 +89,7 @@ class Autocorrelation:
         return x[half], y[half], self.weight[half], self.ncc[half]
 
     def folded(self, frequencies: np.ndarray, bins: int, blur: float = 0.0) -> np.ndarray:
-        """The mean over all offsets of equal phase on a lattice, except the nearest to 0.
+        """The mean over all offsets of equal phase on a lattice, except the nearest to 0; 0 without an offset.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class Autocorrelation:
                 response = np.exp(-2.0 * (np.pi * blur * size * np.fft.fftfreq(bins, 1 / bins)) ** 2)
                 shaped = np.expand_dims(response, tuple(a for a in range(sums.ndim) if a != axis))
                 sums, counts = (np.fft.ifft(np.fft.fft(a, axis=axis) * shaped, axis=axis).real for a in (sums, counts))
-        return sums / np.maximum(counts, 1e-6 * counts.max())
+        return sums / np.maximum(counts, 1e-6 * counts.max() or 1.0)
 
 
 def autocorrelation(values: np.ndarray, usable: np.ndarray) -> Autocorrelation:

@@ -15,7 +15,7 @@ import re
 import stat
 import threading
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -30,6 +30,7 @@ _STEM = 100  # bytes of the target's name in a hidden one: file systems limit na
 _OLD = 24 * 3600  # s without a change, after which a file without a usable lock is a leftover
 _MARK = re.compile(r"\..*\.oiiotex-(\w+)-\d+-[0-9a-f]{16}", re.DOTALL)  # of a writer; group 1 is its host
 _REST = re.compile(r"(\.kept|\.texture)?(\.[0-9a-f]{8}\.temp)?(\.[^.]*)?", re.DOTALL)  # maketx adds eight digits
+_PAGES = 16  # to find out whether a disk is full
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF)  # of file systems without fsync
 
@@ -75,6 +76,10 @@ def temporary_beside(path: Path, cache: bool = False) -> Iterator[Path]:
     try:
         try:
             yield temporary
+        except ImageError as error:  # OpenImageIO's writers do not say why
+            if reason := _fullness(temporary):
+                raise ImageError(f"{error} ({reason})") from error
+            raise
         except OSError as error:  # a write has no file name
             if error.errno not in _FULL:
                 raise
@@ -158,11 +163,38 @@ def is_writing() -> bool:
 def discard_all() -> None:
     """Remove unfinished files and prevent new ones: for a process that ends without unwinding."""
     _making.acquire(timeout=1)  # a hanging file system must not block the end of the process
-    for temporary in list(_live):
+    _discard(list(_live))
+
+
+def discard_files_of(process: int) -> set[Path]:
+    """Remove unfinished files of another process, as far as the system lists them (/proc); returns their folders."""
+    opened: list[Path] = []
+    with contextlib.suppress(OSError):
+        for link in os.scandir(f"/proc/{process}/fd"):
+            with contextlib.suppress(OSError):
+                opened.append(Path(os.readlink(link.path)))
+    temporaries = [path for path in opened if _MARK.match(path.name)]
+    _discard(temporaries)
+    return {path.parent for path in temporaries}
+
+
+def _discard(temporaries: Iterable[Path]) -> None:
+    for temporary in temporaries:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
             for name in _groups(temporary.parent)[_mark_of(temporary)]:  # maketx adds files
                 (temporary.parent / name).unlink(missing_ok=True)
+
+
+def sweep(folder: Path, now: float) -> None:
+    """Remove hidden files whose writers have died; `now` is the time on the clock of the folder's machine."""
+    for names in _groups(folder).values():
+        paths = [folder / name for name in names]
+        if any(_is_written(path, now) for path in paths):
+            continue
+        for path in paths:
+            with contextlib.suppress(OSError):
+                path.unlink(missing_ok=True)
 
 
 # --- confinement ---
@@ -260,7 +292,7 @@ def _claimed(path: Path, mode: int, cache: bool = False) -> Path:
         if _lock(file, shared=False) is not False and temporary.exists():
             break
         release(temporary)  # another process removed it before it was locked
-    _sweep(path.parent, os.fstat(file).st_mtime)
+    sweep(path.parent, os.fstat(file).st_mtime)
     if fcntl is None:  # Windows cannot rename an open file
         os.close(file)
         _live[temporary] = -1
@@ -271,17 +303,6 @@ def _mark_of(temporary: Path) -> str:
     match = _MARK.match(temporary.name)
     assert match is not None, temporary
     return match[0]
-
-
-def _sweep(folder: Path, now: float) -> None:
-    """Remove hidden files whose writers have died; `now` is the time on the clock of the folder's machine."""
-    for names in _groups(folder).values():
-        paths = [folder / name for name in names]
-        if any(_is_written(path, now) for path in paths):
-            continue
-        for path in paths:
-            with contextlib.suppress(OSError):
-                path.unlink(missing_ok=True)
 
 
 def _groups(folder: Path) -> defaultdict[str, list[str]]:
@@ -330,6 +351,17 @@ def _lock(file: int, shared: bool) -> bool | None:
     except OSError:  # ENOLCK, ENOSYS, EOPNOTSUPP
         return None
     return True
+
+
+def _fullness(temporary: Path) -> str:
+    """Why a hidden file that is given up cannot grow: the system's text for a full disk or a quota; '' if it can."""
+    try:
+        with open(temporary, "ab", buffering=0) as file:
+            for _ in range(_PAGES):  # the rest of a page that is half full may be written
+                file.write(b"\0" * 4096)
+    except OSError as error:
+        return os.strerror(error.errno) if error.errno in _FULL else ""
+    return ""
 
 
 def _sync(path: Path) -> None:

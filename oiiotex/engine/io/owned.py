@@ -41,7 +41,9 @@ def checked_name(text: str, what: str) -> str:
 
 
 def owned(path: Path, owner: Path) -> Path:
-    """Check that a path lies inside a folder and that no link leads elsewhere, whether it exists or not.
+    """Check that a path lies inside a folder, that no link leads elsewhere, and that it is not a pipe or a device.
+
+    It need not exist.
 
     Parameters
     ----------
@@ -58,7 +60,8 @@ def owned(path: Path, owner: Path) -> Path:
     Raises
     ------
     Error
-        The path is the folder itself or outside of it, or it has a symbolic link below the folder.
+        The path is the folder itself or outside of it, it has a symbolic link below the folder, or it is a pipe or a
+        device, which would be waited for.
     """
     try:
         below = path.absolute().relative_to(owner.absolute())
@@ -69,6 +72,8 @@ def owned(path: Path, owner: Path) -> Path:
         raise Error(f"{path} is outside of {owner}")
     if os.path.normcase(real) != os.path.normcase(expected):
         raise Error(f"{path} is a link, or below one: expected a file or folder of {owner}; remove the link")
+    if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
+        raise Error(f"{path} is a pipe or a device: expected a file or folder; remove it")
     return path
 
 

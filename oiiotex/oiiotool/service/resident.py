@@ -27,6 +27,7 @@ from ...engine.machine import usable_threads
 from ...engine.session import Session
 from ...engine.session.progress import Progress
 from ...engine.session.resources import Resources
+from ..cli.running.stopping import watch_signals
 from .jobs import DeviceJob, Jobs
 from .messages import Link, LinkError
 from .pictures import image_of
@@ -238,6 +239,7 @@ def main(text: str) -> None:
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, end)
+    watch_signals()
     resident.serve()
     if numbers or resident.jobs.count:  # a job still runs: a normal exit of Python would abort
         discard_all()

@@ -13,9 +13,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from oiiotex.engine.errors import ParameterError
+from oiiotex.engine.errors import Error, ParameterError
 
-from ..api.files import temporary_beside
+from ..api.files import read_document, temporary_beside
 
 _VERSION = "jobtemplate-2023-09"
 _PLACE = re.compile(r"((?:.*/)?[^/,]+)(?:,([1-9][0-9]{0,4}))?", re.DOTALL)
@@ -119,13 +119,11 @@ def write_template(path: Path, template: dict[str, Any], words: Iterable[str]) -
 
 def _is_template(path: Path) -> bool:
     """Whether a file is a template of `write_template`."""
-    if not path.is_file():  # reading a pipe would block
-        return False
     try:
-        found = json.loads(path.read_bytes())
+        found = read_document(path)
         names = [parameter["name"] for parameter in found["parameterDefinitions"]]
         return bool(found["specificationVersion"] == _VERSION and names == ["Folder", "Program"])
-    except (OSError, ValueError, TypeError, KeyError):
+    except (Error, TypeError, KeyError):
         return False
 
 

@@ -21,7 +21,7 @@ from oiiotex import __version__
 from oiiotex.engine.deferred import np, oiio
 from oiiotex.engine.errors import Error, MemoryBudgetError, one_line, within
 
-from ..api.files import Allowed, hash_of, owned, read_as, remove_folder, writing_only_below
+from ..api.files import Allowed, hash_of, owned, read_as, read_document, remove_folder, writing_only_below
 from ..api.images import TAG, Image, Session, read
 from ..api.lines import LANGUAGE, Frame, Task, parse, work
 from ..api.lines import Job as LineJob
@@ -116,10 +116,7 @@ def make(job: AssetJob) -> Outcome:
 
 def read_sidecar(folder: Path) -> dict[str, Any]:
     """Read and check the asset.json of a folder."""
-    try:
-        sidecar = json.loads(owned(folder / SIDECAR, folder).read_bytes())
-    except (OSError, ValueError) as error:
-        raise Error(f"{folder / SIDECAR}: {error}") from error
+    sidecar = read_document(owned(folder / SIDECAR, folder))
     read_as(_Sidecar, sidecar, str(folder / SIDECAR), Error, more=True)
     return dict(sidecar)
 

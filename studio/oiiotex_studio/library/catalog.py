@@ -170,7 +170,7 @@ class Catalog:
                 checked_name(name, "asset")
             try:
                 reasons, tile = (tuple(json.loads(row[column])) for column in (4, 10))
-            except (ValueError, TypeError) as error:
+            except (ValueError, TypeError, RecursionError) as error:
                 raise Error(f"asset '{row[0]}': {error}: expected lists") from error
             if row[2] not in STATUSES:
                 raise Error(f"asset '{row[0]}': status '{row[2]}': expected {', '.join(STATUSES)}")

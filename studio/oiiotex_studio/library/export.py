@@ -11,7 +11,7 @@ from pathlib import Path
 
 from oiiotex.engine.errors import Error, ParameterError, one_line
 
-from ..api.files import copy_folder, owned, remove_folder, temporary_beside
+from ..api.files import copy_folder, owned, read_document, remove_folder, temporary_beside
 from ..materials.documents import BLENDER, blender_catalog
 from .asset import SCHEMA, read_sidecar
 from .catalog import SIDECAR, Asset, Catalog
@@ -93,10 +93,8 @@ def _require_replaceable(folder: Path) -> None:
 
 def _is_of(schema: str, path: Path) -> bool:
     """Whether a file is JSON of a schema, in any version."""
-    with contextlib.suppress(OSError, ValueError, AttributeError):
-        if path.is_file():
-            found = json.loads(path.read_bytes()).get("schema")
-            return str(found).partition("/")[0] == schema.partition("/")[0]
+    with contextlib.suppress(Error, AttributeError):
+        return str(read_document(path).get("schema")).partition("/")[0] == schema.partition("/")[0]
     return False
 
 

@@ -33,14 +33,15 @@ def check(catalog: Catalog) -> Iterator[str]:
         yield from faults(folder, [{"path": path, "bytes": size, "sha256": digest} for path, _, size, digest in rows])
         try:
             sidecar = read_sidecar(folder)
+            documents = [owned(path, folder) for path in sorted(folder.glob("*.mtlx"))] if materialx else []
+            stage = owned(folder / f"{asset.name}.usda", folder)
         except Error as error:
             yield str(error)
             continue
         if (sidecar["name"], sidecar["key"], sidecar["status"]) != asset[:3]:
             yield f"{folder / SIDECAR} does not match the catalog"
-        for document in sorted(folder.glob("*.mtlx")) if materialx else ():
+        for document in documents:
             yield from dict.fromkeys(materialx_faults(document))
-        stage = folder / f"{asset.name}.usda"
         if stage.is_file():
             yield from dict.fromkeys(usd_faults(stage))
 

@@ -111,6 +111,8 @@ class Pages:
         """Serve a page from its first to its last message."""
         await wire.accept()
         if len(self.pages) >= MOST_PAGES:
+            full = Error(f"{MOST_PAGES} tabs are open already: close one of them, and this one connects")
+            await wire.send_text(json.dumps(full.facts() | {"do": "error", "text": str(full)}))
             await wire.close(1013)
             return
         page = Page(wire)

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+import os
 import uuid
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from oiiotex.engine.errors import Error
+from oiiotex.engine.errors import Error, one_line
 
 from ..api.files import checked_name
 from .naming import COLORS
@@ -109,16 +110,17 @@ def materialx_faults(path: Path) -> list[str]:
     document = mx.createDocument()
     try:
         mx.readFromXmlFile(document, str(path))
-    except Exception as error:  # MaterialX exceptions
-        return [f"{path}: {error}"]
-    document.setDataLibrary(loaded_libraries())
-    valid, text = document.validate()
+        document.setDataLibrary(loaded_libraries())
+        valid, text = document.validate()
+        files = [
+            path.parent / element.getValueString()
+            for element in document.traverseTree()
+            if element.isA(mx.Input) and element.getType() == "filename" and element.getValueString()
+        ]
+    except Exception as error:  # MaterialX exceptions, and those of bytes that are not UTF-8
+        return [f"{path}: {one_line(str(error))}"]
     faults = [] if valid else [f"{path}: {text}"]
-    for element in document.traverseTree():
-        if element.isA(mx.Input) and element.getType() == "filename" and element.getValueString():
-            file = path.parent / element.getValueString()
-            faults += [] if file.is_file() else [f"{path}: {file} is missing"]
-    return faults
+    return faults + [f"{path}: {file} is missing" for file in files if not os.path.isfile(file)]
 
 
 def has_materialx() -> bool:

@@ -121,7 +121,8 @@ def write_texture(mode: str) -> Any:
             if not oiio.ImageBufAlgo.make_texture(
                 getattr(oiio, mode), described.buffer(part.window), str(made), config
             ) or not (made.exists() and made.stat().st_size):
-                raise ImageError(f"{path}: {one_line(oiio.geterror()) or 'cannot write the texture'}")
+                text = one_line(oiio.geterror())
+                raise ImageError(f"{path}: {'cannot write the texture' if made.stem in text else text}")
             take(temporary, made)
             require_arrived(temporary, Path(path), image, format_name)
             keep_readable(Path(path))

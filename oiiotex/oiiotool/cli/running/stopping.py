@@ -12,9 +12,11 @@ import sys
 from collections.abc import Callable
 from types import FrameType
 
+from ....engine.guard import ENDS, SERVES, guarded
+
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _ATOMIC = "oiiotex.engine.io.atomic"
-_GRACE = 0.5  # s for the main thread to handle a signal, and again to remove unfinished files
+_GRACE = 0.4  # s for the main thread to handle a signal, and again to unwind
 
 _requested = 0  # the signal that asked the run to end
 
@@ -51,27 +53,32 @@ def _handle(numbers: tuple[int, ...], handler: Callable[[int, FrameType | None],
 
 
 def watch_signals() -> None:
-    """Start a thread that ends the process if library code keeps the main thread from handling a signal."""
+    """Start what ends the process if library code keeps the main thread from handling a signal: a thread and a guard.
+
+    The thread ends it with the signal's exit code. The guard, a process, kills it where the thread does not run either.
+    """
     import threading
 
     source, sink = os.pipe()
     os.set_blocking(sink, False)
     signal.set_wakeup_fd(sink, warn_on_full_buffer=False)
-    threading.Thread(target=_watch, args=(source,), name="oiiotex-signals", daemon=True).start()
+    source = guarded(SIGNALS, source)
+    threading.Thread(target=_watch, args=(source, sink), name="oiiotex-signals", daemon=True).start()
 
 
-def _watch(source: int) -> None:
+def _watch(source: int, sink: int) -> None:
     import time
 
     while True:
         number = os.read(source, 1)[0]
         if signal.getsignal(number) not in (_stop, end_at_once):  # another handler, such as a server's
+            os.write(sink, SERVES)
             continue
+        os.write(sink, ENDS)
         time.sleep(_GRACE)
-        if _requested and _writing():
+        if _requested:  # and unwinds
             time.sleep(_GRACE)
-        if not _requested or _writing():
-            end_at_once(number)
+        end_at_once(number)
 
 
 def raise_if_stopped() -> None:
