@@ -11,6 +11,7 @@ from oiiotex_studio.materials import documents, shaded, wang_documents
 from oiiotex_studio.materials import preview as pictures
 
 from oiiotex.engine import errors
+from oiiotex.surfaces.charts import lighting
 from tests import pictures as drawn
 
 
@@ -97,7 +98,7 @@ def looks(normal: tuple[float, float, float], color: float = 0.4, **maps: float)
 
 
 def test_light_comes_from_the_upper_left():
-    ball = looks((0, 0, 1)).sphere(64)
+    ball = looks((0, 0, 1)).sphere(64, 0, 64)[..., :3]
     assert ball[16, 16].mean() > 2 * ball[48, 48].mean()
     leaning = {side: looks((dx, dy, 1)).plane(64)[48].mean() for side, dx, dy in
                (("left", -0.4, 0), ("right", 0.4, 0), ("up", 0, 0.4), ("down", 0, -0.4))}  # fmt: skip
@@ -106,15 +107,15 @@ def test_light_comes_from_the_upper_left():
 
 def test_a_white_furnace_gives_no_more_than_it_gets(monkeypatch):
     """Diffuse light alone, from all around, on white: what comes back is what there is."""
-    monkeypatch.setattr(pictures, "LIGHTS", ())
-    monkeypatch.setattr(pictures, "SKY", 1.0)
-    monkeypatch.setattr(pictures, "GROUND", 1.0)
-    ball = looks((0, 0, 1), color=1.0, metal=1.0).sphere(64)
+    monkeypatch.setattr(lighting, "LIGHTS", ())
+    monkeypatch.setattr(lighting, "SKY", 1.0)
+    monkeypatch.setattr(lighting, "GROUND", 1.0)
+    ball = looks((0, 0, 1), color=1.0, metal=1.0).sphere(64, 0, 64)
     np.testing.assert_allclose(ball[24:40, 24:40], 1, atol=1e-5)
 
 
 def test_rough_metal_is_duller_than_smooth():
-    smooth, rough = (looks((0, 0, 1), metal=1.0, roughness=r).sphere(96).max() for r in (0.2, 0.9))
+    smooth, rough = (looks((0, 0, 1), metal=1.0, roughness=r).sphere(96, 0, 96).max() for r in (0.2, 0.9))
     assert smooth > 2 * rough
 
 

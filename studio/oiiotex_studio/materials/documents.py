@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from oiiotex.engine.errors import Error
 
 from ..api.files import checked_name
+from ..api.materials import ROUGHNESS
 from .naming import COLORS
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ STANDARD_INPUTS = {  # inputs of standard_surface, with their types
     "normal": ("normal", "vector3"), "opacity": ("opacity", "color3"), "emission": ("emission_color", "color3"),
     "specular": ("specular_color", "color3"),
 }  # fmt: skip
-ROUGHNESS = 0.7  # of a photo without such a map: MaterialX's defaults, 0.2 and 0.3, are those of plastic
 _PREVIEW = {  # inputs of UsdPreviewSurface, with type and channels
     "color": ("diffuseColor", "Color3f", "rgb"), "roughness": ("roughness", "Float", "r"),
     "metal": ("metallic", "Float", "r"), "normal": ("normal", "Normal3f", "rgb"), "opacity": ("opacity", "Float", "r"),

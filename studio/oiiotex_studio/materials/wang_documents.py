@@ -17,9 +17,8 @@ from typing import Any
 from oiiotex.engine.errors import Error
 
 from ..api.files import written
-from ..api.materials import CELLS
+from ..api.materials import CELLS, ROUGHNESS
 from .documents import (
-    ROUGHNESS,
     SPACES,
     STANDARD_INPUTS,
     connect_heights,
