@@ -8,8 +8,8 @@ import pytest
 
 from oiiotex import filters
 from oiiotex.engine import errors
-from oiiotex.engine.session import Session
 from oiiotex.engine.color.srgb import decoded, encoded
+from oiiotex.engine.session import Session
 from oiiotex.surfaces.charts import lighting
 from oiiotex.surfaces.charts.tile_preview import area_means, made_seamless, plane_in_perspective, repeated
 from oiiotex.synthesis.quality.seam_measures import seam_ratio

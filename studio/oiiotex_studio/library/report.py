@@ -34,7 +34,8 @@ td.why{max-width:18em;overflow-wrap:anywhere}input{font:inherit;padding:4px 8px;
 div{overflow:auto;max-height:calc(100vh - 130px)}
 @media(max-width:700px){
  body{margin:12px}input{width:100%;box-sizing:border-box}div{max-height:none}
- thead{font-size:12px}thead tr::before{content:"Sort by";padding:6px 8px}th.n{text-align:left}table,thead,tbody{display:block}tr{display:flex;flex-wrap:wrap}
+ thead{font-size:12px}thead tr::before{content:"Sort by";padding:6px 8px}th.n{text-align:left}
+ table,thead,tbody{display:block}tr{display:flex;flex-wrap:wrap}
  th{position:static}td{border:0;padding:2px 8px}td:first-child{flex:0 0 100%}td{box-sizing:border-box}
  tr+tr{border-top:1px solid #ddd}
  td.n[data-l]:not([data-v=""])::before{content:attr(data-l) " ";color:#555}td.why{max-width:none}img{max-width:100%}
