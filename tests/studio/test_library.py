@@ -127,7 +127,7 @@ def test_heights_displace_if_their_scale_is_known(photos, tmp_path, here):
     for told, count in (("", 0), ("height_m = 0.02\n", 1)):
         library = tmp_path / f"library{count}"
         brought_in(photos, library, recipe(f"[find]\n{told}{LINE}[deliver]\nusd = true\n"))
-        (document,), (stage,) = library.glob("assets/wall/*/*.mtlx"), library.glob("assets/wall/*/*.usda")
+        (document,), (stage,) = library.glob("assets/wall/*/wall.mtlx"), library.glob("assets/wall/*/*.usda")
         own = document.read_text()
         assert own.count('<displacement name="displacement_wall" type="displacementshader">') == count
         assert own.count('name="scale" type="float" value="0.02"') == 2 * count  # and of the hex-tiled material

@@ -24,10 +24,13 @@ def test_materialx_and_usd_are_what_their_libraries_take(tmp_path):
         (tmp_path / file).touch()
     described = documents.Described("a b", maps, "lin_rec709_scene", "directx", lattice=False)
     documents.write_materialx(described, tmp_path)
-    assert documents.materialx_faults(tmp_path / "a b.mtlx") == []
-    document = mx.createDocument()
-    mx.readFromXmlFile(document, str(tmp_path / "a b.mtlx"))
-    assert [m.getName() for m in document.getMaterialNodes()] == ["a_b", "a_b_hextiled"]
+    for name, category in (("a b", "open_pbr_surface"), ("a b_standard", "standard_surface")):
+        assert documents.materialx_faults(tmp_path / f"{name}.mtlx") == []
+        document = mx.createDocument()
+        mx.readFromXmlFile(document, str(tmp_path / f"{name}.mtlx"))
+        assert [m.getName() for m in document.getMaterialNodes()] == ["a_b", "a_b_hextiled"]
+        for surface in document.getNodes(category):  # all roles but ao and height, which a surface has no inputs for
+            assert len([one for one in surface.getInputs() if one.getOutputString()]) == len(roles) - 2
     (tmp_path / "tile/ao.exr").unlink()
     assert "ao.exr is missing" in documents.materialx_faults(tmp_path / "a b.mtlx")[0]
     documents.write_materialx(documents.Described("brick", maps, "ACEScg", "opengl", lattice=True), tmp_path)
@@ -126,7 +129,8 @@ def test_a_photo_alone_is_as_rough_in_documents_as_in_previews(tmp_path):
     documents.write_materialx(described, tmp_path)
     documents.write_usd(described, tmp_path)
     wang = wang_documents.WangMaterial("moss", described.maps, "index.png", 4, "lin_rec709_scene", "", (1, 1), 0)
-    for path in (tmp_path / "moss.mtlx", *wang_documents.write_wang_materialx(wang, tmp_path / "wang.mtlx")):
+    plain = [tmp_path / "moss.mtlx", tmp_path / "moss_standard.mtlx"]
+    for path in (*plain, *wang_documents.write_wang_materialx(wang, tmp_path / "wang.mtlx")):
         if path.suffix == ".mtlx":
             assert re.search(r'name="(specular_roughness|bg)" type="float" value="0\.7"', path.read_text()), path.name
     assert "float inputs:roughness = 0.7" in (tmp_path / "moss.usda").read_text()
