@@ -95,8 +95,8 @@ class Preview(Gather):
         across = (max(1.5, fitted((spec.width, spec.height), self.panel)[0] / self.panel) for spec in shown.values())
         sheet = sum(self.panel * width + _GAP for width in across)
         values = channels * max(widest, round(sheet))  # in a row of an image and of the sheet
-        across = fitted((tile.spec.width, tile.spec.height), self.panel)[0]
-        maps = lit_bytes(self.panel, max(across, self.panel)) if lit else 0
+        broad = max(self.panel, fitted((tile.spec.width, tile.spec.height), self.panel)[0])
+        maps = lit_bytes(self.panel, broad) if lit else 0
         facts.require(bytes_needed(values) + maps, task, "reduce panel")
         return Plan(work=(names, dict(zip(roles[1:], self.maps, strict=True))))
 

@@ -68,7 +68,8 @@ def lit_material(tile: np.ndarray, lens: Lens, maps: Mapping[str, Image], hand: 
         if seen["normal"].shape[2] < 3:
             raise ImageError(f"a normal map has {seen['normal'].shape[2]} channels: expected 3")
         normal = unit_normals(seen["normal"], hand)
-    return LitMaterial(decoded(srgb_of_lab(lab[..., :3])).astype(np.float32), normal, **scalars)
+    color = decoded(srgb_of_lab(lab[..., :3])).astype(np.float32)
+    return LitMaterial(color, normal, scalars["roughness"], scalars["metal"], scalars["ao"])
 
 
 def _reduced(image: Image, height: int) -> np.ndarray:
