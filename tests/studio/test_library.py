@@ -137,6 +137,17 @@ def test_heights_displace_if_their_scale_is_known(photos, tmp_path, here):
             assert list(check(catalog)) == []
 
 
+def test_normals_that_are_short_in_the_scan_are_no_fault_of_the_tile(photos, tmp_path, here):
+    path = photos / "scans/wall_nor_gl_1k.png"
+    save(0.5 + 0.7 * (load(path) / 255 - 0.5), path)  # of length 0.7
+    (photos / "scans/wall_rough_1k.png").unlink()  # the normals are on top of the stack
+    for line, low, high in ((LINE, 0, 0.01), (LINE.replace("$maps", "$maps --mulc 0.6"), 0.1, 1)):
+        library = tmp_path / f"library{low}"
+        brought_in(photos, library, recipe(line))
+        with Catalog(library) as catalog:
+            assert low <= catalog.measures()["wall"]["normal_length"] <= high
+
+
 def test_normals_without_a_convention_are_measured_and_asked_for_if_they_do_not_tell(tmp_path, here):
     folder, library = tmp_path / "photos", tmp_path / "library"
     folder.mkdir()

@@ -311,8 +311,8 @@ class _Making:
             result = json.loads(report.read_text())["results"][0]
             measures, lattice = result["measures"], result.get("lattice", [])
         if "normal" in maps:
-            lengths = np.linalg.norm(preview.vectors(maps["normal"]), axis=-1)
-            measures["normal_length"] = float(np.abs(lengths - 1).mean())
+            grown = _beyond_unit(maps["normal"]) - _beyond_unit(self._source("normal"))
+            measures["normal_length"] = max(0.0, grown)  # a scan's own lengths are no fault of the tile
         if "height" in maps:
             measures["height_steps"] = _steps(preview.values(maps["height"])[..., 0])
         return measures, lattice
@@ -364,6 +364,11 @@ def role_of(path: str) -> str:
 def _maps(material: Material) -> list[tuple[str, str, str, str]]:
     """Properties of a material's maps that affect the result, in addition to their content."""
     return [(role, file.suffix, file.channel, file.hand) for role, file in material.maps.items()]
+
+
+def _beyond_unit(normals: Image) -> float:
+    """Mean difference of the lengths of a map's normals from 1."""
+    return float(np.abs(np.linalg.norm(preview.vectors(normals), axis=-1) - 1).mean())
 
 
 def _steps(heights: np.ndarray) -> float:
