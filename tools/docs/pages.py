@@ -12,7 +12,7 @@ import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from oiiotex.engine.core.op import Op
+from oiiotex.engine.core.op import Op, Output
 from oiiotex.engine.core.parameters import Parameter, declared
 from oiiotex.filters import OURS
 from oiiotex.oiiotool.cli.language.parse import Option
@@ -53,7 +53,7 @@ def page_text(op: type[Op], path: Path) -> str:
             "</details>",
             "",
         ]
-    lines += ["| output | |", "|---|---|", *(f"| {o.name} | {say(o.text)} |" for o in op.outputs), ""]
+    lines += _outputs([o for o in op.outputs if o.text not in _shared_outputs()], say)
     lines += [
         f"Works in {op.space.value}; {op.reach}. Python: `oiiotex.filters.{op.name}`.",
         "",
@@ -71,7 +71,13 @@ def shared_text() -> str:
         "Modifiers that several filters have. `oiiotex --help :NAME` lists the filters of one.",
         "",
     ]
-    return "\n".join([*lines, *_table(modifiers, str)])
+    return "\n".join([*lines, *_table(modifiers, str), *_outputs(list(_shared_outputs().values()), str)])
+
+
+def _outputs(outputs: Sequence[Output], say: Callable[[str], str]) -> list[str]:
+    """A table of outputs."""
+    rows = [f"| {o.name} | {say(o.text)} |" for o in outputs]
+    return ["| output | |", "|---|---|", *rows, ""] if rows else []
 
 
 def _looks(parameter: Parameter) -> tuple[str, ...]:
@@ -87,6 +93,14 @@ def _shared() -> set[tuple[str, ...]]:
     alike = [looks for looks, count in counts.items() if count >= _ALIKE]
     names = collections.Counter(looks[0] for looks in alike)
     return {looks for looks in alike if names[looks[0]] == 1}
+
+
+@functools.cache
+def _shared_outputs() -> dict[str, Output]:
+    """Outputs that shared modifiers request, by their text."""
+    counts = collections.Counter(o.text for op in OURS for o in op.outputs)
+    names = {looks[0] for looks in _shared()}
+    return {o.text: o for op in OURS for o in op.outputs if o.asked_by in names and counts[o.text] >= _ALIKE}
 
 
 def _is_shared(parameter: Parameter) -> bool:

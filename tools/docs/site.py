@@ -47,7 +47,10 @@ def _groups(index: Path, folder: str) -> list[Any]:
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """The page's text, with links that leave docs/ shown as text; a how-to is found before the reference, papers for councils not."""
+    """The page's text, with links that leave docs/ shown as text.
+
+    Search finds a how-to before the reference, and no papers for councils.
+    """
     folder = os.path.dirname(page.file.src_uri)
     if folder == "how-to":
         page.meta["search"] = {"boost": 3}
