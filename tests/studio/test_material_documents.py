@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from oiiotex_studio.materials import documents, shaded, wang_documents
+from oiiotex_studio.materials import blender_catalogs, documents, shaded, wang_documents
 from oiiotex_studio.materials import preview as pictures
 
 from oiiotex.engine import errors
@@ -65,15 +65,15 @@ def test_materialx_and_usd_are_what_their_libraries_take(tmp_path):
 
 
 def test_blenders_catalogs_have_ids_that_stay():
-    text = documents.blender_catalog(["Materials/ground", "Materials"])
+    text = blender_catalogs.blender_catalog(["Materials/ground", "Materials"])
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
     assert lines[0] == "VERSION 1"
     shape = re.compile(r"[0-9a-f-]{36}:Materials(/ground:Materials-ground|:Materials)")
     assert len(lines) == 3 and all(map(shape.fullmatch, lines[1:]))
-    assert text == documents.blender_catalog(["Materials", "Materials/ground"])
+    assert text == blender_catalogs.blender_catalog(["Materials", "Materials/ground"])
     renamed = lines[1].replace("Materials:Materials", "Stuff:Stuff")
     there = f"# mine\nVERSION 1\n{renamed}\n{lines[2]}\n{'0' * 36}:Own:Own\n"
-    kept = documents.blender_catalog(["Materials", "Materials/wood"], there)
+    kept = blender_catalogs.blender_catalog(["Materials", "Materials/wood"], there)
     assert [line.split(":")[1] for line in kept.splitlines()[3:]] == ["Stuff", "Materials/wood", "Own"]
 
 

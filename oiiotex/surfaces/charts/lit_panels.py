@@ -111,7 +111,7 @@ class LitPanels:
         return PreviewPanel(width, few_at_once(rows, _VALUES * width))
 
     def sphere(self) -> PreviewPanel:
-        """The tile on a sphere, four times around; beside it is black."""
+        """The tile on a sphere, four times around; around it is black."""
 
         def rows(first: int, end: int) -> np.ndarray:
             return self._stored(self.material.sphere(self.height, first, end))

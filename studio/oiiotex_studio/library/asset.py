@@ -312,7 +312,7 @@ class _Making:
             measures, lattice = result["measures"], result.get("lattice", [])
         if "normal" in maps:
             grown = _beyond_unit(maps["normal"]) - _beyond_unit(self._source("normal"))
-            measures["normal_length"] = max(0.0, grown)  # a scan's own lengths are no fault of the tile
+            measures["normal_length"] = max(0.0, grown)  # the scan's own lengths do not count
         if "height" in maps:
             measures["height_steps"] = _steps(preview.values(maps["height"])[..., 0])
         return measures, lattice

@@ -103,7 +103,7 @@ def read_step(path: Path) -> tuple[float, str]:
 
 @contextlib.contextmanager
 def calling(look: Callable[[], object], every: float) -> Iterator[None]:
-    """Call a function every so many seconds during a block, from another thread."""
+    """Call a function at intervals of `every` seconds during a block, from another thread."""
     ended = threading.Event()
 
     def work() -> None:

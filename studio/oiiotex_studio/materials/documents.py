@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Documents of a material for other programs: MaterialX, USD, and Blender's list of asset catalogs."""
+"""Documents of a material for other programs: MaterialX and USD."""
 
 from __future__ import annotations
 
-import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
 
 STANDARD = "_standard"  # suffix of the document for hosts without OpenPBR
 HEX = "_hextiled"  # suffix of the hex-tiled material's name
-BLENDER = "blender_assets.cats.txt"
 SPACES = {  # MaterialX names of common color spaces
     "srgb_rec709_scene": "srgb_texture", "lin_rec709_scene": "lin_rec709", "ACEScg": "acescg",
     "lin_ap1_scene": "acescg",
@@ -45,7 +43,6 @@ _PREVIEW = {  # inputs of UsdPreviewSurface, with type and channels
     "ao": ("occlusion", "Float", "r"), "emission": ("emissiveColor", "Color3f", "rgb"),
     "height": ("displacement", "Float", "r"),
 }  # fmt: skip
-_NAMESPACE = uuid.UUID("6f1d8a52-0f0b-4c55-9d0a-0a7d3f0e5b11")  # of Blender's catalogs
 
 
 @dataclass(frozen=True)
@@ -376,31 +373,3 @@ def _range(role: str, described: Described, inverted: bool) -> tuple[tuple[float
     if inverted:
         return (-1, -1, -1, 1), (1, 1, 1, 0)
     return None, ()
-
-
-# --- Blender ---
-
-
-def blender_catalog(paths: Iterable[str], there: str = "") -> str:
-    """The content of Blender's list of catalogs: a line per path, with a stable id.
-
-    Parameters
-    ----------
-    paths : iterable of str
-        Paths such as 'Materials/ground'.
-    there : str
-        Previous content. Other catalogs and changed names are kept.
-    """
-    made = {catalog_id(path): f"{path}:{path.replace('/', '-')}" for path in sorted(set(paths))}
-    others = {}
-    for line in there.splitlines():
-        identifier, colon, rest = line.partition(":")
-        if colon and not line.startswith("#") and identifier != catalog_id(rest.partition(":")[0]):
-            others[identifier] = rest
-    lines = ["# Catalogs of assets for Blender's asset browser.", "VERSION 1", ""]
-    return "\n".join(lines + [f"{identifier}:{rest}" for identifier, rest in (made | others).items()]) + "\n"
-
-
-def catalog_id(path: str) -> str:
-    """The stable id of a catalog path."""
-    return str(uuid.uuid5(_NAMESPACE, path))
